@@ -190,11 +190,11 @@ def write_trial(
     )
     coordinates = body.columns(trial.coordinate_errors, relative_to)
     write_csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *header))
-    part = "the segments of its joint alone" if trial.joint else "the whole body"
+    part = "the segments of its joint only" if trial.joint else "the whole body"
     write_csv(
         trial_tables.build_marker_error_table(trial),
         out / "marker_errors" / f"{trial.name}.csv",
-        (f"distance between measured and model marker, mm, fit of {part}; empty: not seen",),
+        (f"distance between measured and model marker, mm, fit of {part}; empty: not visible",),
     )
     opensim_files.write_trc(out / "markers" / f"{trial.name}.trc", trial.recording)
     if trial.loads is not None:

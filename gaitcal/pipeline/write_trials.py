@@ -94,9 +94,7 @@ def read_earlier_page(
         except InputError:
             fault = f"{SCENE} and {PAGE_DATA} cannot be read"
     if shown is None or shown.data is None:
-        return None, tuple(
-            f"{name}: {fault}: the page leaves this trial out; {AGAIN}" for name in names
-        )
+        return None, tuple(f"{name}: {fault}: the page omits this trial; {AGAIN}" for name in names)
     doubts = [(name, OTHER_MODEL, AGAIN) for name in stale]
     return PageContent(shown.scene, add_doubts(select_trials(shown.data, names), doubts)), ()
 

@@ -1,9 +1,7 @@
-"""What a printed gait report says of a result folder: read from its files, in the clinical
-convention.
+"""Read the content of a printed gait report from a result, in the clinical convention.
 
-Curves are means over straight strides of all walks with the standard error of `ensemble.csv`'s
-kind, from `cycles.csv` in clinical signs (`gait/conventions.py`); comments come from a file that
-the clinic writes.
+Curves are means over straight strides of all walks with the standard error of `ensemble.csv`, in
+clinical signs (`gait/conventions.py`). Comments come from a file of the clinic.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,7 +61,7 @@ from gaitcal.results.summary import SUMMARY, get_entries, get_table
 CLINICAL: Final = conventions.Convention(
     signs=conventions.Signs.CLINICAL, unit=conventions.MomentUnit.NM_PER_KG
 )
-HINGE: Final = "{} is not told: the knee is a hinge in this model."
+HINGE: Final = "{} is not available: the knee is a hinge in this model."
 CLINICAL_SIGNS: Final = BAND_SIGNS["clinical"]
 KINEMATICS: Final = (
     *(
@@ -110,24 +108,33 @@ LEGS: Final = (
 )
 """Of each activity after the first, on one page."""
 MOST_REASONS = 6
-NOTHING: Final = "Nothing speaks against this result beyond its error bars."
-RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
+NOTHING: Final = "No check found an error larger than the error bars."
+RELATIVE: Final = "No Gait Profile Score: joint angles are relative to the static posture."
 
 
 def read_report_content(
     folder: Path, named: tuple[Bands, str] | None, comments: Mapping[str, str]
 ) -> ReportContent:
-    """What the report of the result in `folder` says.
+    """Read the content of the report of a result.
 
     Parameters
     ----------
+    folder
+        A result of `gaitcal calibrate`.
     named
-        Bands of healthy people, and their name; None: those of the result, else what gaitcal
-        brings.
+        Normative data and their name; None: those of the result, else the built-in ones.
     comments
         Section -> text (`read_comments`).
 
-    Raises InputError: It is no result of `gaitcal calibrate`, or is damaged.
+    Returns
+    -------
+    ReportContent
+        Text, tables and curves.
+
+    Raises
+    ------
+    InputError
+        The folder is not a result, or is damaged.
     """
     page = read_page_data(folder / PAGE_DATA)
     model, _, _ = saved_result.load_result_model(folder)
@@ -146,9 +153,7 @@ def read_report_content(
             ("Marker set", str(manifest.get("marker_set", ""))),
         ),
         verdict=str(summary.get("verdict", "")),
-        sentence="What speaks against it, the worst first:"
-        if get_entries(summary, "reasons")
-        else NOTHING,
+        sentence="Reasons, the most severe first:" if get_entries(summary, "reasons") else NOTHING,
         reasons=_format_reasons(summary),
         fit=tuple(_format_fit(summary)),
         walked=any(a.walks for a in activities),
@@ -180,9 +185,22 @@ def read_report_content(
 
 
 def read_comments(path: Path) -> dict[str, str]:
-    """Section -> text of a comments file: one line of TOML for each of `COMMENT_SECTIONS`.
+    """Read a comments file: one line of TOML for each of `COMMENT_SECTIONS`.
 
-    Raises InputError: It is not there, is no TOML, or has another section.
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    dict
+        Section -> text.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not TOML, or has an unknown section.
     """
     found = read_toml(path)
     for name, text in found.items():
@@ -210,7 +228,7 @@ def _format_reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...
         )
     if (more := len(out) - MOST_REASONS) > 0:
         out[MOST_REASONS:] = [
-            (f"and {counted(more, 'more reason')}", "summary.json and the page have them all")
+            (f"and {counted(more, 'more reason')}", "summary.json and the page list all of them")
         ]
     return tuple(out)
 
@@ -259,14 +277,14 @@ class _Activity:
 
     @property
     def one(self) -> str:
-        """What one of them is called."""
+        """Name of a single one."""
         return "repetition" if self.repeats else "stride"
 
 
 def _group_activities(
     summary: Mapping[str, object], page: Mapping[str, Any]
 ) -> Iterator[_Activity]:
-    """Walking first; nothing of isolated trials."""
+    """Group the whole-body trials by activity, walking first."""
     of: dict[str, list[Any]] = {}
     for trial in sorted(page["trials"], key=lambda trial: trial["activity"] != WALKING):
         if get_table(get_table(summary, "trials"), trial["name"]).get("role") != "joint":
@@ -288,19 +306,17 @@ def _build_sheets(
     uses: Mapping[str, Sequence[StrideUse]],
     remark: str,
 ) -> Iterator[Sheet]:
-    """Kinematics and kinetics of the first activity, with the comments, and the legs of each
-    further one.
-    """
+    """Build kinematics and kinetics of the first activity, and the legs of each other one."""
     kinetics = (
-        "Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only "
-        "where the foot "
-        "stands wholly on a plate."
+        "Internal moments: net moments of muscles and ligaments. Powers: generated above zero. "
+        "Both only while "
+        "the foot is entirely on a plate."
     )
     for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, toe_off={}),)):
         whose = "straight strides of all walks" if a.walks else f"strides of {a.name}"
         note = (
-            f"Joint angles over the stride, mean over {whose}. Pelvis against the line of "
-            "progression of each stride."
+            f"Joint angles over the stride, mean over {whose}. Pelvis angles are relative to the "
+            "line of progression of each stride."
         )
         if a.repeats:
             note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
@@ -328,7 +344,7 @@ def _build_sheets(
 def _build_peak_rows(
     page: Mapping[str, Any], activity: str, subject: Subject
 ) -> Iterator[tuple[str, ...]]:
-    """Peaks by phase of one activity, in clinical signs and by body mass."""
+    """Build the rows of peaks by phase of one activity, in clinical signs and by body mass."""
     found = [mean for mean in average_page_peaks(page["trials"]) if mean.activity == activity]
     phases = [phase for phase in peaks.PHASES if any(m.peak.phase == phase for m in found)]
     yield ("peak", "unit", "leg", *phases)
@@ -351,7 +367,7 @@ def _build_peak_rows(
 
 
 def _collect_stride_uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
-    """Whole-body trial -> its complete strides or repetitions, as the page counts them."""
+    """Collect the complete strides or repetitions of each whole-body trial."""
     kept = ("side", "number", "plate", "turns", "reason")
     return {
         trial["name"]: [
@@ -395,14 +411,14 @@ def _build_walk_rows(
 def _explain_missing_curves(
     uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = False
 ) -> str:
-    """Why a sheet has no curves, where it has none."""
+    """Explain why a sheet has no curves."""
     every = [use for of_walk in uses.values() for use in of_walk]
     if not uses:
-        return "No curves: the study has isolated trials alone; result.html has what was recorded."
+        return "No curves: the study has functional (single-joint) trials only; see result.html."
     if not every:
         return "No curves: there is no complete stride or repetition."
     if all(use.turns for use in every):
-        return "No curves: every stride turns, and takes no part in means."
+        return "No curves: every stride turns, and means include straight strides only."
     return (
         f"No curves. {summarise_usable_strides(every)}"
         if of_moments
@@ -509,7 +525,7 @@ def _choose_norm(
     summary: Mapping[str, object],
     manifest: Mapping[str, object],
 ) -> Norm:
-    """That of the user; else of the bands that the result was made with; else what gaitcal brings."""
+    """Choose normative data: of the user, else of the result, else built-in."""
     if named is not None:
         return own_norm(*named, subject)
     made_with, stored = (
@@ -542,8 +558,8 @@ def _choose_norm(
 
 
 def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
-    """How far each joint was moved, with the largest standard error of its fitted parameters."""
-    yield ("joint", "moved, mm", "standard error, mm", "turned, deg", "standard error, deg")
+    """Build rows of joint changes with the largest standard error of fitted parameters."""
+    yield ("joint", "moved, mm", "standard error, mm", "rotated, deg", "standard error, deg")
     fitted = table[table["kind"].str.startswith("joint ") & (table["status"] != "fixed")]
     for joint, rows in fitted.groupby("joint", sort=False):
         cells: list[str] = []

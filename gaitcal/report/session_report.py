@@ -1,4 +1,4 @@
-"""Two result folders of one person, read for `gaitcal compare A B`."""
+"""Read two results of one subject and write their comparison (`gaitcal compare A B`)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -44,13 +44,28 @@ SHEETS = {"Kinematics": gait_report.KINEMATICS, "Kinetics": gait_report.KINETICS
 
 
 def write_comparison(comparison: SessionComparison, folder: Path, results: Sequence[Path]) -> Path:
-    """Write the tables and the words of a comparison of two `results`, whole or not at all. Returns
-    the folder.
+    """Write tables, sentences and page of a comparison, whole or not at all.
 
-    Raises InputError: The folder cannot be written, or holds something else than an earlier
-    comparison.
+    Parameters
+    ----------
+    comparison
+        From `compare_results`.
+    folder
+        The output folder.
+    results
+        Folders of A and B.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or contains something other than an earlier comparison.
     """
-    told = tuple(make_one_line(f"warning: {text}") for text in comparison.warnings)
+    warnings = tuple(make_one_line(f"warning: {text}") for text in comparison.warnings)
     with atomic_directory(
         folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]
     ) as out:
@@ -67,7 +82,7 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
             "common": comparison.common.name.lower(),
         }
         (out / MANIFEST).write_text(format_json(content), encoding="utf-8")
-        head = (*told, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
+        head = (*warnings, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
         write_csv(
             comparison.differences,
             out / DIFFERENCES,
@@ -82,7 +97,20 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
 
 
 def render_comparison_html(comparison: SessionComparison, results: Sequence[Path]) -> str:
-    """The page of a comparison of two `results`: `comparison.html`."""
+    """Render the page of a comparison.
+
+    Parameters
+    ----------
+    comparison
+        From `compare_results`.
+    results
+        Folders of A and B.
+
+    Returns
+    -------
+    str
+        The content of `comparison.html`.
+    """
     norms, scores = _collect_scores(results)
     return render_comparison_page(
         comparison, gait_report.CLINICAL, SHEETS, _list_people(comparison, results), scores, norms
@@ -92,7 +120,22 @@ def render_comparison_html(comparison: SessionComparison, results: Sequence[Path
 def build_comparison_content(
     comparison: SessionComparison, results: Sequence[Path], comments: Mapping[str, str]
 ) -> document.ComparisonContent:
-    """The report on paper of two `results`; `comments` as of `read_report_content`."""
+    """Build the content of the printed report of two sessions.
+
+    Parameters
+    ----------
+    comparison
+        From `compare_results`.
+    results
+        Folders of A and B.
+    comments
+        Section -> text (`gait_report.read_comments`).
+
+    Returns
+    -------
+    ComparisonContent
+        Text, tables and curves.
+    """
     norms, scores = _collect_scores(results)
     names, people = comparison.names, [dict(known) for known in _list_people(comparison, results)]
     labels = dict.fromkeys(label for known in people for label in known)
@@ -101,9 +144,9 @@ def build_comparison_content(
     others = [d for d in comparison.found if d.kind != "spatiotemporal"]
     against = (f"{name}, against {norm}" for name, norm in zip(names, norms, strict=True))
     note = (
-        f"Means over the stride of each foot: {names[0]} thin, {names[1]} thick in the band within "
-        "which a difference "
-        "could have been missed (95 %). Moments and powers by each session's own body mass."
+        f"Means over the stride of each foot: {names[0]} thin, {names[1]} thick with the band of "
+        "the minimal "
+        "detectable change (95 %). Moments and powers divided by the body mass of each session."
     )
     return document.ComparisonContent(
         title=f"Gait report  ·  {comparison.subjects[1].name}: {names[1]} against {names[0]}",
@@ -136,11 +179,9 @@ def build_comparison_content(
 def _list_people(
     comparison: SessionComparison, results: Sequence[Path]
 ) -> list[tuple[tuple[str, str], ...]]:
-    """Of each session, label and value of what is known of person and day, and the verdict of its
-    result.
-    """
+    """List for each session what is known of subject and session, and the verdict."""
     verdicts = [
-        str(read_object(result / SUMMARY).get("verdict") or "not told") for result in results
+        str(read_object(result / SUMMARY).get("verdict") or "not recorded") for result in results
     ]
     return [
         (*list_person_facts(p), ("Verdict", v))
@@ -149,12 +190,14 @@ def _list_people(
 
 
 def _collect_scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Whom both results are held against, and the rows of scores; without a difference where these
-    are not the same.
+    """Collect the normative data of both results and the rows of scores.
+
+    Rows have no difference if the normative data differ.
     """
     summaries = [read_object(result / SUMMARY) for result in results]
     norms = tuple(
-        str(get_table(summary, "norm").get("words") or "not told whom") for summary in summaries
+        str(get_table(summary, "norm").get("words") or "a norm not recorded")
+        for summary in summaries
     )
     same = norms[0] == norms[1] and all(
         get_table(summary, "norm").get("words") for summary in summaries
@@ -167,7 +210,7 @@ def _collect_scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tup
 def _build_score_rows(
     a: Mapping[str, Any], b: Mapping[str, Any], *, same: bool
 ) -> Iterator[tuple[str, ...]]:
-    """Gait Profile Scores and their angles, where both have them; errors as if independent."""
+    """Build the rows of scores that both sessions have; errors are taken as independent."""
     for side in ("both", *linkage.SIDES):
         of_a, of_b = get_table(a, side), get_table(b, side)
         for name in sorted(
@@ -197,7 +240,7 @@ def _build_score_rows(
 
 
 def make_one_line(text: str) -> str:
-    """Names are data: what would begin a new line of a file, or moves a cursor, becomes a blank."""
+    """Replace line breaks and control characters, as names are data."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
@@ -208,30 +251,35 @@ FURTHER = (
 
 @with_one_blas_thread
 def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
-    """Set two results of one person side by side: before and after, or test and retest.
+    """Compare two results of one subject: before and after, or test and retest.
 
     Parameters
     ----------
-    a, b : result folders of `gaitcal calibrate`, or the `dynamics` folders in them.
+    a, b
+        Result folders of `gaitcal calibrate`, or the `dynamics` folders in them.
 
     Returns
     -------
-    Differences b - a of angles, moments, powers, spatiotemporal measures and joint parameters with
-    their error bars, as tables (`differences`, `curves`), and in words (`lines`).
+    SessionComparison
+        Differences b - a of angles, moments, powers, spatiotemporal measures and joint parameters
+        with their errors, as tables (`differences`, `curves`) and in sentences (`lines`).
 
     Raises
     ------
     InputError
-        One is no result, damaged, or of another person by the lengths of its legs.
+        One is not a result, is damaged, or is of another subject by the lengths of its legs.
     """
     one, other = (load_session(Path(folder))[0] for folder in (a, b))
     return compare_sessions(*rename_equal_sessions(one, other))
 
 
 def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snapshot, ...]]:
-    """Read one result folder, or one of further trials; and what was read.
+    """Load one result, or one folder of further trials, and the snapshots of its files.
 
-    Raises InputError: It is none, or damaged.
+    Raises
+    ------
+    InputError
+        The folder is not a result, or is damaged.
     """
     manifest = read_object(folder / MANIFEST)
     if not manifest:
@@ -266,7 +314,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
         else cycles_export.list_stale_trials(folder, of_model.sha256[MODEL])
     )
     other = (
-        (f"made with another model than lies there now: {', '.join(stale)}; run dynamics again",)
+        (f"made with another model than the present one: {', '.join(stale)}; run dynamics again",)
         if stale
         else ()
     )
@@ -295,7 +343,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
 def rename_equal_sessions(
     a: stride_sets.RecordedSession, b: stride_sets.RecordedSession
 ) -> tuple[stride_sets.RecordedSession, stride_sets.RecordedSession]:
-    """Both, with other names where their folders have one name."""
+    """Rename two sessions to A and B if their folders have the same name."""
     return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
 
 
@@ -319,7 +367,7 @@ def _read_measures(folder: Path) -> pd.DataFrame:
 
 
 def _list_recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
-    """SHA-256 of the files of the trials that its summary tells of, or of the others: static ones."""
+    """List the SHA-256 of the files of moving trials, or of static ones."""
     told, hashes = (
         get_table(read_object(folder / n), key)
         for n, key in ((SUMMARY, "trials"), (MANIFEST, "inputs_sha256"))
@@ -340,7 +388,7 @@ def _list_reasons(summary: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def _average_shares(summary: Mapping[str, object]) -> dict[str, dict[str, float]]:
-    """Torque -> source -> part of its variance, the mean over trials."""
+    """Average torque -> source -> part of its variance over trials."""
     found: dict[str, list[dict[str, float]]] = {}
     for entry in get_table(summary, "trials").values():
         for torque, shares in get_table(entry, "torque_error_sources").items():

@@ -60,29 +60,28 @@ CYCLE_HEADER = (
     "several coordinates of a joint (hip_flexion_power), positive: generated; "
     "ground_reaction_vertical: upward force",
     "on that foot, N",
-    "angles of the pelvis: against a laboratory turned into the line of progression of each "
-    "stride, from strike to",
-    "next strike (where that foot is not seen then: of the nearest stride, else the room's forward "
-    "axis), so that they",
-    "mean the same in any direction of the room; motion/TRIAL.csv has them against the room",
-    "foot_progression: how far the foot's long axis, heel to toe, points out of the vertical plane "
-    "along that line;",
-    "toes in is positive",
-    "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers "
-    "make, and that",
-    "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in "
-    "all strides",
-    "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; "
-    "angles of a leg",
-    "where markers show the segments that they are between; nothing of a refused leg, nor of the "
-    "trunk with it,",
-    f"nor pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
-    "turn: deg to the left by which the pelvis turns over the stride of a walk",
-    "activity: gait of strides of walks; of a trial of any other activity its name: its strides, "
-    "or what the pelvis",
-    "repeats from rest to rest; means never mix activities",
-    "phase: stance or swing of a stride; of a repetition lowering, rising, flight as the pelvis "
-    "does, push-off: rising",
+    "angles of the pelvis: relative to the line of progression of each stride, from strike to next "
+    "strike (if that foot",
+    "is not visible then: of the nearest stride, else the laboratory's forward axis), so that they "
+    "have the same meaning",
+    "in any walking direction; motion/TRIAL.csv has them relative to the laboratory",
+    "foot_progression: angle of the foot's long axis, heel to toe, to the vertical plane along "
+    "that line; toe-in is",
+    "positive",
+    "se: standard error, empty if unknown; se_stride: its part due to the markers of the trial, "
+    "which differs between",
+    "strides; the rest, sqrt(se^2 - se_stride^2), is the same error in all strides",
+    "valid: 1 where the value may be used: moments of a leg require its foot on plates, moments of "
+    "the trunk both feet;",
+    "angles of a leg require visible markers on both segments; 0 for a refused leg and, with it, "
+    "the trunk, and for",
+    f"pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
+    "turn: rotation of the pelvis to the left over the stride of a walk, deg",
+    "activity: gait for strides of walks; else the name of the trial, with its strides, or with "
+    "repetitions of the",
+    "pelvis motion from rest to rest; means never mix activities",
+    "phase: stance or swing of a stride; for a repetition lowering, rising and flight of the "
+    "pelvis, push-off: rising",
     "before a flight, landing: lowering after one",
 )
 """Comment lines above the header."""

@@ -36,17 +36,16 @@ if TYPE_CHECKING:
 
 FOLDER = "truth"
 PARAMETERS_HEADER = (
-    "what is known to be true beside what was calibrated, told in the same segment frames; error: "
-    "fitted minus truth",
+    "true and calibrated parameters in the same segment frames; error: fitted minus truth",
     "z: error in standard errors; of honest ones 95 of 100 are below 1.96",
 )
 MOTION_HEADER = (
     "true coordinates in degrees and m at the frames of motion/TRIAL.csv, from the anatomical zero",
-    "_error: calibrated minus true; empty: the truth has no such instant",
+    "_error: calibrated minus true; empty: the truth has no value at this instant",
 )
 MOMENTS_HEADER = (
     "true generalised forces in N m (pelvis_tx, _ty, _tz: N) at the frames of moments/TRIAL.csv",
-    "_error: calibrated minus true, empty in frames that do not count (valid_r, valid_l, valid)",
+    "_error: calibrated minus true, empty in frames that are not valid (valid_r, valid_l, valid)",
 )
 
 

@@ -44,8 +44,8 @@ def format_relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
     off = taken_off(relative_to)
     static = ", ".join(f"{n} {np.rad2deg(off[n]):.2f}" for n in FILE_COORDINATES if n in off)
     return (
-        "joint angles are relative: those of the static trial are taken off; pelvis coordinates "
-        "are as they are",
+        "joint angles are relative: those of the static trial are subtracted; pelvis coordinates "
+        "are not changed",
         f"static trial, deg: {static}",
     )
 
@@ -61,10 +61,10 @@ MOMENT_HEADER = (
     "knee frame",
     "units: N m (pelvis_tx, _ty, _tz: N); NAME_se standard error; NAME_bwh percent of body weight "
     "times height",
-    "valid_r, valid_l: 1 where that foot is wholly on plates of its own, or in the air; use "
-    "torques of that leg there",
-    "valid: 1 where both legs are valid and a plate carries the body; use torques of pelvis, trunk "
-    "and arms there",
+    "valid_r, valid_l: 1 where that foot is entirely on plates that carry no other foot, or in the "
+    "air; only there use torques of that leg",
+    "valid: 1 where both legs are valid and a plate carries the body; only there use torques of "
+    "pelvis, trunk and arms",
 )
 """Comment lines above the header of every moments file."""
 

@@ -68,7 +68,7 @@ def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
     sheet = read_page_data(folder / "result/dynamics" / PAGE_DATA)
     assert len(sheet["lines"]) == 3 and sheet["lines"][1]["text"].startswith("Marker fit ")
     whole = json.dumps(sheet["sections"]["provenance"])
-    assert "from walk. It is not fitted anew to these trials. Its own verdict: " in whole
+    assert "from walk. It is not fitted again to these trials. Verdict on it: " in whole
     assert "was edited since" not in whole
     assert (
         sheet["sections"]["joints"][1:]
@@ -216,5 +216,5 @@ def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None
     result = folder / "result"
     shutil.copy(result / "dynamics" / PAGE_DATA, result / PAGE_DATA)
     sign(result)
-    with pytest.raises(InputError, match="tells of other trials"):
+    with pytest.raises(InputError, match="has other trials"):
         run("view", result, "--html", folder / "own.html")

@@ -107,7 +107,7 @@ def test_scores_against_other_norms_have_no_difference(
         assert page.count("6.2 ± 0.4") == 1 and ("-2.9 (missed below" in page) == (
             of_both == ("free speed",) * 2
         )
-        assert f">after, against {of_both[1] or 'not told whom'}</th>" in page
+        assert f">after, against {of_both[1] or 'a norm not recorded'}</th>" in page
 
 
 def test_the_report_of_two_sessions_holds_both_means(

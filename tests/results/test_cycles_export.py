@@ -408,14 +408,14 @@ def test_unexplained_force_and_moment_are_both_judged(beyond: str, changed: Path
         and "force at the pelvis 20 N" in told
         and "moment 5.0 N·m" in told
     )
-    assert ("limits are wide, as no marker tells how trunk and arms move" in told) == (not beyond)
+    assert ("limits are wide, as trunk and arms have no markers" in told) == (not beyond)
 
 
 def test_relative_angles_have_no_profile(changed: Path) -> None:
     with edited(changed, "manifest.json") as manifest:
         manifest["settings"]["angles"] = "relative"
     content = read_report_content(changed, (read_normal_bands(NORMS), NORMS), {})
-    assert not content.profile and "counted from the static posture" in content.norm_remark
+    assert not content.profile and "relative to the static posture" in content.norm_remark
 
 
 def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:

@@ -1,8 +1,7 @@
-"""Charts: lists of panels that know how to draw themselves, with one legend; and the look that all
-of them share.
+"""Charts: panels with draw functions, one legend, and a common look.
 
-The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches
-matplotlib's global state, and matplotlib is loaded when something is drawn, not before.
+The colours are those of Okabe and Ito, distinguishable for colour-blind readers. The global state
+of matplotlib is not changed, and matplotlib is loaded at the first drawing only.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ LONGEST_NAME = 26
 
 @dataclass(frozen=True)
 class Sizes:
-    """Of letters, pt."""
+    """Font sizes, pt."""
 
     small: float = SMALL  # Numbers at axes
     normal: float = NORMAL  # Labels of axes, legends
@@ -58,7 +57,7 @@ class Key:
 
 
 def make_line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
-    """Dashes as matplotlib wants them."""
+    """Make a matplotlib line style from dashes."""
     return (0.0, dashes) if dashes else "-"
 
 
@@ -70,11 +69,10 @@ def _load_font_characters() -> frozenset[int]:
 
 
 def clean_name(text: str, limit: int = LONGEST_NAME) -> str:
-    """A name from the user's data as matplotlib shows it: no markup, only printable characters, not
-    too long.
+    """Clean a name from the user's data: no markup, printable characters only, limited length.
 
-    `$` begins matplotlib's own markup and is escaped; what the font cannot draw, and all that
-    controls the direction or flow of text, becomes a middle dot.
+    `$` starts matplotlib's markup and is escaped. Characters without a glyph and control characters
+    become a middle dot.
     """
     known = _load_font_characters()
     shown = [
@@ -89,9 +87,7 @@ def clean_name(text: str, limit: int = LONGEST_NAME) -> str:
 def format_axes(
     axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", sizes: Sizes = SCREEN
 ) -> None:
-    """Give axes their common look: labels in ink, no frame above and at the right, light grid
-    lines.
-    """
+    """Format axes: ink labels, no frame above and at the right, light grid lines."""
     from matplotlib.ticker import MaxNLocator
 
     for side in ("top", "right"):
@@ -130,7 +126,7 @@ MARGIN = 0.06  # of the span of all values, at either end of an axis
 
 
 def compute_limits(values: list[np.ndarray], least: float) -> tuple[float, float]:
-    """Limits of an axis that hold all finite `values` and span at least `least`."""
+    """Compute axis limits that contain all finite `values` and span at least `least`."""
     finite = np.concatenate([v[np.isfinite(v)].ravel() for v in values] or [np.empty(0)])
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
     middle, half = (low + high) / 2, max((high - low) * (0.5 + MARGIN), least / 2)
@@ -177,7 +173,7 @@ class Chart:
 
 
 def draw_chart(chart: Chart) -> Figure:
-    """All panels of a chart in one figure, for papers."""
+    """Draw all panels of a chart in one figure."""
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
     heights = [max(p.size.height for p in row) for row in rows]
     width = max(sum(p.size.width for p in row) for row in rows)
@@ -207,7 +203,7 @@ def _add_legend(figure: Figure, chart: Chart, columns: int) -> Legend:
 
 
 def _count_legend_columns(chart: Chart, width: float) -> int:
-    """As many columns as fit a figure of that width (inches)."""
+    """Count the legend columns that fit a figure of that width (inches)."""
     figure = create_figure(width, 1.0)
     for columns in range(len(chart.keys), 1, -1):
         legend = _add_legend(figure, chart, columns)
@@ -218,7 +214,7 @@ def _count_legend_columns(chart: Chart, width: float) -> int:
 
 
 def create_figure(width: float, height: float, dpi: int = 100) -> Figure:
-    """An empty white figure, inches, that knows the size of its texts."""
+    """Create an empty white figure, inches, with a canvas that measures text."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -272,7 +268,22 @@ SALT: Final = "gaitcal"  # Identifiers of an SVG are made of its content and of 
 
 
 def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[str]) -> list[Path]:
-    """Draw every chart into `folder` (made if missing), a file a format; returns the files."""
+    """Draw every chart into a folder, one file for each format.
+
+    Parameters
+    ----------
+    charts
+        What to draw.
+    folder
+        Created if missing.
+    formats
+        Of `FORMATS`.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
     import matplotlib as mpl
 
     folder = Path(folder)

@@ -1,10 +1,9 @@
-"""Pages without a script: one HTML file of words, tables and SVG that opens offline and requests
-nothing.
+"""Render pages without scripts: one HTML file of text, tables and SVG that opens offline.
 
-Above all that of two sessions side by side: who and when, what differs in words, mean curves of
-both sessions with the band within which a difference could have been missed, scores and steps, and
-the table of figures, the largest difference first; on paper in the same order. Moments and powers
-are by each session's own body mass, as people grow between two visits.
+The main one compares two sessions: subject and session, differences in sentences, mean curves with
+the band of the minimal detectable change, scores and steps, and the table of figures. The printed
+version has the same order. Moments and powers are divided by the body mass of each session, as
+people grow between two visits.
 """
 
 import base64
@@ -53,13 +52,27 @@ def render_comparison_page(
     scores: "Sequence[Row]" = (),
     norms: "Row" = ("", ""),
 ) -> str:
-    """The whole page.
+    """Render the page of a comparison.
 
-    `convention`: of angles, moments and powers; moments by body mass.
-    `sheets`: title -> variables of `cycles.csv`, in the order in which they are drawn.
-    `people`: of each session, label and value of what is known of person and day.
-    `scores`: angle or score, A, B and their difference, in words.
-    `norms`: whom the scores of each session are held against.
+    Parameters
+    ----------
+    comparison
+        Two sessions.
+    convention
+        Of angles, moments and powers; moments by body mass.
+    sheets
+        Title -> variables of `cycles.csv`, in the order of drawing.
+    people
+        Of each session, label and value of what is known of subject and session.
+    scores
+        Angle or score, A, B and their difference, as text.
+    norms
+        Normative data of each session.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     names = comparison.names
     title = f"{comparison.subjects[1].name}: {names[1]} against {names[0]}"
@@ -127,9 +140,7 @@ def _render_figures(
 def _draw_sheet(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
 ) -> str:
-    """An `<img>` with a panel for each variable and leg; empty where both sessions have none of
-    them.
-    """
+    """Draw an `<img>` with a panel for each variable and leg; empty without curves."""
     import matplotlib as mpl
 
     curves = comparison.curves
@@ -199,8 +210,7 @@ def _draw_panel(
 def convert_curves(
     comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
 ) -> tuple[Array, ...]:
-    """(101,) means before and after, by each session's own body mass, and how far apart they could
-    be unnoticed.
+    """Convert the (101,) means A and B and half the minimal detectable change to the convention.
 
     `curve`: the rows of one variable and side of `curve_differences.csv`.
     """
@@ -219,9 +229,7 @@ def convert_curves(
 def build_paper_panels(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
 ) -> Iterator[report_sheets.CurvePanel | str]:
-    """Of a sheet on paper: before thin, after thick in the band within which a difference could
-    have been missed.
-    """
+    """Build the panels of a printed sheet: A thin, B thick with the minimal detectable change."""
     curves, none = comparison.curves, np.full(POINTS, np.nan)
     for variable in variables:
         if variable not in known_variables():
@@ -250,7 +258,7 @@ def build_paper_panels(
 
 
 def build_figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:
-    """Figure, unit, both sessions, difference, what could be missed, and how many times that it is."""
+    """Build rows: figure, unit, A, B, difference, minimal detectable change, ratio of the two."""
     return [(name_figure(d), d.unit, *format_numbers(d)) for d in found]
 
 
@@ -271,7 +279,20 @@ Row = Sequence[str]
 
 
 def render_plain_page(title: str, parts: Iterable[str]) -> str:
-    """The whole page; `parts`: HTML below its title."""
+    """Render a page.
+
+    Parameters
+    ----------
+    title
+        Text.
+    parts
+        HTML below the title.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -288,12 +309,27 @@ def render_plain_table(
     beyond: Sequence[bool] = (),
     words: int = 1,
 ) -> str:
-    """A table that scrolls sideways where it is too wide.
+    """Render a table that scrolls sideways if it is too wide.
 
-    `label`: what it holds.
-    `name`: class of the table; `who`: all of its columns are words.
-    `beyond`: of the first rows, whether they stand out.
-    `words`: columns of words, to the left of those of numbers.
+    Parameters
+    ----------
+    label
+        What the table contains, for screen readers.
+    head
+        Titles of the columns.
+    rows
+        Cells as text.
+    name
+        Class of the table; `who`: all columns are text.
+    beyond
+        Of the first rows, whether they are emphasised.
+    words
+        Number of text columns, to the left of those of numbers.
+
+    Returns
+    -------
+    str
+        HTML.
     """
 
     def cells(row: Row, tag: str, further: str = "") -> str:
@@ -317,10 +353,32 @@ def render_plain_table(
 
 
 def render_warning(text: str) -> str:
-    """A sentence in a box of its own."""
+    """Render a sentence in a box.
+
+    Parameters
+    ----------
+    text
+        The sentence.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return f'<p class="warning" role="note">{escape(text)}</p>'
 
 
 def render_list(lines: Iterable[str]) -> str:
-    """A list of sentences."""
+    """Render a list of sentences.
+
+    Parameters
+    ----------
+    lines
+        The sentences.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"

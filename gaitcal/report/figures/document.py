@@ -1,8 +1,6 @@
-"""A printed gait report: A4 pages of text, tables and sheets of curves, drawn as vectors without a
-browser.
+"""Write a printed gait report: A4 pages of text, tables and curves as vectors, without a browser.
 
-What stands in it is `ReportContent`, which `report/gait_report.py` reads from a result folder:
-person, verdict, what counts, steps; kinematics; kinetics; joints, comments, signature.
+`report/gait_report.py` reads its `ReportContent` from a result.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,7 +54,7 @@ LEAST_SHEET: Final = 150.0 * mm
 
 @dataclass(frozen=True, kw_only=True)
 class ReportContent:
-    """Everything that a report says; all text is data, not markup."""
+    """Content of a report; all text is data, not markup."""
 
     person: tuple[tuple[str, str], ...]
     """Label and value: name, session, sex, age, diagnosis, mass, height, ...; the name first."""
@@ -89,13 +87,13 @@ class ReportContent:
 
     @property
     def title(self) -> str:
-        """Of what it is, and whose."""
+        """Kind of report and name of the subject."""
         return f"{'Gait' if self.walked else 'Movement'} report  ·  {self.person[0][1]}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonContent:
-    """What the report of two sessions says."""
+    """Content of the report of two sessions."""
 
     title: str
     people: tuple[
@@ -123,9 +121,24 @@ def _make_heading(text: str) -> Paragraph:
 
 
 def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
-    """Write the report; returns the number of its pages. The same content gives the same bytes.
+    """Write a report as PDF; the same content gives the same bytes.
 
-    Raises InputError: `path` is a folder, or cannot be written.
+    Parameters
+    ----------
+    content
+        What the report contains.
+    path
+        The file.
+
+    Returns
+    -------
+    int
+        Number of pages.
+
+    Raises
+    ------
+    InputError
+        `path` is a folder, or cannot be written.
     """
     width, height = A4
     size = width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm
@@ -162,7 +175,7 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
 
 
 class _Total(Flowable):  # type: ignore[misc]
-    """The last flowable: draws how many pages there are into the form that every page shows."""
+    """Last element of the document: draws the page count into the form that every page shows."""
 
     FORM: Final = "total"
 
@@ -171,7 +184,7 @@ class _Total(Flowable):  # type: ignore[misc]
         self.place, self.pages = (x, y), 0
 
     def draw(self) -> None:
-        """On the last page, which is known then."""
+        """Draw on the last page, whose number is then known."""
         self.pages = self.canv.getPageNumber()
         self.canv.beginForm(self.FORM)
         self.canv.setFont(SANS, 7)
@@ -249,9 +262,7 @@ def _build_sheet(
     size: tuple[float, float],
     norm: str = "",
 ) -> list[Flowable]:
-    """A page of curves with its comment, which has a page of its own where it leaves the curves too
-    little.
-    """
+    """Build a page of curves with its comment, on a further page if it leaves too little room."""
     head = [
         _make_heading(sheet.title),
         make_paragraph(sheet.note, 7, colour=FAINT),
@@ -303,9 +314,7 @@ def _measure_height(parts: Sequence[Flowable], width: float, height: float) -> f
 
 
 def _build_profile(content: ReportContent, width: float) -> list[Flowable]:
-    """Gait Profile Scores; of somebody whom no norm fits, why; nothing where there are no curves at
-    all.
-    """
+    """Build the Gait Profile Scores, or the reason why there are none; nothing without curves."""
     if not content.walked or not any(sheet.has_curves for sheet in content.sheets):
         return []
     out: list[Flowable] = [
@@ -342,7 +351,7 @@ def _build_comment(content: ReportContent | ComparisonContent, section: str) -> 
 
 
 def _build_person_table(content: ReportContent, width: float) -> Table:
-    """Labels above values, in rows of `HEADER_COLUMNS`."""
+    """Build labels above values, in rows of `HEADER_COLUMNS`."""
     cells = [
         [make_paragraph(label, 7, colour=FAINT), make_paragraph(value, 9, bold=True)]
         for label, value in content.person
@@ -384,8 +393,9 @@ def _build_verdict_table(content: ReportContent, width: float) -> Table:
 
 
 def _build_table(rows: Sequence[Sequence[str]], width: float) -> Table:
-    """The first row is the head; columns as wide as their longest texts ask for, and words up to 14
-    letters whole.
+    """Build a table with a head; column widths follow the longest texts.
+
+    Words of up to 14 letters are not broken.
     """
     letters = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
     words = [

@@ -1,8 +1,7 @@
-"""Figures for papers: one file a variable, mean and SD over the strides of each foot, in a
-convention of choice.
+"""Figures for papers: one file for each variable, mean and SD over the strides of each foot.
 
-Letters of 8 pt (numbers 7 pt), no line thinner than 0.5 pt, one or two columns wide. With a single
-stride the band is its standard error, and the legend says so.
+Fonts are 8 pt (numbers 7 pt), lines at least 0.5 pt thick, width one or two columns. With a single
+stride the band is its standard error, as the legend states.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -43,7 +42,7 @@ person's size.
 
 @dataclass(frozen=True, kw_only=True)
 class Strides:
-    """What is drawn."""
+    """Strides to draw."""
 
     table: pd.DataFrame  # As `gaitcal.ensemble` gives it, of the strides in `cycles.csv`
     subject: Subject
@@ -54,10 +53,21 @@ class Strides:
 def build_paper_charts(
     strides: Strides, convention: Convention, width: float = 85.0
 ) -> list[chart.Chart]:
-    """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
+    """Build one chart for each variable, in the order of `cycles.csv`, without drawing it.
 
-    `convention`: signs, whose moments, unit; along the axes of the coordinates.
-    `width`: mm.
+    Parameters
+    ----------
+    strides
+        Mean curves, subject, toe-off and normative data.
+    convention
+        Signs, acting body and unit, about the axes of the coordinates.
+    width
+        mm.
+
+    Returns
+    -------
+    list of Chart
+        One for each variable.
     """
     tables = strides.table.groupby("variable", sort=False)
     return [_build_chart(str(name), table, strides, convention, width) for name, table in tables]
@@ -68,12 +78,22 @@ BEFORE, AFTER = chart.SIDE_COLOURS["l"], chart.SIDE_COLOURS["r"]
 
 
 def build_moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[chart.Chart]:
-    """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before
-    and after, over its range, of the muscles that change most; with draws, after ± 1.96 standard
-    deviations.
+    """Build one chart of muscle moment arms for each coordinate, before and after calibration.
 
-    `table`: as the file ending in `.muscles.csv` has it.
-    `width`: mm.
+    Charts show the muscles with the largest changes over the range of the coordinate. With draws,
+    the band is ± 1.96 standard deviations.
+
+    Parameters
+    ----------
+    table
+        The file ending in `.muscles.csv`, of `gaitcal export --into --muscles`.
+    width
+        mm.
+
+    Returns
+    -------
+    list of Chart
+        One for each coordinate.
     """
     return [
         _build_moment_arm_chart(str(name), rows, width)
@@ -161,9 +181,7 @@ def _build_moment_arm_chart(coordinate: str, table: pd.DataFrame, width: float) 
 
 
 def name_paper_file(variable: str) -> str:
-    """Name of the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`,
-    `hip_power`.
-    """
+    """Name the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`."""
     return (
         f"{variable.removesuffix('_angle')}_angle"
         if kind_of(variable) is CurveKind.ANGLE
@@ -284,7 +302,7 @@ def _build_line(
 
 
 def _drop_equal_bands(lines: list[_Line]) -> list[_Line]:
-    """Those whose bands are not the band of another."""
+    """Drop lines whose normative band equals that of an earlier line."""
     out: list[_Line] = []
     for line in lines:
         if not any(
@@ -304,7 +322,7 @@ def _draw_mean(axes: "Axes", line: _Line) -> list[Array]:
 
 
 def _draw_normal_band(axes: "Axes", mean: Array, sd: Array) -> tuple[Array, Array]:
-    """Draw healthy people's mean +- SD (101,) with dotted edges, and return the edges."""
+    """Draw the normative mean +- SD (101,) with dotted edges, and return the edges."""
     percent, ends = np.arange(float(len(mean))), (mean - sd, mean + sd)
     axes.fill_between(percent, *ends, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
     for edge in ends:
@@ -332,7 +350,7 @@ def _build_keys(
 
 
 def format_variable_title(variable: str, convention: Convention) -> str:
-    """`Hip extension moment`: named by what is positive."""
+    """Format the title of a variable, named by its positive direction: `Hip extension moment`."""
     return (
         "Vertical ground reaction force"
         if variable == GROUND_REACTION
@@ -341,7 +359,7 @@ def format_variable_title(variable: str, convention: Convention) -> str:
 
 
 def _get_force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
-    """By what newtons are multiplied, and the unit, beside moments of that convention."""
+    """Get the factor for newtons and the unit, to accompany moments of that convention."""
     return {
         MomentUnit.NM: (1.0, "N"),
         MomentUnit.NM_PER_KG: (1.0 / subject.mass, "N/kg"),
@@ -350,7 +368,7 @@ def _get_force_unit(convention: Convention, subject: Subject) -> tuple[float, st
 
 
 def _format_label(variable: str, convention: Convention, subject: Subject) -> str:
-    """Unit, and what is positive."""
+    """Format the unit and the positive direction."""
     kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
     if kind is CurveKind.MOMENT and coordinates.senses_of(coordinate_of(variable)) is None:
         return moment

@@ -1,8 +1,7 @@
-"""Figures of a Monte Carlo study: the published figures 3 and 4, and which parameter matters for
-which torque.
+"""Figures of a Monte Carlo study: the published figures 3 and 4, and contributions of parameters.
 
-Boxes as published: 25, 50 and 75 %, whiskers 10 and 90 %, a dot for the average. Colours after
-Okabe and Ito.
+Boxes as published: 25, 50 and 75 %, whiskers 10 and 90 %, a dot for the average. Colours are those
+of Okabe and Ito.
 """
 
 from collections.abc import Mapping
@@ -49,11 +48,10 @@ SHOWN_SHARE = (
 def draw_boxplots(
     table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l"
 ) -> "Figure":
-    """Torque errors and marker distances of one leg over the levels: a column per set, a row per
-    quantity.
+    """Draw torque errors and marker distances of one leg over the levels.
 
-    `table`: from `statistics`.
-    `measure`: `rms` (figure 3) or `mean` (figure 4).
+    Columns are the varied sets, rows the quantities. `table`: from `statistics`; `measure`: `rms`
+    (figure 3) or `mean` (figure 4).
     """
     sets = [varied for varied in Varied if (table["set"] == varied.value).any()]
     quantities = [
@@ -137,7 +135,7 @@ def _draw_boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
 
 
 def _scale(row: np.ndarray, measure: str) -> None:
-    """Distances begin at zero; signed errors get a zero line."""
+    """Scale the axes of a row: distances begin at zero, signed errors have a zero line."""
     from matplotlib.ticker import MaxNLocator
 
     for axes in row:
@@ -150,11 +148,9 @@ def _scale(row: np.ndarray, measure: str) -> None:
 
 
 def draw_contributions(contributions: pd.DataFrame, side: str = "l") -> "Figure":
-    """Share of every parameter in the variance of the seven torques of a leg, both ground-reaction
-    frames.
+    """Draw the share of every parameter in the variance of the seven torques of a leg.
 
-    Parameters of the other leg, of the rest of the body, and the inertial ones stand together in
-    one row each.
+    Parameters of the other leg, of the rest of the body and inertial ones share one row each.
     """
     panels = {frame: _collect_shares(contributions, frame, side) for frame in ReactionFrame}
     rows = list(next(iter(panels.values())).index)
@@ -196,7 +192,7 @@ def draw_contributions(contributions: pd.DataFrame, side: str = "l") -> "Figure"
 
 
 def _collect_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
-    """`variance_shares` as one table, parameters as `hip: pelvis ant`."""
+    """Collect `variance_shares` in one table, with parameters as `hip: pelvis ant`."""
     of_leg, groups = draw_statistics.variance_shares(contributions, frame, side)
     return pd.concat(
         [of_leg.rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups]
@@ -206,10 +202,23 @@ def _collect_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str
 def write_monte_carlo_figures(
     table: pd.DataFrame, contributions: pd.DataFrame | None, folder: Path | str, side: str = "l"
 ) -> Mapping[str, Path]:
-    """Write figures 3 (RMS) and 4 (mean) for both ground-reaction frames, and the contributions, as
-    PNG and SVG.
+    """Write figures 3 (RMS) and 4 (mean) for both reaction frames, and contributions.
 
-    Returns name -> path of the PNG.
+    Parameters
+    ----------
+    table
+        From `statistics`.
+    contributions
+        From `variance_contributions`; None: no such figure.
+    folder
+        Output folder.
+    side
+        `r` or `l`.
+
+    Returns
+    -------
+    dict
+        Name -> path of the PNG; there is also an SVG.
     """
     figures = {
         f"figure_{number}_{frame.value}": (frame, measure)

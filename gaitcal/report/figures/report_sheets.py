@@ -1,4 +1,4 @@
-"""Sheets of curves and bars of Gait Profile Scores of a printed report, drawn as vectors on a page."""
+"""Draw sheets of curves and bars of Gait Profile Scores for a printed report, as vectors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,9 +47,7 @@ SANS, BOLD = "ReportSans", "ReportSans-Bold"
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePanel:
-    """One variable over the gait cycle. Values in `unit`, with clinical signs, NaN where they must
-    not be used.
-    """
+    """One variable over the gait cycle, in `unit` and clinical signs; NaN where not valid."""
 
     title: str
     unit: str
@@ -91,7 +89,7 @@ class Sheet:
 
 @cache
 def register_fonts() -> None:
-    """DejaVu Sans, which comes with matplotlib: names in most alphabets, the same on every machine."""
+    """Register DejaVu Sans of matplotlib: most alphabets, the same on every machine."""
     matplotlib = Path(
         getattr(find_spec("matplotlib"), "origin", "")
     )  # found, not loaded: that takes its time
@@ -116,7 +114,7 @@ def _make_style(
 
 
 def make_paragraph(text: str, size: float = 8.5, **style: Any) -> Paragraph:
-    """Text as it stands, line by line, at a size in points."""
+    """Make a paragraph of plain text, with its line breaks, at a size in points."""
     return Paragraph(escape(text).replace("\n", "<br/>"), _make_style(size, **style))
 
 
@@ -130,11 +128,11 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
         self.width, self.height = size
 
     def wrap(self, *_: float) -> tuple[float, float]:
-        """Its size, whatever is offered."""
+        """Return the fixed size."""
         return self.width, self.height
 
     def draw(self) -> None:
-        """On the canvas that the document sets."""
+        """Draw on the canvas of the document."""
         legend = 10 * mm
         size = self.width / SHEET_COLUMNS, (self.height - legend) / SHEET_ROWS
         for k, panel in enumerate(self.sheet.panels):
@@ -170,9 +168,7 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
 
 
 class ProfileBars(Flowable):  # type: ignore[misc]
-    """Bars of both sides with standard errors over a grey one of healthy people; the left ones
-    open, not only red.
-    """
+    """Bars of both sides with standard errors over a grey normative bar; left bars are open."""
 
     ROW = 6.2 * mm
     LABEL, NUMBERS = 40 * mm, 52 * mm
@@ -188,11 +184,11 @@ class ProfileBars(Flowable):  # type: ignore[misc]
         self.most = max(self.most, *(s.norm for s in scores)) * 1.05
 
     def wrap(self, *_: float) -> tuple[float, float]:
-        """Its size, whatever is offered."""
+        """Return the fixed size."""
         return self.width, self.height
 
     def draw(self) -> None:
-        """On the canvas that the document sets."""
+        """Draw on the canvas of the document."""
         canvas, step = self.canv, 5.0 if self.most > 12.0 else 2.0
         canvas.setStrokeColor(GRID)
         canvas.setLineWidth(0.4)
@@ -251,7 +247,7 @@ def _draw_word(canvas: Canvas, x: float, text: str) -> float:
 
 
 class _Axes:
-    """One panel on a canvas: 0 to 100 % across, limits that hold curves and norm upwards."""
+    """One panel on a canvas: 0 to 100 % across; vertical limits contain curves and norm."""
 
     def __init__(
         self,
@@ -266,12 +262,12 @@ class _Axes:
         self.low, self.high, self.step = compute_panel_limits(panel)
 
     def at(self, percent: float, value: float) -> tuple[float, float]:
-        """Points of the page."""
+        """Convert percent and value to points of the page."""
         up = (value - self.low) / (self.high - self.low)
         return self.x0 + self.width * percent / 100.0, self.y0 + self.height * up
 
     def draw(self, toe_off: Mapping[str, float]) -> None:
-        """Grid, norm, strides, error bands, means."""
+        """Draw grid, norm, strides, error bands and means."""
         canvas, panel = self.canvas, self.panel
         canvas.saveState()
         self._draw_frame()
@@ -352,7 +348,7 @@ class _Axes:
         self.canvas.drawPath(path, stroke=1, fill=0)
 
     def _draw_band(self, mean: Array, half: Array, colour: Color, alpha: float) -> None:
-        """One polygon for each run of percents where both are known."""
+        """Draw one polygon for each run of known percents."""
         known = np.isfinite(mean) & np.isfinite(half)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
         self.canvas.setFillColor(colour)
@@ -371,9 +367,7 @@ class _Axes:
 
 
 def compute_panel_limits(panel: CurvePanel) -> tuple[float, float, float]:
-    """Limits that hold strides, error bands and norm; step of the grid: 1, 2 or 5 times a power of
-    ten, some five.
-    """
+    """Compute limits and grid step of a panel: 1, 2 or 5 times a power of ten, about five steps."""
     values, least = [v for strides in panel.strides.values() for v in strides], panel.least
     for side, mean in panel.mean.items():
         values += [mean - panel.error[side], mean + panel.error[side]]

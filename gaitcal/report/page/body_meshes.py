@@ -1,12 +1,10 @@
-"""The human body meshes of example-robot-data, laid over a person's segments; capsules where that
-package has none.
+"""Fit the human body meshes of example-robot-data to a subject; capsules replace missing meshes.
 
-Each mesh is drawn in its own unit around the joint it hangs from; x forward, y up, z to the right,
-as ours. The reference body (that package's `human.urdf`) says where in a mesh the joints lie. A
-limb mesh is stretched along its length so that its joints meet the person's own joint centres, and
-across it by a girth that follows body mass and height; pelvis and trunk are stretched to hip and
-shoulder centres. Each mesh moves with its segment. Those that are mere balls of 5800 triangles are
-drawn with 480.
+Each mesh has its own unit and its origin at the proximal joint; x forward, y up, z to the right.
+The reference body (that package's `human.urdf`) gives the joint positions in each mesh. A limb mesh
+is scaled along its length, so that its joints meet the subject's joint centres, and across by a
+girth that depends on body mass and height. Pelvis and trunk are scaled to hip and shoulder centres.
+Each mesh moves with its segment. Plain balls of 5800 triangles are drawn with 480.
 """
 
 from dataclasses import dataclass
@@ -95,8 +93,17 @@ class FittedMesh:
 
 
 def fit_body_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
-    """The body of a person: lengths from the joint centres of the model, girths from mass and
-    height.
+    """Fit the body meshes to a subject.
+
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+
+    Returns
+    -------
+    tuple of FittedMesh
+        Lengths from joint centres, girths from mass and height.
     """
     tall = model.subject.height / REFERENCE_HEIGHT
     girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
@@ -114,7 +121,7 @@ def fit_body_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
 def _fit_limb(
     mesh: str, segment: str, ends: tuple[Array, Array], heights: tuple[float, float], across: float
 ) -> FittedMesh:
-    """A mesh whose `heights` (its own unit) come to the joint centres `ends` (proximal, distal)."""
+    """Fit a mesh: its `heights` (own unit) go to the joint centres `ends` (proximal, distal)."""
     along = (ends[0] - ends[1]) / (heights[0] - heights[1])
     scale = float(np.linalg.norm(along))
     y = along / scale
@@ -128,16 +135,12 @@ def _fit_limb(
 def _scale_mesh(
     mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]
 ) -> FittedMesh:
-    """A mesh with the axes of its segment, its own origin at `origin` (m), m per unit along each
-    axis.
-    """
+    """Scale a mesh along the axes of its segment, with its origin at `origin` (m); m per unit."""
     return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
 
 
 def _fit_trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh]:
-    """Torso as wide as the shoulders; neck and head so that the standing person is as tall as
-    measured.
-    """
+    """Fit the torso to the shoulders, and neck and head to the body height."""
     lumbar = jp.centre("back", "head_trunk")
     half = (
         float(jp.centre("shoulder_r", "head_trunk")[2] - jp.centre("shoulder_l", "head_trunk")[2])
@@ -165,8 +168,9 @@ def _fit_trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[Fitted
 
 
 def compute_vertex_height(model: SubjectModel) -> float:
-    """Metres from the lumbar joint to the top of the head: where the height of the upright person
-    puts it, and little above the markers of the head where it has some.
+    """Compute the distance (m) of lumbar joint and top of the head.
+
+    It follows from the body height and from the markers of the head, if there are any.
     """
     jp, height = model.parameters, model.subject.height
     lumbar = jp.centre("back", "head_trunk")[1]
@@ -184,7 +188,7 @@ def compute_vertex_height(model: SubjectModel) -> float:
 
 
 def _compute_lumbar_height(jp: Parameters, height: float) -> float:
-    """Metres from the floor to the lumbar joint of the upright person."""
+    """Compute the height (m) of the lumbar joint above the floor of the upright subject."""
     thighs = [
         jp.centre(f"hip_{s}", f"thigh_{s}")[1] - jp.centre(f"knee_{s}", f"thigh_{s}")[1]
         for s in SIDES
@@ -230,9 +234,7 @@ def _fit_leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
 
 
 def _fit_foot(model: SubjectModel, side: str) -> FittedMesh:
-    """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the
-    toe.
-    """
+    """Fit the foot mesh: ankle centre, upright at zero nominal coordinates, x to the toe."""
     foot, talus = f"foot_{side}", f"talus_{side}"
     upright = compute_upright_poses(model.nominal)[0][foot][:, 1].copy()
     axes, origins = compute_upright_poses(model.parameters)
@@ -247,8 +249,9 @@ def _fit_foot(model: SubjectModel, side: str) -> FittedMesh:
 
 
 def compute_upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates
-    zero.
+    """Compute segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin.
+
+    All coordinates are zero.
     """
     axes, origins = body_poses(parameters, np.zeros((1, len(COORDINATES))))
     return {s: x[..., 0] for s, x in axes.items()}, {s: x[..., 0] for s, x in origins.items()}
@@ -269,9 +272,7 @@ def _fit_arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> li
 
 
 def locate_wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
-    """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share
-    of body height.
-    """
+    """Locate the (3,) m wrist in the forearm: its landmark, else by a share of body height."""
     known = model.landmarks.get(f"wrist_{side}")
     if known is not None and known[0] == f"forearm_hand_{side}":
         return known[1]
@@ -281,7 +282,13 @@ def locate_wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
 
 
 def read_body_meshes() -> BodyMeshes:
-    """Read the human meshes of the installed example-robot-data; capsules for those it lacks."""
+    """Read the human meshes of the installed example-robot-data.
+
+    Returns
+    -------
+    BodyMeshes
+        With capsules for missing meshes.
+    """
     files = _find_files()
     meshes, replaced = {}, []
     for name in MESHES:
@@ -298,7 +305,7 @@ def read_body_meshes() -> BodyMeshes:
 
 
 def _check_mesh(name: str, mesh: Mesh) -> Mesh:
-    """ValueError for a mesh of another shape or unit than the one that is placed here."""
+    """Raise ValueError if a mesh has another shape or unit than expected."""
     low, high = MESHES[name]
     slack = _SLACK * (high - low).max()
     low_off, high_off = (
@@ -320,9 +327,12 @@ def _find_files() -> dict[str, Path]:
 
 
 def read_stl(content: bytes) -> Mesh:
-    """A binary STL, equal corners joined.
+    """Read a binary STL and join equal corners.
 
-    Raises ValueError: It is none, or is cut off.
+    Raises
+    ------
+    ValueError
+        The content is not a binary STL, or is truncated.
     """
     count = int.from_bytes(content[80:84], "little")
     if len(content) < 84 + count * _STL.itemsize or count == 0:
@@ -343,7 +353,7 @@ def read_stl(content: bytes) -> Mesh:
 
 
 def make_round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
-    """A body of revolution that fills a box: an ellipsoid, or with `blunt` 2 nearly a capsule."""
+    """Make a body of revolution in a box: an ellipsoid, or with `blunt` 2 nearly a capsule."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)[1:-1]
     longitude = np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False)
     radius = np.cos(latitude) ** (1.0 / blunt)
@@ -372,10 +382,9 @@ def make_round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
 
 
 def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
-    """The shape with at most so many triangles: corners that share a cell of a grid become their
-    mean.
+    """Reduce a mesh to at most `most` triangles by averaging corners in cells of a grid.
 
-    A mesh that has no more is returned as it is.
+    A mesh with no more triangles is returned unchanged.
     """
     if len(mesh.triangles) <= most:
         return mesh

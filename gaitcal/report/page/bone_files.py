@@ -1,12 +1,12 @@
-"""Where bones come from: the package `myo-sim` if it is installed, or OpenSim's `Geometry` folder.
+"""Read bone meshes from the package `myo-sim`, if installed, or from OpenSim's `Geometry` folder.
 
-Both hold the bones of the same musculoskeletal models (Rajagopal et al. 2016 and its forerunners),
-in metres, each in the frame of its body; only right bones are read, left ones are their mirror
-images. `myo-sim` is never imported, as that would load a physics engine: only its files are read.
+Both contain the bones of the same musculoskeletal models (Rajagopal et al. 2016 and earlier ones),
+in metres, in the frame of each body. Only right bones are read; left ones are mirror images.
+`myo-sim` is not imported, as that would load a physics engine.
 
-`.vtp` files (VTK XML PolyData) hold numbers as text, or as base64 behind a header that counts their
-bytes, with or without zlib. Polygons of more than three corners become fans of triangles. Data
-appended behind the XML is not read: OpenSim's files have none.
+`.vtp` files (VTK XML PolyData) contain numbers as text, or as base64 after a header with their byte
+counts, with or without zlib. Polygons with more than three corners become fans of triangles. Data
+appended after the XML are not read: OpenSim's files have none.
 """
 
 import base64
@@ -62,21 +62,19 @@ NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")
 
 @dataclass(frozen=True)
 class BoneMeshes:
-    """Bones of the right side and the middle."""
+    """Bones of the right side and of the middle."""
 
     meshes: dict[str, Mesh]  # As they are in the files, m: landmarks are found on these
     source: str  # Where they are from, for the page
     licence: str  # Text of their licence; empty where the source has none
 
     def reduce_bone(self, bone: str) -> Mesh:
-        """The bone with as many triangles as the page shows of it."""
+        """Reduce a bone to the number of triangles on the page."""
         return with_fewer_triangles(self.meshes[bone], _FILES[bone][1])
 
 
 def find_installed_bones() -> BoneMeshes | None:
-    """The bones of the installed `myo-sim`; None where it is not installed, or no longer has what
-    is needed.
-    """
+    """Find the bones of the installed `myo-sim`; None if it is missing or incomplete."""
     try:
         package = distribution(PACKAGE)
     except PackageNotFoundError:
@@ -94,10 +92,23 @@ def find_installed_bones() -> BoneMeshes | None:
 
 
 def read_bone_folder(folder: Path) -> BoneMeshes:
-    """The bones of a folder of `.vtp` or `.stl` files with OpenSim's names.
+    """Read a folder of `.vtp` or `.stl` files with OpenSim's names.
 
-    Raises InputError: No such folder, a file that is no surface, a bone that is needed is missing,
-    or the unit is not the metre.
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    BoneMeshes
+        Bones, m.
+
+    Raises
+    ------
+    InputError
+        The folder is missing, a file is not a surface, a required bone is missing, or the unit is
+        not the metre.
     """
     if not folder.is_dir():
         message = "found no such folder; allowed: OpenSim's `Geometry`, or one like it"
@@ -139,9 +150,12 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
 
 
 def read_vtp(content: bytes) -> Mesh:
-    """A surface; its polygons as triangles.
+    """Read a surface, with polygons as triangles.
 
-    Raises ValueError: It is no such file, is damaged, or is packed in a way that is not read here.
+    Raises
+    ------
+    ValueError
+        The content is not such a file, is damaged, or has an unsupported encoding.
     """
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("a document type, which no geometry file needs")
@@ -173,7 +187,7 @@ def read_vtp(content: bytes) -> Mesh:
 
 
 def _split_polygons(corners: IntArray, ends: IntArray) -> IntArray:
-    """(nt, 3) triangles of polygons whose corners stand one after the other, up to each end."""
+    """Split polygons, given by consecutive corners up to each end, into (nt, 3) triangles."""
     starts = np.concatenate([[0], ends[:-1]]) if len(ends) else ends
     if len(ends) and (np.any(np.diff(ends) < 0) or ends[0] < 0 or ends[-1] > len(corners)):
         raise ValueError("polygons beyond the corners")
@@ -208,8 +222,10 @@ def _read_array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.ge
 
 
 def _decode_blocks(text: str, counts: np.dtype[np.generic]) -> bytes:
-    """Header: number of blocks, their size, size of the last, then each block's packed size;
-    encoded by itself.
+    """Decode compressed blocks of base64.
+
+    The header is encoded separately: number of blocks, block size, size of the last block, then the
+    compressed size of each block.
     """
 
     def encoded(size: int) -> int:

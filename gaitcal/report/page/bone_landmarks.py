@@ -1,4 +1,4 @@
-"""Landmarks of a bone, found on its own surface, and where the same landmarks lie in a person.
+"""Find landmarks on the surface of bones, and locate the same landmarks in a subject.
 
 Bones are those of the right side in the axes of OpenSim's models: x forward, y up, z to the right,
 m.
@@ -20,11 +20,11 @@ m.
 A sphere |p - c|^2 = r^2 is linear in (c, r^2 - c.c) and solved by least squares; so is a circle in
 two coordinates.
 
-A person's landmarks are those of the static trial and the joint centres, in the segment frames. The
-knee is the middle between the epicondyles and the line through them, as palpated, and no fitted
-axis: a bone that stands on these shows whether the fitted knee axis passes through its condyles.
-Hip centres, which nobody can palpate, are the fitted ones. A marker's centre lies its radius off
-the skin; epicondyles, malleoli and spines are taken that much nearer.
+The landmarks of a subject are those of the static trial and the joint centres, in segment frames.
+The knee is given by the palpated epicondyles, not by the fitted axis: a bone placed this way shows
+whether the fitted knee axis passes through its condyles. Hip centres cannot be palpated and are the
+fitted ones. The centre of a marker is its radius away from the skin, and epicondyles, malleoli and
+spines are corrected for it.
 """
 
 from collections.abc import Mapping
@@ -58,7 +58,7 @@ _PARTS = 5  # Parts of a triangle's side between points spread over it
 
 
 class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
-    """A surface is not the bone it should be."""
+    """A surface does not show a landmark of its bone."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Condyles:
 
 @dataclass(frozen=True)
 class HipBone:
-    """The right half of a pelvis; every place (3,) m."""
+    """The right half of a pelvis; every position (3,) m."""
 
     socket: Array
     asis: Array
@@ -109,7 +109,7 @@ class HipBone:
 
 @dataclass(frozen=True)
 class ShankBones:
-    """Tibia and fibula, in one frame; every place (3,) m."""
+    """Tibia and fibula, in one frame; every position (3,) m."""
 
     plateau: Array
     medial: Array  # Malleolus
@@ -117,22 +117,20 @@ class ShankBones:
 
 
 def compute_volume(mesh: Mesh) -> float:
-    """m^3, positive where the corners of the triangles go round counter-clockwise seen from
-    outside.
-    """
+    """Compute the volume, m^3; positive if corners are counter-clockwise seen from outside."""
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
 def compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
-    """(nt, 3) outward normals as long as the area (m^2), and (nt, 3) the triangles' middles, m."""
+    """Compute (nt, 3) outward normals, length = area (m^2), and (nt, 3) centroids (m)."""
     corners = mesh.vertices[mesh.triangles]
     outward = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return outward * (1.0 if compute_volume(mesh) > 0 else -1.0), corners.mean(axis=1)
 
 
 def _compute_vertex_normals(mesh: Mesh) -> Array:
-    """(nv, 3) outward unit vectors, the triangles around weighted by their area."""
+    """Compute (nv, 3) outward unit normals, averaged over adjacent triangles by area."""
     faces, _ = compute_face_normals(mesh)
     sums = np.zeros_like(mesh.vertices)
     for k in range(3):
@@ -142,11 +140,9 @@ def _compute_vertex_normals(mesh: Mesh) -> Array:
 
 
 def _sample_surface(mesh: Mesh) -> tuple[Array, Array, Array]:
-    """Points (n, 3) spread over the whole surface, outward unit normals (n, 3) and the area (n,)
-    each stands for.
+    """Sample a surface: points (n, 3), outward unit normals (n, 3), and the area (n,) of each.
 
-    A few large triangles weigh as they should in a fit to these, which they do not by their corners
-    alone.
+    Large triangles get their weight in a fit, which their corners alone would not give.
     """
     outward, _ = compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
@@ -158,9 +154,7 @@ def _sample_surface(mesh: Mesh) -> tuple[Array, Array, Array]:
 
 
 def fit_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]:
-    """Centre (d,) and radius (m) of the sphere, or in two dimensions the circle, nearest to points
-    (n, d).
-    """
+    """Fit a sphere (in two dimensions a circle) to points (n, d): centre (d,) and radius, m."""
     root = np.ones(len(points)) if weights is None else np.sqrt(weights)
     rows = np.column_stack([2.0 * points, np.ones(len(points))]) * root[:, None]
     solution = np.linalg.lstsq(rows, np.sum(points**2, axis=1) * root, rcond=None)[0]
@@ -169,10 +163,10 @@ def fit_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]
 
 
 def is_inside(mesh: Mesh, point: Array) -> bool:
-    """Whether a point (3,) m lies inside a closed surface.
+    """Return whether a point (3,) m is inside a closed surface.
 
-    The solid angles of all triangles, seen from the point, add up to 4 pi inside and to 0 outside
-    (Van Oosterom and Strackee 1983, IEEE Trans Biomed Eng 30).
+    The solid angles of all triangles, seen from the point, sum to 4 pi inside and to 0 outside (Van
+    Oosterom and Strackee 1983, IEEE Trans Biomed Eng 30).
     """
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
@@ -187,7 +181,7 @@ def _measure_length(vertices: Array) -> tuple[float, float]:
 
 
 def find_long_bone(mesh: Mesh) -> LongBone:
-    """Head and epicondyles of a femur or humerus."""
+    """Find head and epicondyles of a femur or humerus."""
     v = mesh.vertices
     low, length = _measure_length(v)
     upper = v[:, 1] > low + (1.0 - _END) * length
@@ -216,7 +210,7 @@ def _find_head(v: Array, normals: Array, upper: BoolArray, length: float) -> Bal
 
 
 def find_condyles(mesh: Mesh) -> Condyles:
-    """The condyles of a femur."""
+    """Find the condyles of a femur."""
     bone = find_long_bone(mesh)
     points, normals, area = _sample_surface(mesh)
     low, length = _measure_length(mesh.vertices)
@@ -237,7 +231,7 @@ def find_condyles(mesh: Mesh) -> Condyles:
 
 
 def _fit_condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
-    """(n, 3) surface of one condyle, without its sides -> circle through its hind and lower part."""
+    """Fit a circle to the posterior and distal part of the surface (n, 3) of one condyle."""
     chosen = points[:, 0] < np.median(points[:, 0])
     for _ in range(_ROUNDS):
         if chosen.sum() < _FEWEST_POINTS:
@@ -258,8 +252,9 @@ def _fit_condyle(points: Array, normals: Array, area: Array, length: float) -> B
 
 
 def find_hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
-    """Acetabulum and spines of the right half of a pelvis; `head_radius` (m) of the femur that
-    belongs to it.
+    """Find acetabulum and spines of the right half of a pelvis.
+
+    `head_radius`: m, of the femoral head.
     """
     outward, middles = compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
@@ -275,7 +270,7 @@ def find_hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
 
 
 def find_shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
-    """Plateau and malleoli."""
+    """Find tibial plateau and malleoli."""
     v, normals = tibia.vertices, _compute_vertex_normals(tibia)
     low, length = _measure_length(v)
     plateau = v[(v[:, 1] > low + (1.0 - 0.5 * _END) * length) & (normals[:, 1] > _UPWARD)]
@@ -291,13 +286,12 @@ def find_shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
 
 
 def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> None:
-    """Raise `NoLandmark` for a bone that is a left one, or turned: its parts lie elsewhere to each
-    other.
+    """Raise `NoLandmark` for a left or rotated bone.
 
-    Above, a femur reaches furthest from its shaft medially, by its head; below, its condyles reach
-    further behind the shaft than before it. The fibula is lateral of the tibia, and not before it.
-    The right half of a pelvis is right of the middle, its PSIS behind the acetabulum, above it, and
-    nearer to the middle than the ASIS.
+    Proximally, a femur extends furthest from its shaft medially, by its head. Distally, its
+    condyles extend further behind the shaft than in front of it. The fibula is lateral of the
+    tibia, and not in front of it. The right half of a pelvis is right of the middle. Its PSIS is
+    behind and above the acetabulum, and nearer to the middle than the ASIS.
     """
     upper, lower = (
         _measure_reach(femur, _UPPER_SHAFT, 1.0 - _END),
@@ -318,9 +312,7 @@ def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> No
 
 
 def _measure_reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
-    """(2, 3) m by which the end of a bone reaches below and above its shaft's middle along each
-    axis.
-    """
+    """Measure the (2, 3) m extent of a bone end below and above its shaft's middle, by axis."""
     v = bone.vertices
     share = (v[:, 1] - v[:, 1].min()) / np.ptp(v[:, 1])
     between = (share > shaft[0]) & (share < shaft[1])
@@ -333,7 +325,7 @@ def _measure_reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
 
 
 class KneeEvidence(Enum):
-    """What tells where the femur's epicondyles are."""
+    """Evidence for the position of the femur's epicondyles."""
 
     BOTH = "both epicondyles"  # Markers on both
     DEVICE = "lateral epicondyle and knee alignment device"
@@ -366,7 +358,7 @@ _SHAPES = dict.fromkeys(_POINTS, (3,)) | {f"talus_{side}/foot": (3, 4) for side 
 
 @dataclass(frozen=True)
 class PersonLandmarks:
-    """Targets of the bones' landmarks."""
+    """Target positions of bone landmarks."""
 
     points: Mapping[str, Array]
     """`segment/landmark` -> (3,) m in the segment frame; `talus_r/foot` -> (3, 4), the foot's frame
@@ -375,12 +367,12 @@ class PersonLandmarks:
     knees: Mapping[str, KneeEvidence]  # Side -> where its epicondyles are from
 
     def point(self, segment: str, landmark: str) -> Array:
-        """(3,) m."""
+        """Return a landmark, (3,) m."""
         return self.points[f"{segment}/{landmark}"]
 
     @property
     def complete(self) -> bool:
-        """Whether all is there that bones need, of the right size and finite."""
+        """Whether all required landmarks exist, with the right shape and finite."""
         return set(self.knees) == set(SIDES) and all(
             name in self.points
             and self.points[name].shape == shape
@@ -390,7 +382,7 @@ class PersonLandmarks:
 
 
 def collect_person_landmarks(model: SubjectModel) -> PersonLandmarks:
-    """The targets of a person's bones."""
+    """Collect the target landmarks of a subject's bones."""
     fitted = model.parameters
     radius = JointWidths.of(model.subject).marker_radius
     lumbar = fitted.centre("back", "head_trunk")
@@ -430,9 +422,10 @@ def _get_landmark(model: SubjectModel, landmark: str, segment: str) -> Array | N
 def _locate_hinge(
     model: SubjectModel, segment: str, joint: str
 ) -> tuple[Array | None, Array, bool]:
-    """Of a hinge (`knee`, `ankle`) in the segment above or below it: middle, half its width, and
-    whether both markers tell; the middle (3,) m None where no marker does, the half (3,) m from
-    there to the lateral end.
+    """Locate a hinge (`knee`, `ankle`) in an adjacent segment.
+
+    Returns the (3,) m middle (None without markers), the (3,) m half width to the lateral end, and
+    whether both markers exist.
     """
     side, widths = segment[-1], JointWidths.of(model.subject)
     lateral, medial = (
@@ -470,7 +463,7 @@ def _locate_knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], Knee
 
 
 def _locate_ankle(model: SubjectModel, side: str) -> dict[str, Array]:
-    """The shank's origin is the middle of the knee in the static trial."""
+    """Locate knee and ankle; the shank's origin is the middle of the knee in the static trial."""
     middle, half, _ = _locate_hinge(model, f"shank_{side}", "ankle")
     middle = (
         model.nominal.centre(f"talocrural_{side}", f"shank_{side}") if middle is None else middle
@@ -485,7 +478,7 @@ def _locate_ankle(model: SubjectModel, side: str) -> dict[str, Array]:
 
 
 def _locate_foot(model: SubjectModel, side: str) -> dict[str, Array]:
-    """Ankle centre, upward direction and the line of heel and toe (x) at zero nominal coordinates."""
+    """Locate ankle centre, upward direction and heel-toe line (x) at zero nominal coordinates."""
     foot, talus = f"foot_{side}", f"talus_{side}"
     axes, origins = compute_upright_poses(model.nominal)
     into_foot, in_talus = axes[foot], axes[talus]

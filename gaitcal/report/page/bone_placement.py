@@ -1,22 +1,21 @@
-"""Bones laid over a person's landmarks.
+"""Place bones on a subject's landmarks, and compare knee axes with the femoral condyles.
 
 For every bone an affine map from its own frame to a segment's. With y the direction between the two
 ends of a bone, z to its right across y (`segment_frames.frame_yz`), R the axes in the bone and R'
 those in the person, and b, b' the lower ends,
 
-    p' = b' + R' diag(l, l, w) R^T (p - b),      l = ratio of the lengths, w = ratio of the widths across y.
+    p' = b' + R' diag(l, l, w) R^T (p - b)
+    l = ratio of the lengths, w = ratio of the widths across y
 
-So both ends and the turn about the length are the person's. In the sagittal plane a bone is scaled
-alike in both directions: round condyles stay round. The slope of the epicondyles against the length
-stays the bone's, since palpation tells it worse than anatomy does: two markers 10 mm apart in
-height are 7 degrees; what remains between epicondyle and marker is `KneeAxis.misfit`. The pelvis
-has four landmarks in space (both hips, mid-ASIS, mid-PSIS) and the affine map that meets them all.
-The foot is scaled alike in all directions, about the ankle.
+Both ends and the rotation about the length thus follow the subject. In the sagittal plane a bone is
+scaled equally in both directions, so that round condyles stay round. The inclination of the
+epicondylar line to the length stays that of the bone, as palpation is less accurate than anatomy:
+10 mm between two markers in height are 7 degrees. The remaining distance of epicondyle and marker
+is `KneeAxis.misfit`. The pelvis has four landmarks (both hips, mid-ASIS, mid-PSIS) and the affine
+map that meets all of them. The foot is scaled equally in all directions, about the ankle.
 
-Whether a knee's axis lies in the condyles of the femur: distances and angle of both axes, and what
-is said of them.
-
-For an axis through a with direction u, and the centre m of a condyle of the femur,
+The position of a knee axis relative to the condyles is given by its distances from their centres
+and its angle to the line through them. For an axis through a with direction u, and the centre m of a condyle of the femur,
 
     foot of m:  f = a + u (u.(m - a)),      offset = f - m,      distance = |offset|,
 
@@ -64,7 +63,7 @@ _ALLOWED_FOOT = (0.8, 1.25)
 
 @dataclass(frozen=True)
 class Landmarked:
-    """Bones with the landmarks found on them."""
+    """Bones with their landmarks."""
 
     bones: bone_files.BoneMeshes
     femur: bone_landmarks.LongBone
@@ -74,7 +73,7 @@ class Landmarked:
 
     @property
     def foot_length(self) -> float:
-        """M, from heel to the end of the toes."""
+        """Distance of heel and toes, m."""
         foot = self.bones.meshes["foot"].vertices[:, 0]
         toes = (
             self.bones.meshes["toes"].vertices[:, 0] + TOES_IN_FOOT[0]
@@ -85,10 +84,12 @@ class Landmarked:
 
 
 def find_landmarks(bones: bone_files.BoneMeshes) -> Landmarked:
-    """Bones with their landmarks.
+    """Find the landmarks of all bones.
 
-    Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it
-    should have.
+    Raises
+    ------
+    InputError
+        A bone lacks a landmark: its shape, unit or direction is not as expected.
     """
     femur, tibia, fibula, pelvis = (
         bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis")
@@ -122,7 +123,7 @@ class _Ends:
 
 
 def _map_between(bone: _Ends, person: _Ends) -> Array:
-    """(3, 4) affine map from a bone to a person."""
+    """Return the (3, 4) affine map from a bone to a subject."""
     frames, lengths, widths = [], [], []
     for ends in (bone, person):
         along = ends.upper - ends.lower
@@ -136,23 +137,23 @@ def _map_between(bone: _Ends, person: _Ends) -> Array:
 
 
 def apply_map(place: Array, points: Array) -> Array:
-    """(..., 3) points through a (3, 4) map."""
+    """Apply a (3, 4) map to points (..., 3)."""
     out: Array = points @ place[:, :3].T + place[:, 3]
     return out
 
 
 def _mirror_map(place: Array, side: str) -> Array:
-    """The map for the mesh of the right bone, from the map for the mirrored one on the left."""
+    """Convert the map of a mirrored left bone to the map of the mesh of the right bone."""
     return place if side == "r" else np.column_stack([place[:, :3] * MIRROR[side], place[:, 3]])
 
 
 def _shift_map(place: Array, offset: Array) -> Array:
-    """The map of a mesh whose own frame lies at `offset` in the frame that is mapped."""
+    """Return the map of a mesh whose frame has its origin at `offset` in the mapped frame."""
     return np.column_stack([place[:, :3], apply_map(place, offset)])
 
 
 def map_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
-    """(3, 4), from the femur of that side (the left one mirrored) to the thigh."""
+    """Return the (3, 4) map from the femur of that side (the left one mirrored) to the thigh."""
     bone, mirror, s, thigh = (
         bones.femur,
         MIRROR[side],
@@ -171,7 +172,7 @@ def map_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: s
 
 
 def map_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
-    """(3, 4), from tibia and fibula of that side to the shank: the plateau lies under the condyles."""
+    """Return the (3, 4) map from tibia and fibula to the shank, plateau below the condyles."""
     bone, pair, mirror, s, shank = (
         bones.shank,
         bones.condyles,
@@ -195,7 +196,7 @@ def map_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: s
 
 
 def _map_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Array:
-    """(3, 4), from the pelvis to the pelvis: hips, mid-ASIS and mid-PSIS meet theirs."""
+    """Return the (3, 4) map of the pelvis that meets hips, mid-ASIS and mid-PSIS."""
     bone, flat = bones.hip, np.array([1.0, 1.0, 0.0])
     right, left = (person.point("pelvis", f"hip_{side}") for side in SIDES)
     middle, socket = 0.5 * (right + left), bone.socket * flat
@@ -214,9 +215,7 @@ def _map_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Ar
 def _map_foot(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float
 ) -> Array:
-    """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of
-    heel and toe.
-    """
+    """Return the (3, 4) map of the foot: ankle on ankle, upright, along the heel-toe line."""
     segment = f"foot_{side}"
     up, apart = (
         person.point(segment, "up"),
@@ -234,7 +233,7 @@ def _map_foot(
 
 
 def _map_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
-    """(3, 4) of spine and ribs, from the lumbar joint to the shoulders."""
+    """Return the (3, 4) map of spine and ribs, from the lumbar joint to the shoulders."""
     right, left = (person.point("head_trunk", f"shoulder_{side}") for side in SIDES)
     return _map_between(
         _Ends(
@@ -245,9 +244,7 @@ def _map_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
 
 
 def _map_head(skull: Array, trunk: Array, vertex: Array) -> Array:
-    """(3, 4): the neck's root where the trunk's map has it, the top of the skull at the vertex;
-    alike in all axes.
-    """
+    """Return the (3, 4) map of the head: neck on the trunk, top of the skull at the vertex."""
     root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
     rise = float((vertex - apply_map(trunk, root)) @ unit(trunk[:, 1]))
     scale = rise / float(skull[:, 1].max() - root[1])
@@ -258,7 +255,7 @@ def _map_head(skull: Array, trunk: Array, vertex: Array) -> Array:
 def fit_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, height: float
 ) -> tuple[FittedMesh, ...]:
-    """All bones of a person in their segments; `height` (m) of the person."""
+    """Fit all bones of a subject into their segments; `height` (m) of the subject."""
     there = bones.bones.meshes
     pelvis = _map_pelvis(bones, person)
     out = [
@@ -334,18 +331,18 @@ PALPATION_M = 0.008
 21:226-237, 2005, give 6 to 21 mm for landmarks of the leg, all directions together)."""
 _STANDS = {
     bone_landmarks.KneeEvidence.BOTH: (
-        "The femur stands on the markers of both epicondyles and on the fitted hip centre."
+        "The femur is placed by the markers of both epicondyles and by the fitted hip centre."
     ),
     bone_landmarks.KneeEvidence.DEVICE: (
-        "The femur stands on the lateral epicondyle's marker, the knee alignment device and the "
+        "The femur is placed by the lateral epicondyle's marker, the knee alignment device and the "
         "fitted hip centre."
     ),
     bone_landmarks.KneeEvidence.LATERAL: (
-        "Only the lateral epicondyle has a marker: the femur's turn is assumed from the pelvis, "
-        "and proves nothing."
+        "Only the lateral epicondyle has a marker: the femur's rotation is assumed from the "
+        "pelvis, and proves nothing."
     ),
     bone_landmarks.KneeEvidence.NOMINAL: (
-        "No landmark of this knee is known: the femur stands on the nominal one, and proves "
+        "No landmark of this knee is known: the femur is placed by the nominal knee, and proves "
         "nothing."
     ),
 }
@@ -362,7 +359,7 @@ _PASSES = {
 
 @dataclass(frozen=True, kw_only=True)
 class AxisInCondyle:
-    """One axis at one condyle."""
+    """Position of an axis at one condyle."""
 
     distance: float  # m from the condyle's centre to the axis
     radius: float  # m of the condyle's circle
@@ -375,7 +372,7 @@ class AxisInCondyle:
 
 @dataclass(frozen=True, kw_only=True)
 class AxisInKnee:
-    """One axis at both condyles."""
+    """Position of an axis at both condyles."""
 
     medial: AxisInCondyle
     lateral: AxisInCondyle
@@ -393,7 +390,7 @@ class AxisInKnee:
 
 @dataclass(frozen=True, kw_only=True)
 class KneeAxis:
-    """One knee."""
+    """The axes of one knee relative to its condyles."""
 
     side: str
     evidence: bone_landmarks.KneeEvidence
@@ -408,7 +405,7 @@ class KneeAxis:
 def measure_knee_axes(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, joints: tuple[scene.JointMark, ...]
 ) -> tuple[KneeAxis, ...]:
-    """Right and left knee."""
+    """Measure the axes of right and left knee relative to the condyles."""
     out = []
     bone, pair = bones.bones.meshes["femur"], bones.condyles
     for side in SIDES:
@@ -452,9 +449,7 @@ def _measure_axis(
     centre_spread: Array,
     axis_spread: Array,
 ) -> AxisInKnee:
-    """The axis through `start` (3,) m along `direction`; spreads as in `JointMark`, NaN where not
-    known.
-    """
+    """Measure the axis through `start` (3,) m along `direction`; spreads as in `JointMark`."""
     across = np.eye(3) - np.outer(direction, direction)
     tilted = axis_spread @ axis_spread.T
 
@@ -482,7 +477,7 @@ def _measure_axis(
 
 
 def describe_knee(knee: KneeAxis) -> list[str]:
-    """Where fitted and nominal axis pass, beside the picture of the knee, and what that proves."""
+    """Describe where fitted and nominal axis pass the condyles, and the evidence for it."""
     lines = [] if knee.fitted else ["Not fitted: the axis is the nominal one"]
     for name, axis in (("Fitted (solid)", knee.fitted), ("Nominal (dashed)", knee.nominal)):
         if axis is not None:
@@ -497,8 +492,8 @@ def describe_knee(knee: KneeAxis) -> list[str]:
     # directions across the axis.
     uncertainty = 1e3 * math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
     sure = (
-        f"Its place is uncertain by about {uncertainty:.0f} mm; the nominal axis lies in it by "
-        "construction."
+        f"Its position is uncertain by about {uncertainty:.0f} mm; the nominal axis is inside it "
+        "by construction."
     )
     return [*lines, f"{_STANDS[knee.evidence]} {sure}"]
 

@@ -1,6 +1,4 @@
-"""Preset Joints: where the joints lie and what the segments weigh, nominal, fitted, and of a
-made-up person true.
-"""
+"""Preset Joints: nominal, fitted and (synthetic subjects) true joint and inertial parameters."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -33,13 +31,13 @@ MOVED = (
 )
 TRUE = " A ring around a dot: calibration found the truth; around zero: the nominal value was true."
 COHORT = (
-    "What the trials leave open, these joints take from {people} people of a cohort ({file}), "
-    "whose mean may lie "
-    "beside the nominal values; which parts of the body it teaches of: preset Provenance."
+    "Parameters that the trials do not determine follow {people} people of a cohort ({file}), "
+    "whose mean may differ "
+    "from the nominal values. Parts of the body with cohort data: preset Provenance."
 )
 NOT_CALIBRATED = (
-    "Joint parameters were not calibrated: all joints lie where the static trial and the "
-    "regressions put them."
+    "Joint parameters were not calibrated: all joint positions come from the static trial and the "
+    "regressions."
 )
 INERTIAL_FILE = (
     "All values, by the names that the other files use: parameters.csv (moments of inertia there "
@@ -57,7 +55,7 @@ SIDE_TITLES = {"r": "Right", "l": "Left", "": "Parameter"}
 
 
 def build_joint_blocks(calibration: result.Calibration) -> list[Block]:
-    """All of the preset: what was fitted, how far it moved, how sure it is, and how near the truth."""
+    """Build the preset: fitted parameters, changes, standard errors, differences from the truth."""
     errors = (
         ""
         if calibration.standard_errors or not calibration.trials
@@ -91,7 +89,7 @@ def _build_joints(calibration: result.Calibration, truth: Mapping[str, float]) -
     legs = [group for group in groups if (group.right or group.left)[0].part in linkage.LEG_JOINTS]
     others = [group for group in groups if group not in legs]
     out = [
-        make_heading("Joint parameters: where the joints lie"),
+        make_heading("Joint parameters: positions and axes of the joints"),
         make_text(MOVED + (TRUE if truth else ""), "soft"),
     ]
     if (prior := calibration.study.joint_prior) is not None:
@@ -112,9 +110,7 @@ def _build_joint_values(
     groups: Sequence[parameter_labels.ParameterGroup],
     truth: Mapping[str, float],
 ) -> list[Block]:
-    """How far each parameter moved, in pictures of positions and orientations, and all values in
-    tables.
-    """
+    """Build pictures of changes of positions and orientations, and tables of all values."""
     settings = calibration.study.settings
     rows = [
         r
@@ -152,7 +148,7 @@ def _build_interval(
 def _build_tables(
     group: parameter_labels.ParameterGroup, truth: Mapping[str, float], percent: bool = False
 ) -> list[Block]:
-    """Right beside left; one table where there are no sides. `percent`: changes also in percent."""
+    """Build tables of both sides side by side; `percent`: changes also in percent."""
     sided = bool(group.left) or not percent
     out = []
     for rows in (group.right, group.left):
@@ -235,9 +231,9 @@ def _build_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Bl
     out = [
         make_heading("How near the truth"),
         make_text(
-            "This person is made up, so that what a calibration should find is known: the study "
-            "file names it. What "
-            "pictures, tables and curves call truth is that; nothing of it was used to calibrate. "
+            "This subject is synthetic, so that the true values are known: the study file declares "
+            "them. Pictures, "
+            "tables and curves call them truth; the calibration did not use them. "
             f"{truth_comparison.settings_sentence(calibration)} "
             f"{truth_comparison.truth_sentence(truth)}"
         ),
@@ -299,7 +295,7 @@ def _build_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Bl
 
 
 def _count_frames(rows: Iterable[truth_comparison.CurveRow]) -> str:
-    """`all 415 frames`, or those that the truth has."""
+    """Count the compared frames in words: `all 415 frames`, or those of the truth."""
     some, every = min(
         (int(r.angle.compared.sum()), len(r.angle.compared)) for r in rows if r.angle is not None
     )
@@ -311,7 +307,7 @@ def _count_frames(rows: Iterable[truth_comparison.CurveRow]) -> str:
 
 
 def _collect_curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, Errors]]:
-    """Words, side and errors of each curve that was compared."""
+    """Collect title, side and errors of each compared curve."""
     out = []
     for curve in curves:
         if curve is not None and curve.rms is not None and curve.nominal_rms is not None:
@@ -328,9 +324,7 @@ def _collect_curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str
 
 
 def _format_fitted_error(value: float, farther: bool, digits: int = 1) -> Cell:
-    """An error after calibration; where it led away from the truth, by as much as is shown, that is
-    said.
-    """
+    """Format an error after calibration, marked if calibration increased it visibly."""
     return (
         make_cell(f"farther: {format_number(value, digits)}", tone="look")
         if farther
@@ -339,7 +333,7 @@ def _format_fitted_error(value: float, farther: bool, digits: int = 1) -> Cell:
 
 
 def _build_two_sided_table(title: str, found: Iterable[tuple[str, str, Errors]]) -> Block:
-    """One row for both sides of the body."""
+    """Build a table with one row for both sides of the body."""
     rows: dict[str, dict[str, list[Cell]]] = {}
     for words, side, (nominal, fitted, within) in found:
         farther = round(fitted, 1) > round(nominal, 1)

@@ -1,9 +1,8 @@
-"""What a reader asks first of walks and of the whole result: three lines on top, preset Clinician.
+"""Preset Clinician: three lines on top of the page, valid strides, and how to read the page.
 
-Of complete strides: which have moments throughout, on which plate, and in words why others have
-not. A frame of a leg does not count where its foot is down without a plate of its own, or on one
-that does not carry the whole of it (`dynamics/ground_reactions.py`). Of a stride that has such
-frames the kind that takes most of them is told.
+A stride is valid if the moments of its leg are valid throughout. A frame of a leg is not valid if
+its foot is on the ground without a plate, or on a plate that does not carry all of it
+(`dynamics/ground_reactions.py`). The reason of an invalid stride is that of most of its frames.
 """
 
 from collections import Counter
@@ -56,7 +55,7 @@ PART = "part of the stance beside the plate"
 SEATED = "on a seat"
 NOT_WHOLLY = "foot not wholly on a plate of its own"
 ENDS = "at the end of the recording"
-UNSEEN = "markers do not show the leg"
+UNSEEN = "the leg lacks visible markers"
 # s: frames this near to an end of a trial are lost with the ends of its splines and filters
 NEAR_END = 0.3
 
@@ -75,7 +74,7 @@ class StrideUse:
 
 
 def collect_stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
-    """Of every complete stride, right ones first; none of an isolated trial."""
+    """Collect every complete stride, right ones first; none of a functional trial."""
     if trial.joint is not None:
         return ()
     bent = {(s.side, s.number) for s in trial.strides if turns(s.turn)}
@@ -99,7 +98,10 @@ def collect_stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
 
 
 def summarise_usable_strides(uses: Iterable[StrideUse]) -> str:
-    """`Usable for moments: 1 of 4 right, 2 of 4 left strides; others: foot beside the plate.`"""
+    """Summarise the strides with valid moments.
+
+    `Usable for moments: 1 of 4 right, 2 of 4 left strides; others: foot beside the plate.`
+    """
     if not (uses := tuple(uses)):
         return "No complete stride."
     of_sides = {side: [use for use in uses if use.side == side] for side in SIDES}
@@ -120,7 +122,7 @@ def summarise_usable_strides(uses: Iterable[StrideUse]) -> str:
 
 
 def list_reasons(uses: Iterable[StrideUse]) -> str:
-    """Why strides are not whole, the most frequent reason first; empty where all are."""
+    """List the reasons of invalid strides, the most frequent first."""
     return listed(
         [reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()]
     )
@@ -129,7 +131,7 @@ def list_reasons(uses: Iterable[StrideUse]) -> str:
 def _check_stride(
     trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle
 ) -> tuple[str, str]:
-    """Plates and reason of one stride."""
+    """Return the plates of one stride, and the reason if it is not valid."""
     if trial.loads is None:
         return "", NO_PLATES
     time, found = trial.body.time, trial.loads.reactions
@@ -161,10 +163,10 @@ def _check_stride(
 
 
 KNEE_ADDUCTION = "knee_adduction"
-"""The moment that is told in full; external adduction is the opposite of the internal moment."""
+"""The moment reported in full; external adduction is the opposite of the internal moment."""
 GOOD_RATIO = 1.4
-"""Marker error over what each joint by itself reaches: up to this it is told to be good. What is
-larger is not judged here: an amber or red line is a reason of the verdict."""
+"""Marker error divided by the joint floor: up to this ratio the fit is called good. Larger ratios
+are not assessed here: an amber or red line is a reason of the verdict."""
 TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
 TONE_ORDER = ("plain", "good", "look", "poor")
 NO_FORCES = "No joint moments and powers: this trial has no force plates."
@@ -174,23 +176,21 @@ NO_ERRORS = (
     "bands."
 )
 HOW_TO_READ = (
-    "0 to 100 % of the gait cycle go from a foot strike to the next strike of the same foot, for "
-    "each foot by "
-    "itself. Moments are internal, those of muscles and ligaments, unless the switch says "
-    "external; the axes "
-    "of the curves say what is positive. %BW·H is percent of body weight times body height. The "
-    "switches do "
-    "not change the files.",
+    "The gait cycle of each foot runs from a foot strike (0 %) to the next strike of that foot "
+    "(100 %). Moments "
+    "are internal, those of muscles and ligaments, unless the switch is set to external. Labels at "
+    "the axes of the "
+    "curves give the positive direction. %BW·H is percent of body weight times body height. The "
+    "switches do not change the files.",
     "Bands about curves are ±1 standard error. A mean over strides has a band of one standard "
-    "deviation, "
-    "which holds measurement errors as well.",
+    "deviation, which includes measurement errors.",
 )
 Line = dict[str, str]  # `tone`: `good`, `look`, `poor` or `plain`; `text`
 
 
 @dataclass(frozen=True, kw_only=True)
 class GaitNumbers:
-    """Of one whole-body trial; without valid torques nothing but its layout."""
+    """Numbers of one whole-body trial; only its layout without valid torques."""
 
     trial: TrialResult
     layout: Layout
@@ -204,7 +204,7 @@ class GaitNumbers:
 
 
 def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
-    """The numbers of a walk; None of an isolated trial."""
+    """Compute the numbers of a walk; None for a functional trial."""
     if trial.joint is not None:
         return None
     loads = trial.loads
@@ -227,7 +227,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
 
 
 def collect_walks(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
-    """The numbers of every walk."""
+    """Collect the numbers of every walk."""
     return tuple(
         walk for trial in trials if (walk := compute_gait_numbers(model, trial)) is not None
     )
@@ -236,21 +236,19 @@ def collect_walks(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[G
 def _find_worst_fit(
     trials: Sequence[TrialResult],
 ) -> tuple[trial_result.RmsErrors, TrialResult] | None:
-    """Of the walk, or other trial, that is met worst against what its joints, or rigid segments,
-    could reach.
-    """
+    """Find the trial with the largest marker error relative to its floor; walks first."""
     whole = [t for t in trials if t.joint is None] or list(trials)
     fits = [(fit, t) for t in whole if (fit := trial_result.leg_fit(t)).calibrated is not None]
     return max(fits, key=lambda pair: _compute_ratio(pair[0]) or 0.0) if fits else None
 
 
 def _compute_ratio(fit: trial_result.RmsErrors) -> float | None:
-    """Over the joint floor, as three markers a segment make a low rigid floor whatever the joints."""
+    """Compute the ratio to the joint floor; three markers a segment give a low rigid floor."""
     return fit.ratio if fit.joint_ratio is None else fit.joint_ratio
 
 
 def _find_largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
-    """The walk whose residual is largest against its limit."""
+    """Find the walk with the largest residual relative to its limit."""
     found = [walk for walk in walks if walk.stages]
     return (
         max(found, key=lambda w: 0.0 if w.expected is None else w.expected.share) if found else None
@@ -258,8 +256,7 @@ def _find_largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
 
 
 def build_top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list[Line]:
-    """The three lines at the top of the page: can it be believed, does it fit, and what of the
-    moments counts.
+    """Build the three lines on top of the page: verdict, agreement, valid moments.
 
     `peaks`: of the straight strides (`gait/peaks.py`), moments in N·m.
     """
@@ -270,9 +267,7 @@ def build_top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list
 def build_further_lines(
     model: SubjectModel, trials: Sequence[TrialResult], peaks: Sequence[PeakMean]
 ) -> list[Line]:
-    """How these trials agree with the model, and what of their moments counts: below the line of
-    the verdict.
-    """
+    """Build the lines on agreement and valid moments of further trials."""
     walks = collect_walks(model, trials)
     return [
         _describe_agreement(trials, walks),
@@ -293,18 +288,15 @@ def _describe_verdict(calibration: Calibration) -> Line:
         )
     words += f". {verdict.sentence}"
     if not calibration.converged:
-        tone, words = (
-            "poor",
-            f"Not converged: do not use these numbers before that is settled. {words}",
-        )
+        tone, words = ("poor", f"Not converged: do not use these numbers. {words}")
     return {"tone": tone, "text": replace_control_characters(words)}
 
 
-WIDE_LIMITS: Final = "; limits are wide, as no marker tells how trunk and arms move"
+WIDE_LIMITS: Final = "; limits are wide, as trunk and arms have no markers"
 
 
 def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> Line:
-    """How near the model is to the markers of these trials, and to the forces of these walks."""
+    """Describe the agreement of the model with markers and ground forces."""
     tones, words = [], []
     if (worst := _find_worst_fit(trials)) is not None:
         fit, trial = worst
@@ -342,9 +334,9 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
 def _describe_valid_moments(
     mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMean]
 ) -> Line:
-    """Strides with valid moments, and the peak knee adduction moment of each leg. `mass`: kg."""
+    """Describe strides with valid moments, and the peak knee adduction moments; `mass`: kg."""
     if not walks:
-        return {"tone": "plain", "text": "No walk: joint parameters alone."}
+        return {"tone": "plain", "text": "No walk: joint parameters only."}
     loaded = [walk for walk in walks if walk.numbers]
     if not loaded:
         plates = any(walk.trial.loads is not None for walk in walks)
@@ -353,7 +345,7 @@ def _describe_valid_moments(
             if plates
             else "there are no force plates"
         )
-        return {"tone": "plain", "text": f"Angles alone count, no moments: {why}."}
+        return {"tone": "plain", "text": f"Angles only, no moments: {why}."}
     words = summarise_usable_strides(
         [use for walk in loaded for use in collect_stride_uses(walk.trial)]
     )
@@ -372,7 +364,7 @@ def _describe_valid_moments(
 
 
 def _format_peak(peak: PeakMean, mass: float) -> str:
-    """`right 0.42 ± 0.03 (4 of 5 strides)`."""
+    """Format a peak: `right 0.42 ± 0.03 (4 of 5 strides)`."""
     error = f" ± {format_number(peak.se / mass, 2)}" if np.isfinite(peak.se) else ""
     of = f"{peak.n} of {counted(peak.strides, 'stride')}"
     return f"{SIDE_WORDS[peak.side]} {format_number(-peak.mean / mass, 2)}{error} ({of})"
@@ -381,7 +373,7 @@ def _format_peak(peak: PeakMean, mass: float) -> str:
 def build_clinician_blocks(
     calibration: Calibration, norm: normal_bands.Norm, scores: Sequence[Score] = ()
 ) -> list[Block]:
-    """Of the whole result: how to read curves and steps, and from whom the bands are."""
+    """Build the blocks of the whole result: how to read the page, normative data, scores."""
     if all(trial.joint is not None for trial in calibration.trials):
         return []
     walked = any(
@@ -400,7 +392,7 @@ def build_clinician_blocks(
 
 
 def _build_profile(scores: Sequence[Score]) -> Block:
-    """Movement Analysis Profile and Gait Profile Score of both sides, beside healthy people's."""
+    """Build the Movement Analysis Profile and Gait Profile Scores with normative values."""
 
     def told(score: Score | None) -> str:
         if score is None:
@@ -427,7 +419,7 @@ def _build_profile(scores: Sequence[Score]) -> Block:
 
 
 def build_trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
-    """Of one walk: what tells its foot events, and why moments do not count."""
+    """Build the blocks of one walk: sources of its foot events, and why moments are not valid."""
     events, loads = walk.trial.events.events, walk.trial.loads
     out = [make_heading(f"Trial {format_name(walk.trial.name)}")]
     seen = (

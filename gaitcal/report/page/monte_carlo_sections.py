@@ -1,7 +1,7 @@
-"""The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors.
+"""Monte Carlo study in the preset Trust: ranked lists of expected errors.
 
-The page is made before any draw: blocks of a study carry a mark, so that a study that goes on
-replaces its own. Only its command reads this module, and with it the libraries of a study.
+The page exists before any draw. Blocks of a study carry a mark, so that a later run replaces them.
+Only the command of the study imports this module and its libraries.
 """
 
 from collections.abc import Mapping
@@ -46,10 +46,9 @@ OPEN: Final = (
     "(gaitcal montecarlo --until-converged)."
 )
 BESIDE: Final = (
-    "Percentiles of all draws, means with their sign, the shares of every parameter, and all of it "
-    "with the ground "
-    "reactions carried along with the foot, as a disturbed model puts it (the published study does "
-    "not say which it "
+    "Percentiles of all draws, signed means, the shares of every parameter, and the same with "
+    "ground reactions that "
+    "move with the foot of the disturbed model (the published study does not specify which it "
     "used): tables and figures of montecarlo/ in the folder of the result."
 )
 Levels = dict[tuple[Varied, str, str, str], list[dict[str, Any]]]
@@ -60,7 +59,7 @@ ordered by level.
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedError:
-    """From one source, RMS over the trial in %BW·H."""
+    """Error due to one source, RMS over the trial in %BW·H."""
 
     varied: Varied
     level: float  # Per cent of the bounds
@@ -80,7 +79,7 @@ def _make_expected_error(
 
 
 def _group_by_level(statistics: pd.DataFrame) -> Levels:
-    """The rows of each quantity with any draws."""
+    """Group the rows of each quantity with draws, ordered by level."""
     out: Levels = {}
     known = statistics[statistics["draws"] > 0].sort_values("level", kind="stable")
     for row in known.to_dict("records"):
@@ -93,11 +92,9 @@ def _group_by_level(statistics: pd.DataFrame) -> Levels:
 def collect_expected_errors(
     statistics: pd.DataFrame, marker_rms: float | None, side: str
 ) -> dict[str, tuple[ExpectedError, ...]]:
-    """Torque (`knee_adduction_l`) of one leg, ground reactions as measured -> its sources, largest
-    first, without undisturbed ones.
+    """Collect torque -> its error sources, largest first, with ground reactions as measured.
 
-    `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as
-    was studied.
+    `marker_rms`: mm, selects the level of joints and markers; None: the highest level studied.
     """
     levels = _group_by_level(statistics)
     causes = (
@@ -131,11 +128,23 @@ def add_monte_carlo(
     marker_rms: float | None = None,
     contributions: pd.DataFrame | None = None,
 ) -> dict[str, Any]:
-    """The page's data with a study in it, in the place of an earlier one.
+    """Add a study to page data, in place of an earlier one.
 
-    `marker_rms`: mm, of pelvis and legs in the trial of the study, to be read in torque errors;
-    None: not known. `contributions`: from `variance_contributions`: which parameter matters; None
-    leaves that out.
+    Parameters
+    ----------
+    data
+        Page data.
+    study
+        The Monte Carlo study.
+    marker_rms
+        mm, of pelvis and legs in the trial of the study; None: unknown.
+    contributions
+        From `variance_contributions`; None: omitted.
+
+    Returns
+    -------
+    dict
+        Page data.
     """
     sections = dict(data.get("sections", {}))
     kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]
@@ -152,7 +161,7 @@ def build_monte_carlo_blocks(
     marker_rms: float | None = None,
     contributions: pd.DataFrame | None = None,
 ) -> list[Block]:
-    """What a study says, the knee's adduction moment first."""
+    """Build the blocks of a study, the knee adduction moment first."""
     return [
         make_heading("What errors of model and markers do to the moments"),
         *_explain_study(study),
@@ -190,15 +199,15 @@ def _explain_study(study: MonteCarloStudy) -> list[Block]:
 
 
 def _rank_sources(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
-    """For each moment its sources, the largest expected error first."""
+    """Rank the sources of each moment by their expected error."""
     meaning = "Each source by itself, at the highest level of the study."
     if marker_rms is not None:
         meaning = (
             f"The calibrated model meets the markers of pelvis and legs to {format_number(marker_rms)} "
             "mm. Joints and marker "
-            "noise stand here at the level at which each by itself would have made that error, "
-            "masses and inertia, "
-            "which no marker error tells of, at the highest level of the study."
+            "noise are given at the level at which each of them alone would cause that error. "
+            "Masses and inertia have no effect on marker errors and are given at the highest level "
+            "of the study."
         )
     errors: dict[str, tuple[ExpectedError, ...]] = {}
     for side in SIDES:
@@ -257,9 +266,7 @@ def _build_source_table(
 
 
 def _build_contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
-    """The share of the most important parameters in the variance of the knee adduction moment's
-    error.
-    """
+    """Build the shares of the main parameters in the variance of the knee adduction moment."""
     of_leg, groups = variance_shares(contributions, FIXED, side)
     shares = pd.concat([of_leg.rename(index=parameter_words), groups])[f"{KNEE_ADDUCTION}_{side}"]
     first = shares.sort_values(ascending=False, kind="stable").head(MOST_PARAMETERS)

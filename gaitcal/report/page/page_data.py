@@ -1,14 +1,13 @@
-"""Everything that the page tells beside the body in motion, as plain data: `page.json` of the
-folder of a result.
+"""Page data: everything on the page except the body in motion, as `page.json` of a result.
 
-person, program     who, made when and with what
-verdict, lines      how far it can be believed; the three lines at the top of the page
-measures            what steps are called
-bands               healthy people, where they are given
-trials              curves, events, strides of each (`trial_data`), with sections of their own
-sections            preset of the page -> blocks: headings, sentences, tables, pictures of intervals
+person, program     subject; date and version
+verdict, lines      the verdict; the three lines on top of the page
+measures            titles of spatiotemporal measures
+bands               normative data, if there are any
+trials              curves, events, strides and sections of each trial (`trial_data`)
+sections            preset of the page -> blocks: headings, text, tables, pictures of intervals
 
-The page is made from it again at any time; trials of several runs of one person are joined here.
+The page can be made from it again at any time.
 """
 
 import datetime
@@ -88,10 +87,23 @@ def build_calibration_page_data(
     manifest: Mapping[str, object] | None = None,
     scores: Sequence[profile_score.Score] = (),
 ) -> dict[str, Any]:
-    """Of a calibration.
+    """Build the page data of a calibration.
 
-    `norm`: healthy people, to be drawn behind angles, moments and powers. `manifest`: versions,
-    settings and hashes of the inputs. `scores`: how far it is from the norm.
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+    norm
+        Normative data behind angles, moments and powers.
+    manifest
+        Versions, settings and input hashes.
+    scores
+        Gait Variable Scores and Gait Profile Scores.
+
+    Returns
+    -------
+    dict
+        The content of `page.json`.
     """
     truth = calibration.truth
     trials = [
@@ -118,7 +130,7 @@ def build_result_sections(
     manifest: Mapping[str, object] | None = None,
     scores: Sequence[profile_score.Score] = (),
 ) -> plain_data.Sections:
-    """Of the whole result; what belongs to one trial stands with the trial."""
+    """Build the sections of the whole result; those of one trial are stored with the trial."""
     sections = {
         "clinician": key_figures.build_clinician_blocks(calibration, norm or Norm(), scores),
         "fit": trust_sections.build_fit_blocks(calibration),
@@ -136,10 +148,25 @@ def build_further_page_data(
     relative_to: Mapping[str, float] | None = None,
     origin: provenance.Origin | None = None,
 ) -> dict[str, Any]:
-    """Of further trials of a calibrated person.
+    """Build the page data of further trials of a calibrated subject.
 
-    `relative_to`: as of `build_curves`.
-    `origin`: the calibration; None where nothing is known of it.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    trials
+        The further trials.
+    verdict
+        On these trials.
+    relative_to
+        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+    origin
+        The calibration; None if unknown.
+
+    Returns
+    -------
+    dict
+        The content of `page.json`.
     """
     of_trials = []
     for trial in trials:
@@ -173,7 +200,7 @@ def build_person_page_data(
     norm: Norm | None = None,
     scores: Sequence[profile_score.Score] = (),
 ) -> dict[str, Any]:
-    """What does not belong to one trial; bands in the units and with the signs of curves."""
+    """Build the page data that belong to no single trial; bands in the units of the curves."""
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
         sides = {
@@ -240,27 +267,26 @@ def build_person_page_data(
 
 
 def round_score(value: float) -> float | None:
-    """Deg to a hundredth; None where it is not known."""
+    """Round a score to a hundredth of a degree; None if unknown."""
     return round(value, 2) if math.isfinite(value) else None
 
 
 def list_person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
-    """Label and value of what is known of person and session, as page and report head with it.
+    """List label and value of what is known of subject and session, as page and report show it.
 
-    Of whom no age is known, it says so; and by which table the masses start, where that is one of
-    adults.
+    Missing age, sex and date are listed as missing, and so is the use of the adults' mass table.
     """
     record = subject.record
-    age = "not told" if subject.age is None else f"{subject.age:.1f} years"
+    age = "not given" if subject.age is None else f"{subject.age:.1f} years"
     adults = anthropometry.looks_like_child(subject)
     facts = (
         ("Name or code", subject.name),
         (
             "Session",
             ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session))))
-            or "date not told",
+            or "date not recorded",
         ),
-        ("Sex", subject.sex or "not told"),
+        ("Sex", subject.sex or "not given"),
         ("Age", f"{age}, born {record.birth_date}" if record.birth_date else age),
         ("Diagnosis", record.diagnosis),
         ("Affected side", record.affected_side),
@@ -271,14 +297,14 @@ def list_person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
             f"{subject.height:.3f} m"
             + (f" ± {subject.height_error:.2f} m" if subject.height_error else ""),
         ),
-        ("Segment masses", "adults' table: no age told" if adults else ""),
+        ("Segment masses", "adults' table: age not given" if adults else ""),
         ("Laboratory", record.laboratory),
     )
     return tuple((label, value) for label, value in facts if value)
 
 
 def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
-    """Judgement and reasons, the worst first."""
+    """Build verdict and reasons, the most severe first."""
     return {
         "judgement": verdict.judgement.value,
         "sentence": verdict.sentence,
@@ -299,7 +325,7 @@ def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
 
 
 def format_verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
-    """The line at the top of the page that tells the verdict, and its worst reason."""
+    """Format the line on top of the page: the verdict with its most severe reason."""
     judgement = Judgement(verdict["judgement"])
     words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
     if verdict["reasons"]:
@@ -317,9 +343,7 @@ def format_verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
 
 
 def explain_code(code: Code) -> dict[str, Any]:
-    """`code`, `title` and `page` of a reason: what `gaitcal explain` says, as blocks, to be there
-    without a network.
-    """
+    """Return `code`, `title` and `page` of a reason: the text of `gaitcal explain` as blocks."""
     explanation = explanation_of(code)
     blocks: list[plain_data.Block] = []
     for part, pieces in parts_of(explanation.text):
@@ -337,7 +361,7 @@ def explain_code(code: Code) -> dict[str, Any]:
 
 
 def list_coordinate_rows() -> list[dict[str, Any]]:
-    """Small multiples: joints with their coordinates, and the power over all axes."""
+    """List joints with their coordinates and joint power, one row of small plots each."""
     rows = (*coordinates.COORDINATE_TABLE.values(), *coordinates.SEGMENT_ANGLES.values())
     return [
         {
@@ -351,13 +375,11 @@ def list_coordinate_rows() -> list[dict[str, Any]]:
 
 
 def build_conventions() -> dict[str, Any]:
-    """The joints of curves, and every convention that a reader may choose, as `gait/conventions.py`
-    has it.
+    """Build the joints of curves and all conventions of the page (`gait/conventions.py`).
 
-    `signs`: signs -> whose moment -> `hip_flexion/moment` -> its title, and of each side of a
-    stride (empty: over time) the factor of a value in the files, and what a positive one means.
-    `units`: unit of moments -> kind -> its words and digits, and by what of the person values are
-    divided.
+    `signs`: signs -> acting body -> `hip_flexion/moment` -> title and, for each side of a stride
+    (empty: over time), the factor of a value in the files and the meaning of positive values.
+    `units`: unit of moments -> kind -> title, digits, factor and divisor of values.
     """
     body, one = Subject(name="", mass=1.0, height=1.0, sex="male"), np.ones(1)
     powers = {group.power: " over all axes" for group in coordinates.GROUPS.values() if group.power}
@@ -408,7 +430,7 @@ def build_conventions() -> dict[str, Any]:
 
 
 def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
-    """Over the straight strides, or repetitions, of trials of a page."""
+    """Average the peaks over straight strides or repetitions of trials of a page."""
     return peaks.peak_means(
         (
             trial["activity"],
@@ -423,8 +445,17 @@ def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakM
 
 
 def average_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Side -> % of the stride at which stance ends, the mean over straight strides of trials of a
-    page.
+    """Average the end of stance over straight strides of trials of a page.
+
+    Parameters
+    ----------
+    trials
+        Page data of trials.
+
+    Returns
+    -------
+    dict
+        Side -> % of the stride.
     """
     found: dict[str, list[float]] = {side: [] for side in linkage.SIDES}
     for s in (s for trial in trials for s in trial["strides"] if not s["turns"]):
@@ -434,9 +465,7 @@ def average_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of peaks of each activity, over its straight strides, each with what the
-    legs have of it.
-    """
+    """Build the rows of the table of peaks of each activity, over its straight strides."""
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for mean in average_page_peaks(data["trials"]):
         peak = mean.peak
@@ -460,9 +489,7 @@ def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def thin_page_data(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, Any]:
-    """Page data with at most so many letters of packed curves, of every second, third, ... frame;
-    as it is where it has no more.
-    """
+    """Thin the curves to at most `most` characters: every second, third, ... frame stays."""
     every = max(1, -(-sum(map(plain_data.count_curve_letters, data["trials"])) // most))
     return (
         data
@@ -472,9 +499,9 @@ def thin_page_data(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping
 
 
 def report_thinned_curves(data: Mapping[str, Any]) -> tuple[str, ...]:
-    """A sentence for every trial whose curves hold some frames only."""
+    """Report every trial whose curves contain only some of its frames."""
     return tuple(
-        f"{trial['name']}: its curves hold one frame in {trial['every']} of {trial['frames']}; a "
+        f"{trial['name']}: its curves show one frame in {trial['every']} of {trial['frames']}; a "
         "short peak may be "
         "lower in the page than in the tables"
         for trial in data["trials"]
@@ -483,14 +510,27 @@ def report_thinned_curves(data: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def write_page_data(data: Mapping[str, Any], path: Path) -> None:
-    """Write page data; the page reads the same text."""
+    """Write page data; the page contains the same text."""
     path.write_text(plain_data.dump_script_json(data), encoding="utf-8")
 
 
 def read_page_data(path: Path) -> dict[str, Any]:
-    """Read back what `write_page_data` wrote.
+    """Read page data.
 
-    Raises InputError: The file is not there, or is no page data of this version.
+    Parameters
+    ----------
+    path
+        `page.json`.
+
+    Returns
+    -------
+    dict
+        As `write_page_data` wrote it.
+
+    Raises
+    ------
+    InputError
+        The file is missing, or has another format version.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

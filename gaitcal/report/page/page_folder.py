@@ -1,4 +1,4 @@
-"""Write and read the files of a page in a result folder, joined with those of further trials."""
+"""Write and read the files of a page in a result folder, with the pages of further trials."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,13 +27,33 @@ SCENE: Final = "scene.npz"
 
 
 def write_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
-    """Write scene, data and page into a folder that is being written."""
+    """Write scene, page data and page.
+
+    Parameters
+    ----------
+    folder
+        The result folder that is being written.
+    scene
+        Body in motion.
+    page_data
+        Curves and tables.
+    """
     save_scene(scene, folder / SCENE)
     rewrite_page(folder, scene, page_data)
 
 
 def rewrite_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
-    """Write the page with another page_data; the scene is there already."""
+    """Write the page with changed page data; the scene file exists already.
+
+    Parameters
+    ----------
+    folder
+        A result folder.
+    scene
+        Body in motion.
+    page_data
+        Curves and tables.
+    """
     write_page_data(page_data, folder / PAGE_DATA)
     (folder / PAGE).write_text(
         render_page(PageContent(scene, page_data)), encoding="utf-8", newline=""
@@ -41,16 +61,29 @@ def rewrite_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> No
 
 
 def read_page(folder: Path) -> PageContent:
-    """What a folder's page is made of.
+    """Read scene and page data of a folder.
 
-    Raises InputError: It holds no page, or one that is damaged.
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Returns
+    -------
+    PageContent
+        What the page consists of.
+
+    Raises
+    ------
+    InputError
+        The folder contains no page, or a damaged one.
     """
 
     def read() -> PageContent:
         page_data = read_page_data(folder / PAGE_DATA)
         shown = PageContent(load_scene(folder / SCENE), page_data)
         if [t["name"] for t in page_data["trials"]] != [t.name for t in shown.scene.trials]:
-            message = "tells of other trials than scene.npz; calibrate again"
+            message = "has other trials than scene.npz; calibrate again"
             raise InputError(message, source=folder / PAGE_DATA, code=Code.DAMAGED_RESULT)
         return shown
 
@@ -59,10 +92,24 @@ def read_page(folder: Path) -> PageContent:
 
 
 def read_result_page(folder: Path) -> tuple[PageContent, tuple[str, ...]]:
-    """A result with the further trials that `gaitcal dynamics` added, and lines on those that are
-    stale or left out.
+    """Read the page of a result with the further trials of `gaitcal dynamics`.
 
-    Raises InputError: As of `read_page`; what is wrong with the further trials is such a line.
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Returns
+    -------
+    PageContent
+        What the page consists of.
+    tuple of str
+        One line for each further trial that is stale or left out.
+
+    Raises
+    ------
+    InputError
+        As of `read_page`, for the result itself.
     """
     shown = read_page(folder)
     if not (folder / DYNAMICS).is_dir():

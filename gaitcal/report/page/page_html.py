@@ -1,12 +1,7 @@
-"""`result.html`: body, curves and tables of a result in one file that opens offline; `cohort.html`
-likewise.
+"""Render `result.html` and `cohort.html`, files that open offline, and join pages of several runs.
 
-MeshCat's own JavaScript viewer, uPlot, our scripts, and the result as data stand inline. A
-Content-Security-Policy in the file lets exactly these scripts run, known by their SHA-256, and
-forbids every request: whatever a marker or a subject is called, it is text.
-
-Page data of several runs of one person are joined here: further trials after those of a
-calibration, or some alone.
+MeshCat's viewer, uPlot, our scripts and the data are inline. A Content-Security-Policy admits these
+scripts only, by their SHA-256, and forbids every request. Names of markers and subjects are text.
 """
 
 import base64
@@ -72,7 +67,7 @@ PLOTS = "libraries/uPlot"  # The library that draws curves
 
 
 def build_policy(*scripts: str) -> str:
-    """A Content-Security-Policy under which only these inline scripts run and nothing is requested."""
+    """Build a Content-Security-Policy that admits these inline scripts only, and no request."""
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
         for s in scripts
@@ -84,9 +79,7 @@ def build_policy(*scripts: str) -> str:
 
 
 def _escape_script(script: str) -> str:
-    """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we
-    do.
-    """
+    """Escape a script for use inside `<script>`, with the line breaks that a browser hashes."""
     text = script.replace("\r\n", "\n").replace("\r", "\n")
     return (
         text.replace("<!--", "<\\!--")
@@ -96,13 +89,13 @@ def _escape_script(script: str) -> str:
 
 
 def _read_part(name: str) -> str:
-    """A file of this folder."""
+    """Read a file of this folder."""
     return (files("gaitcal.report.page") / name).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
 class PageContent:
-    """One result as the page takes it."""
+    """Scene and data of one page."""
 
     scene: Scene
     data: Mapping[str, Any] | None = (
@@ -111,11 +104,24 @@ class PageContent:
 
 
 def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) -> str:
-    """The page of a result.
+    """Render the page of a result.
 
-    `bones`: None: those of the installed `myo-sim`, and no bones where it is not installed.
+    Parameters
+    ----------
+    shown
+        Scene and data.
+    bones
+        None: those of the installed `myo-sim`; no bones if it is not installed.
 
-    Raises GaitcalError: MeshCat is not installed.
+    Returns
+    -------
+    str
+        HTML.
+
+    Raises
+    ------
+    GaitcalError
+        MeshCat is not installed.
     """
     bones = bones or bone_files.find_installed_bones()
     scene = scene_file.dump_scene_json(
@@ -142,9 +148,14 @@ def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) 
 
 
 def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
-    """Write the page of a cohort, piece by piece, as its people may be many.
+    """Write the page of a cohort piece by piece, as cohorts may be large.
 
-    `data`: the pieces of each of `COHORT_DATA`, asked for when they are due.
+    Parameters
+    ----------
+    path
+        The file.
+    data
+        The pieces of each of `COHORT_DATA`, generated when they are needed.
     """
     content = _collect_scripts_and_styles(COHORT_SCRIPTS, COHORT_STYLES)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
@@ -162,7 +173,7 @@ def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
 def _collect_scripts_and_styles(
     scripts: Sequence[str], styles: Sequence[str], **first: str
 ) -> dict[str, str]:
-    """What a template has a place for; `first`: scripts that run before all others."""
+    """Collect what a template needs; `first`: scripts that run before all others."""
     running = {
         **{name.upper(): _escape_script(script) for name, script in first.items()},
         "PLOTS": _escape_script(_read_part(f"{PLOTS}.iife.min.js")),
@@ -179,9 +190,7 @@ def _collect_scripts_and_styles(
 
 
 def _read_meshcat() -> tuple[str, list[str]]:
-    """MeshCat's viewer and the licences of what stands in the page, without importing MeshCat's
-    server.
-    """
+    """Read MeshCat's viewer and the licences on the page, without importing MeshCat."""
     spec = find_spec("meshcat")
     places = list(spec.submodule_search_locations or ()) if spec else []
     if not places:
@@ -211,7 +220,18 @@ def _read_meshcat() -> tuple[str, list[str]]:
 
 
 def list_omissions(shown: PageContent) -> tuple[str, ...]:
-    """What the page of a result leaves out, for every trial of which it holds some frames only."""
+    """List the trials of which the page shows only some frames.
+
+    Parameters
+    ----------
+    shown
+        Scene and data.
+
+    Returns
+    -------
+    tuple of str
+        One sentence for each.
+    """
     curves = (
         ()
         if shown.data is None
@@ -223,9 +243,9 @@ def list_omissions(shown: PageContent) -> tuple[str, ...]:
 def append_trials(
     scene: Scene, further: Scene, names: Mapping[str, str] | None = None
 ) -> Scene | None:
-    """The scene with the trials of another one after its own; None where they have other segments.
+    """Append the trials of another scene; None if it has other segments.
 
-    `names`: other names for trials of `further`: old -> new.
+    `names`: new names of trials of `further`: old -> new.
     """
     if further.segments != scene.segments:
         return None
@@ -241,8 +261,19 @@ def append_trials(
 
 
 def prepend_trials(scene: Scene, earlier: Scene) -> Scene | None:
-    """The scene with those trials of an earlier one before its own whose names it does not have;
-    None as above.
+    """Prepend the trials of an earlier scene.
+
+    Parameters
+    ----------
+    scene
+        The new scene.
+    earlier
+        Its trials stay unless a new one has the same name.
+
+    Returns
+    -------
+    Scene or None
+        None if the scenes have different segments.
     """
     names = {trial.name for trial in scene.trials}
     kept = tuple(trial for trial in earlier.trials if trial.name not in names)
@@ -253,9 +284,7 @@ def prepend_trials(scene: Scene, earlier: Scene) -> Scene | None:
 def _reorder_markers(
     trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str, ...]
 ) -> MotionScene:
-    """The trial with the measured markers in the order of another model; NaN for one that it did
-    not have.
-    """
+    """Reorder the measured markers of a trial for another model; NaN for missing markers."""
     if labels == wanted:
         return trial
     measured = np.full((len(trial.time), len(wanted), 3), np.nan, dtype=np.float32)
@@ -266,7 +295,20 @@ def _reorder_markers(
 
 
 def merge_page_data(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    """Page data of further trials, after those of an earlier run that it does not hold itself."""
+    """Merge page data of further trials with those of an earlier run.
+
+    Parameters
+    ----------
+    earlier
+        Its trials stay unless a new one has the same name.
+    new
+        Page data of the new run.
+
+    Returns
+    -------
+    dict
+        Page data.
+    """
     names = {trial["name"] for trial in new["trials"]}
     kept = select_trials(
         earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names]
@@ -285,9 +327,7 @@ def merge_page_data(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[
 
 
 def append_page_data(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
-    """Page data of a calibration with further trials after its own; none of them may have the name
-    of its own.
-    """
+    """Append further trials to the page data of a calibration; their names must be new."""
     verdict, lines = _combine_verdicts(data, further), list(data["lines"])
     if verdict["sentence"] != data["verdict"]["sentence"]:
         lines[:1] = [page_data.format_verdict_line(verdict)]
@@ -301,7 +341,20 @@ def append_page_data(data: Mapping[str, Any], further: Mapping[str, Any]) -> dic
 
 
 def select_trials(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
-    """Page data of further trials with some of them alone, and the reasons about these."""
+    """Select some trials from page data, with the reasons about them.
+
+    Parameters
+    ----------
+    data
+        Page data of further trials.
+    names
+        Trials to keep.
+
+    Returns
+    -------
+    dict
+        Page data.
+    """
     trials = [trial for trial in data["trials"] if trial["name"] in names]
     about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
     judgement = _combine_judgements(
@@ -317,8 +370,19 @@ def select_trials(data: Mapping[str, Any], names: Collection[str]) -> dict[str, 
 
 
 def add_doubts(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
-    """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it
-    is there already.
+    """Add warnings to the verdict of page data, unless they are there already.
+
+    Parameters
+    ----------
+    data
+        Page data.
+    doubts
+        Trial, cause and action of each warning.
+
+    Returns
+    -------
+    dict
+        Page data; a trustworthy verdict becomes doubtful.
     """
     verdict = data["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
@@ -348,7 +412,7 @@ def add_doubts(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) 
 
 
 def rename_trials(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    """Page data whose trials have other names: old -> new."""
+    """Rename trials in page data: old -> new."""
     reasons = [
         {**reason, "trials": [names.get(name, name) for name in reason["trials"]]}
         for reason in data["verdict"]["reasons"]
@@ -360,7 +424,7 @@ def rename_trials(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str
 
 
 def _combine_verdicts(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """The verdict on both: refused or trustworthy where everything is, and doubtful otherwise."""
+    """Combine two verdicts: refused or trustworthy if both are, else doubtful."""
     parts = [data["verdict"] for data in (one, other) if data["trials"]]
     trials = {}
     for trial in (*one["trials"], *other["trials"]):
@@ -388,6 +452,6 @@ def _combine_verdicts(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[
 
 
 def _combine_judgements(judgements: Iterable[str]) -> Judgement:
-    """What all are; doubtful where they differ, trustworthy where there are none."""
+    """Combine judgements: the common one; doubtful if they differ; trustworthy without any."""
     found = {Judgement(name) for name in judgements} or {Judgement.TRUSTWORTHY}
     return found.pop() if len(found) == 1 else Judgement.DOUBTFUL

@@ -1,9 +1,8 @@
-"""Plain data that the page's scripts read: packed arrays, JSON text, and the blocks that its
-sections are made of.
+"""Plain data for the page's scripts: packed arrays, JSON text, blocks of sections.
 
-Arrays are base64 of small integers or of 32-bit floats, little-endian; `scripts/unpack.js` reads
-them back. Every text in a block is data, never markup. Numbers are formatted here, so that the
-page, the print and a test read the same text.
+Arrays are base64 of small integers or 32-bit floats, little-endian; `scripts/unpack.js` reads them.
+Every text in a block is data, never markup. Numbers are formatted here, so that page, print and
+tests have the same text.
 """
 
 import base64
@@ -27,25 +26,54 @@ _CURVE_PARTS: Final = ("value", "se", "own", "nominal", "truth")
 
 
 def dump_script_json(content: object) -> str:
-    """JSON that is all ASCII and may stand inside a `<script>` element whatever the names are: it
-    holds no `<`.
+    """Dump JSON that may be placed inside a `<script>` element: ASCII without `<`.
+
+    Parameters
+    ----------
+    content
+        Plain data; no NaN.
+
+    Returns
+    -------
+    str
+        JSON.
     """
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def encode_base64(values: NDArray[Any]) -> str:
-    """The bytes of an array, row by row."""
+    """Encode the bytes of an array, row by row."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
 def pack_floats(values: NDArray[Any]) -> str:
-    """As 32-bit floats."""
+    """Pack values as 32-bit floats.
+
+    Parameters
+    ----------
+    values
+        Any shape.
+
+    Returns
+    -------
+    str
+        Base64.
+    """
     return encode_base64(values.astype("<f4"))
 
 
 def pack_lengths(values: NDArray[Any]) -> dict[str, Any]:
-    """Values as 16-bit integers: value = low + step * (integer + 32767); gaps and infinities as
-    `GAP`.
+    """Pack values as 16-bit integers: value = low + step * (integer + 32767).
+
+    Parameters
+    ----------
+    values
+        Any shape; gaps and infinities become `GAP`.
+
+    Returns
+    -------
+    dict
+        `low`, `step` and `data` (base64).
     """
     known = np.isfinite(values)
     low = float(values[known].min()) if known.any() else 0.0
@@ -57,13 +85,13 @@ def pack_lengths(values: NDArray[Any]) -> dict[str, Any]:
 
 
 def count_curve_letters(trial: Mapping[str, Any]) -> int:
-    """Letters of all packed curves of a trial's page data."""
+    """Count the characters of all packed curves of a trial."""
     parts = (curve[name] for curve in trial["curves"] for name in _CURVE_PARTS)
     return sum(len(part["data"]) for part in parts if part is not None)
 
 
 def thin_trial(trial: Mapping[str, Any], every: int) -> dict[str, Any]:
-    """A trial's page data with every so manieth frame of its curves."""
+    """Thin the curves of a trial to one frame in `every`."""
 
     def kept(data: str, numbers: str) -> str:
         return encode_base64(np.frombuffer(base64.b64decode(data), dtype=numbers)[::every])
@@ -84,7 +112,7 @@ def thin_trial(trial: Mapping[str, Any], every: int) -> dict[str, Any]:
 
 
 def format_number(value: float | None, digits: int = 1, sign: bool = False) -> str:
-    """`-1234.5` -> `−1 234.5`, with thin spaces; a dash where there is no value."""
+    """Format `-1234.5` as `−1 234.5`, with thin spaces; a dash for missing values."""
     if value is None or value != value:
         return MISSING
     text = f"{value:{'+' if sign else ''},.{digits}f}"
@@ -94,23 +122,19 @@ def format_number(value: float | None, digits: int = 1, sign: bool = False) -> s
 
 
 def round_number(value: float | None) -> float | None:
-    """A number of a picture, without more digits than can be seen; None where there is none."""
+    """Round a number of a picture to four decimals; None for missing values."""
     return None if value is None or value != value else round(float(value), 4)
 
 
 def replace_control_characters(text: object) -> str:
-    """The text with `?` for characters that control the terminal, the layout or the writing
-    direction.
-    """
+    """Replace characters that control the terminal, the layout or the writing direction by `?`."""
     return "".join(
         "?" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co") else c for c in str(text)
     )
 
 
 def format_name(text: object) -> str:
-    """A name from the study as a heading or a table shows it: of a very long one the middle is left
-    out.
-    """
+    """Format a name from the study; the middle of a very long one is omitted."""
     whole = replace_control_characters(text)
     return (
         whole
@@ -120,19 +144,19 @@ def format_name(text: object) -> str:
 
 
 def make_heading(text: str, level: int = 3) -> Block:
-    """A heading within a preset: level 3 or 4."""
+    """Make a heading within a preset: level 3 or 4."""
     return {"kind": "heading", "text": replace_control_characters(text), "level": level}
 
 
 def make_text(words: str, tone: str = "") -> Block:
-    """A paragraph. `tone`: `soft`, `warning` or `bad`."""
+    """Make a paragraph; `tone`: `soft`, `warning` or `bad`."""
     return {"kind": "text", "text": replace_control_characters(words)} | (
         {"tone": tone} if tone else {}
     )
 
 
 def make_list(items: Iterable[str], tone: str = "") -> Block:
-    """A list; `tone` as of a paragraph."""
+    """Make a list; `tone` as of a paragraph."""
     return {"kind": "list", "items": [replace_control_characters(item) for item in items]} | (
         {"tone": tone} if tone else {}
     )
@@ -141,7 +165,7 @@ def make_list(items: Iterable[str], tone: str = "") -> Block:
 def make_cell(
     words: object, *, unit: str = "", tone: str = "", side: str = "", align: str = ""
 ) -> Cell:
-    """One cell of a table; plain text where nothing is to be said of it."""
+    """Make one cell of a table; plain text if it has no attribute."""
     extra = {"unit": unit, "tone": tone, "side": side, "align": align}
     given = {key: value for key, value in extra.items() if value}
     return (
@@ -152,7 +176,7 @@ def make_cell(
 
 
 def make_text_column(title: str) -> Cell:
-    """The head of a column of words, which begin at the left."""
+    """Make the head of a text column, aligned left."""
     return make_cell(title, align="text")
 
 
@@ -164,10 +188,10 @@ def make_table(
     fold: str = "",
     total: Sequence[int] = (),
 ) -> Block:
-    """A table; the first column heads the rows.
+    """Make a table; the first column heads the rows.
 
-    `fold`: what stands in its place until it is opened; empty: it is open.
-    `total`: numbers of the rows that sum up the others.
+    `fold`: title shown until the table is opened; empty: it is open. `total`: numbers of summary
+    rows.
     """
     extra = {
         "caption": replace_control_characters(caption),
@@ -179,26 +203,25 @@ def make_table(
 
 
 def pair_blocks(sides: Sequence[Sequence[Block]]) -> list[Block]:
-    """Two groups of blocks beside each other; fewer or more below each other."""
+    """Put two groups of blocks side by side; fewer or more below each other."""
     if len(sides) == 2:
         return [{"kind": "pair", "left": list(sides[0]), "right": list(sides[1])}]
     return [block for blocks in sides for block in blocks]
 
 
 def fold_blocks(title: str, blocks: Sequence[Block]) -> Block:
-    """Blocks that are folded away."""
+    """Fold blocks below a title."""
     return {"kind": "fold", "title": replace_control_characters(title), "blocks": list(blocks)}
 
 
 def make_picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
-    """Rows of a picture.
+    """Make a picture of rows.
 
-    `kind`: `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is
-    known.
+    `kind`: `intervals`: dots with whiskers of nominal and fitted values, and of the truth if known.
     """
     return {"kind": kind, "unit": unit, "rows": [dict(row) for row in rows]}
 
 
 def make_curves(kinds: Sequence[str]) -> Block:
-    """The trial's own curves of some kinds, over time."""
+    """Make a plot of the trial's curves of some kinds, over time."""
     return {"kind": "curves", "kinds": list(kinds)}

@@ -1,7 +1,7 @@
-"""Preset Provenance: what was recorded, how it was computed, with what, and what was assumed.
+"""Preset Provenance: recordings, phases, settings, versions and assumptions.
 
-Further trials of a calibrated person tell it of themselves; what the calibration's own page tells
-of joints and provenance is told again, as that of the calibration.
+The page of further trials describes these trials, and repeats what the calibration's page contains
+about joints and provenance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,19 +45,18 @@ COPIED: Final = (
     "provenance",
 )  # Presets of the calibration's page that are told again
 EDITED: Final = (
-    "The model, or another file of the result, was edited since: what is told of it below may not "
-    "hold."
+    "The model, or another file of the result, was edited since: the description below may be "
+    "outdated."
 )
 NOT_KNOWN: Final = (
-    "The page of the calibration cannot be read: its summary.json and manifest.json tell what was "
-    "done."
+    "The page of the calibration cannot be read: see its summary.json and manifest.json."
 )
 
 
 def build_provenance_blocks(
     calibration: Calibration, manifest: Mapping[str, object]
 ) -> list[plain_data.Block]:
-    """Of the whole result; `manifest`: versions, settings and hashes of the inputs."""
+    """Build the blocks of the whole result; `manifest`: versions, settings and input hashes."""
     settings = [
         [plain_data.make_cell(name), plain_data.make_cell(value)]
         for name, value in _flatten(
@@ -76,7 +75,7 @@ def build_provenance_blocks(
 
 
 def _get_file_name(source: str) -> str:
-    """The name alone: a folder's name may say who the person is."""
+    """Return the file name without folders, whose names may identify the subject."""
     return PureWindowsPath(PurePosixPath(source).name).name or source
 
 
@@ -86,7 +85,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
         plain_data.make_text_column("Used as"),
         plain_data.make_text_column("File"),
     ]
-    head += ["Length", "Frames", "Rate", "Markers", "Seen", "Force plates"]
+    head += ["Length", "Frames", "Rate", "Markers", "Visible", "Force plates"]
     rows: list[list[plain_data.Cell]] = []
     for trial in calibration.study.trials:
         recording = trial.recording
@@ -140,14 +139,14 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
         held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
         out.append(
             plain_data.make_text(
-                f"No marker shows {held}: the trunk stays upright, arms hang along it."
+                f"No marker determines {held}: the trunk is kept upright, arms hang down."
             )
         )
     return out
 
 
 def build_note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
-    """Notes as a list; long ones stand below it, folded away."""
+    """Build a list of notes; long ones are folded below it."""
     short = [note for note in notes if len(note) <= LONG_NOTE]
     long = [
         plain_data.fold_blocks(f"{note[:120]}…", [plain_data.make_text(note)])
@@ -173,7 +172,7 @@ def _build_phases(phases: Sequence[Phase]) -> list[plain_data.Block]:
     for phase in phases:
         words = PHASES.get(phase.name, phase.name)
         if phase.name.startswith("joint:"):
-            words = f"{joint_words(phase.name.removeprefix('joint:'))}, from its own trials"
+            words = f"{joint_words(phase.name.removeprefix('joint:'))}, from its functional trials"
         rows.append(
             [
                 plain_data.make_cell(words),
@@ -204,7 +203,7 @@ def _build_hashes(inputs: object) -> list[plain_data.Block]:
 
 
 def _flatten(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Nested tables as rows of dotted names and values."""
+    """Flatten nested tables to rows of dotted names and values."""
     for key, value in manifest.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
@@ -221,14 +220,14 @@ def _flatten(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple
 
 @dataclass(frozen=True)
 class Origin:
-    """The calibration that further trials come after."""
+    """The calibration on which further trials are based."""
 
     data: Mapping[str, Any]  # Of its page; empty where it cannot be read
     edited: bool  # One of its files is not as it was written
 
 
 def build_further_sections(origin: Origin) -> plain_data.Sections:
-    """Of the calibration, for the page of its further trials."""
+    """Build the sections about the calibration, for the page of its further trials."""
     found = origin.data.get("sections")
     known = found if isinstance(found, Mapping) else {}
     sections: plain_data.Sections = {preset: list(known.get(preset) or ()) for preset in COPIED}
@@ -254,7 +253,7 @@ def build_further_sections(origin: Origin) -> plain_data.Sections:
 
 
 def _describe_model(data: Mapping[str, Any]) -> list[plain_data.Block]:
-    """Whose calibration, when, and how far it can be believed."""
+    """Describe the calibration: date, trials and verdict."""
     out = [plain_data.make_heading("The model of these trials")]
     try:
         judgement, sentence = data["verdict"]["judgement"], data["verdict"]["sentence"]
@@ -268,14 +267,13 @@ def _describe_model(data: Mapping[str, Any]) -> list[plain_data.Block]:
     return [
         *out,
         plain_data.make_text(
-            f"{made} It is not fitted anew to these trials. Its own verdict: {judgement}. "
-            f"{sentence}"
+            f"{made} It is not fitted again to these trials. Verdict on it: {judgement}. {sentence}"
         ),
     ]
 
 
 def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
-    """What one further trial is made of."""
+    """Build the description of the recording of one further trial."""
     recording, time = trial.recording, trial.body.time
     plates = (
         counted(len(recording.plates), "force plate") if recording.plates else "no force plates"

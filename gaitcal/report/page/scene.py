@@ -1,17 +1,18 @@
-"""What the page shows in space: a calibrated person in all trials, and no numerics.
+"""The scene of a page: a calibrated subject in all trials, without numerics.
 
-A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the folder of
-the result, and shown from that file alone.
+A scene is made from a calibration once, saved as `scene.npz` in the result, and shown from that
+file.
 
-A joint lies in the two segments that it connects. Its frames (`export/opensim/osim_writer.py`) hold
-its constants, those before the first coordinate in the parent and those after the last in the
+A joint belongs to the two segments that it connects. Its frames (`export/opensim/osim_writer.py`)
+contain its constants: those before the first coordinate in the parent, those after the last in the
 child:
 
-    centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
+    centre = translation of X
+    axis   = sign * R[:, axis of the coordinate next to that segment]
 
-Standard errors s_p of the joint parameters p spread into centre and axis through the Jacobian, cov
-= sum_p s_p^2 (d./dp)(d./dp)^T, parameters taken as uncorrelated (the table of errors tells no
-more); its matrix square root is kept, whose columns are the half axes of the one-sigma ellipsoid.
+Standard errors s_p of the joint parameters p propagate to centre and axis through the Jacobian, cov
+= sum_p s_p^2 (d./dp)(d./dp)^T, with parameters taken as uncorrelated, as the table of errors has no
+correlations. The columns of its matrix square root are the half axes of the one-sigma ellipsoid.
 """
 
 from collections.abc import Mapping
@@ -50,7 +51,7 @@ _STEP = (
 
 @dataclass(frozen=True, kw_only=True)
 class JointMark:
-    """One joint as it lies in one of its two segments."""
+    """One joint in one of its two segments."""
 
     joint: str
     segment: str
@@ -69,9 +70,19 @@ class JointMark:
 def build_joint_marks(
     nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]
 ) -> tuple[JointMark, ...]:
-    """All joints in both their segments.
+    """Build the marks of all joints in both their segments.
 
-    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
+    Parameters
+    ----------
+    nominal, fitted
+        Parameters before and after calibration.
+    errors
+        Joint parameter -> standard error (m, rad) of every fitted one.
+
+    Returns
+    -------
+    tuple of JointMark
+        Centres and axes in segment frames.
     """
     marks = []
     for joint in JOINTS:
@@ -99,9 +110,7 @@ def build_joint_marks(
 def _locate_centre_and_axis(
     joint: Joint, segment: str, parameters: Parameters
 ) -> tuple[Array, Array]:
-    """(3,) centre and (3,) axis in that segment: the axis of the coordinate next to it, NaN for a
-    ball joint.
-    """
+    """Locate the (3,) centre and (3,) axis in a segment; the axis of a ball joint is NaN."""
     frames = frames_of(joint, parameters)
     in_parent = segment == joint.parent
     place = frames.in_parent if in_parent else frames.in_child
@@ -115,9 +124,7 @@ def _locate_centre_and_axis(
 def _propagate_errors(
     joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """(3, 3) of the centre and (3, 3) of the axis: half axes of their one-sigma ellipsoids; NaN
-    without errors.
-    """
+    """Propagate errors to the (3, 3) ellipsoid half axes of centre and axis; NaN without errors."""
     if not errors:
         return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     columns = []
@@ -132,17 +139,18 @@ def _propagate_errors(
             for step in (-_STEP, _STEP)
         )
         columns.append(error * (high - low) / (2 * _STEP))
-    pulls = np.array(columns).T
-    return _compute_square_root(pulls[:3]), _compute_square_root(pulls[3:])
+    jacobian = np.array(columns).T
+    return _compute_square_root(jacobian[:3]), _compute_square_root(jacobian[3:])
 
 
-def _compute_square_root(pulls: Array) -> Array:
-    """(3, 3) square root of pulls pulls^T: orthogonal columns whose lengths are the standard
-    deviations.
+def _compute_square_root(jacobian: Array) -> Array:
+    """Compute the (3, 3) square root of J J^T with orthogonal columns.
+
+    Their lengths are the standard deviations.
     """
-    if not np.isfinite(pulls).all():
+    if not np.isfinite(jacobian).all():
         return np.full((3, 3), np.nan)
-    values, vectors = np.linalg.eigh(pulls @ pulls.T)
+    values, vectors = np.linalg.eigh(jacobian @ jacobian.T)
     # an axis points either way: the largest entry of each column is positive
     largest = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=0)[None], axis=0)
     out: Array = vectors * np.where(largest < 0, -1.0, 1.0) * np.sqrt(np.maximum(values, 0.0))
@@ -151,7 +159,7 @@ def _compute_square_root(pulls: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionScene:
-    """One trial: poses of the fitted model, markers, and ground reactions."""
+    """One trial: poses of the fitted model, markers and ground reactions."""
 
     name: str
     role: str
@@ -178,7 +186,7 @@ class MotionScene:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A calibrated person in all trials."""
+    """A calibrated subject in all trials."""
 
     subject: str
     mass: float  # kg
@@ -194,7 +202,18 @@ class Scene:
 
 
 def build_scene(calibration: "Calibration") -> Scene:
-    """The scene of a calibration: all its moving trials."""
+    """Build the scene of a calibration with all its moving trials.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    Scene
+        Subject and trials.
+    """
     trials = tuple(
         build_trial_scene(
             calibration.model,
@@ -212,9 +231,21 @@ def build_scene(calibration: "Calibration") -> Scene:
 def build_person_scene(
     model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]
 ) -> Scene:
-    """A person's model with trials that are already made into scenes.
+    """Build the scene of a subject from scenes of trials.
 
-    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    trials
+        Scenes of trials.
+    errors
+        Joint parameter -> standard error (m, rad) of every fitted one.
+
+    Returns
+    -------
+    Scene
+        Subject and trials.
     """
     return Scene(
         subject=model.subject.name,
@@ -238,10 +269,25 @@ def build_trial_scene(
     recording: Recording,
     reactions: GroundReactions | None,
 ) -> MotionScene:
-    """One trial of a person.
+    """Build the scene of one trial.
 
-    `motion`: of the whole body, tracked with `model`, at the frames of the recording.
-    `reactions`: None without force plates.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    name, role
+        Of the trial.
+    motion
+        Of the whole body, tracked with `model`, at the frames of the recording.
+    recording
+        Markers and plates.
+    reactions
+        None without force plates.
+
+    Returns
+    -------
+    MotionScene
+        At most `MOST_FRAMES` frames.
     """
     recorded = len(motion.time)
     stride = max(1, -(-recorded // MOST_FRAMES))
@@ -276,7 +322,7 @@ def build_trial_scene(
 
 
 def _convert_to_quaternions(axes: Array) -> Single:
-    """(nf, ns, 4) x y z w, without jumps of sign from frame to frame, from axes (ns, 3, 3, nf)."""
+    """Convert axes (ns, 3, 3, nf) to (nf, ns, 4) quaternions x y z w without jumps of sign."""
     ns, nf = axes.shape[0], axes.shape[-1]
     matrices = axes.transpose(3, 0, 2, 1).reshape(
         -1, 3, 3
@@ -289,7 +335,7 @@ def _convert_to_quaternions(axes: Array) -> Single:
 
 
 def find_tracked_segments(motion: Motion) -> BoolArray:
-    """(ns,) segments with a marker; the talus, which carries none, moves with its foot."""
+    """Find the (ns,) segments with a visible marker; a talus, which has none, follows its foot."""
     distance = motion.errors.distance
     carrying = {
         s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()
@@ -301,7 +347,7 @@ def find_tracked_segments(motion: Motion) -> BoolArray:
 
 
 def collect_plate_corners(recording: Recording) -> Single:
-    """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
+    """Collect the (np, 4, 3) m corners of the force plates with a recorded position."""
     corners = [plate.corners for plate in recording.plates if plate.corners is not None]
     return np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(
         -1, 4, 3
@@ -309,9 +355,7 @@ def collect_plate_corners(recording: Recording) -> Single:
 
 
 def collect_measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> Single:
-    """(nf, nm, 3) m of the model's markers; NaN where the recording has none of that label or did
-    not see it.
-    """
+    """Collect the (nf, nm, 3) m measured markers of the model; NaN if missing."""
     column = {label: i for i, label in enumerate(recording.labels)}
     markers = recording.markers[kept]
     out = np.full((len(markers), len(model.markers.labels), 3), np.nan, dtype=np.float32)
@@ -322,8 +366,19 @@ def collect_measured_markers(model: SubjectModel, recording: Recording, kept: sl
 
 
 def compute_force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
-    """Force and centre of pressure on the plane y = `level`, from wrenches (nf, 2, 6) about the
-    laboratory origin.
+    """Compute force and centre of pressure in the plane y = `level`.
+
+    Parameters
+    ----------
+    wrench
+        (nf, 2, 6) N, N·m about the laboratory origin.
+    level
+        m.
+
+    Returns
+    -------
+    forces, centres
+        (nf, 2, 3) N and m; NaN without load.
     """
     pressed = wrench[..., 1] > LOADED_N
     force, centre = np.full((2, *wrench.shape[:-1], 3), np.nan, dtype=np.float32)

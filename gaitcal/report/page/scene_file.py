@@ -1,13 +1,12 @@
-"""A scene as one `.npz` file, and as JSON for the page.
+"""Save a scene as `.npz`, and dump it as JSON for the page.
 
-The file is read back without pickle, and not compressed, as coordinates hardly become fewer bytes.
-Its array `scene` holds a JSON text (UTF-8) with all names and single numbers; every other array has
-the name of its field, `trial0/origins`, `joints/fitted_axis`, ...
+The file needs no pickle, and is not compressed, as coordinates hardly get smaller. Its array
+`scene` contains JSON text (UTF-8) with all names and single numbers; every other array has the name
+of its field, `trial0/origins`, `joints/fitted_axis`, ...
 
-In the page, segments and markers are told from the pelvis, as 16-bit integers on the range that
-they cover in their trial (0.03 mm on two metres, however far the person walks), a gap as -32768;
-the pelvis itself in 32-bit floats; quaternions in 1/32767. Frames go where all trials together
-would be more than the page may hold.
+In the page, positions of segments and markers are relative to the pelvis, as 16-bit integers over
+their range in the trial (0.03 mm on two metres), with -32768 for a gap. The pelvis is stored in
+32-bit floats, quaternions in 1/32767. Frames are omitted if all trials together are too large.
 """
 
 import io
@@ -61,7 +60,7 @@ _JOINT_ARRAYS = (
 def _list_trial_shapes(
     frames: int, segments: int, markers: int
 ) -> dict[str, tuple[int | None, ...]]:
-    """Array of a `MotionScene` -> its shape; None: any."""
+    """List array of a `MotionScene` -> its shape; None: any."""
     return {
         "time": (frames,),
         "origins": (frames, segments, 3),
@@ -82,7 +81,10 @@ _TRIAL_ARRAYS = tuple(_list_trial_shapes(0, 0, 0))
 def save_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene, whole or not at all.
 
-    Raises InputError: `path` cannot be written.
+    Raises
+    ------
+    InputError
+        `path` cannot be written.
     """
     arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
     for i, trial in enumerate(scene.trials):
@@ -112,7 +114,10 @@ def save_scene(scene: Scene, path: Path | str) -> None:
 def load_scene(path: Path | str) -> Scene:
     """Read a scene that `save_scene` wrote.
 
-    Raises InputError: No such file, or not a scene.
+    Raises
+    ------
+    InputError
+        The file is missing, or is not a scene.
     """
     path = Path(path)
     try:
@@ -179,7 +184,7 @@ def _parse_scene(arrays: Any) -> Scene:
 
 
 def _check(scene: Scene) -> None:
-    """ValueError where sizes do not fit together."""
+    """Raise ValueError if the sizes of a scene disagree."""
     segments, markers = len(scene.segments), len(scene.labels)
     used = {
         *scene.marker_segments,
@@ -209,10 +214,9 @@ def _check(scene: Scene) -> None:
 def dump_scene_json(
     scene: Scene, shapes: BodyMeshes, bones: bone_placement.Landmarked | None = None
 ) -> str:
-    """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds
-    no `<`.
+    """Dump a scene as JSON that may be placed inside a `<script>` element.
 
-    `bones`: shown inside the body; None where none are installed.
+    `bones`: shown inside the body; None if none are installed.
     """
     thin = _compute_thinning(scene)
     used = sorted({fitted.mesh for fitted in scene.body})
@@ -237,13 +241,11 @@ def dump_scene_json(
 
 
 def report_thinned_frames(scene: Scene) -> tuple[str, ...]:
-    """A sentence for every trial of which the page holds some frames only; empty where it holds
-    all.
-    """
+    """Report every trial of which the page shows only some frames."""
     thin = _compute_thinning(scene)
     strides = ((trial, trial.stride * thin) for trial in scene.trials)
     return tuple(
-        f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, "
+        f"{trial.name}: the page shows {-(-trial.recorded // stride)} of {trial.recorded} frames, "
         f"one in {stride}; "
         "poses between are interpolated"
         for trial, stride in strides
@@ -252,7 +254,7 @@ def report_thinned_frames(scene: Scene) -> tuple[str, ...]:
 
 
 def _compute_thinning(scene: Scene) -> int:
-    """1, or which frames of every trial stay for all to have room: every second, third, ..."""
+    """Compute the common frame step at which all trials fit the page."""
     bytes_a_frame = 14 * len(scene.segments) + 6 * len(scene.labels) + 64
     total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
     return max(1, -(-total // MOST_BYTES))
@@ -287,9 +289,7 @@ def _pack_trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
 
 
 def _describe_trial(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
-    """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those
-    recorded.
-    """
+    """Describe a trial in a few lines; `time`: s, of the frames in the page, one in `stride`."""
     frames = f"{trial.recorded:,}".replace(",", "\u202f") + (
         " frame" if trial.recorded == 1 else " frames"
     )
@@ -309,14 +309,14 @@ def _describe_trial(scene: Scene, trial: MotionScene, time: Array, stride: int) 
 
 
 def _find_spans(time: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
-    """Begin and end, s, of each stretch of frames that are valid."""
+    """Find begin and end, s, of each run of valid frames."""
     edges = np.diff(np.r_[0, valid.astype(int), 0])
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [[float(time[a]), float(time[b])] for a, b in zip(begins, ends, strict=True)]
 
 
 def _describe_joint(joint: JointMark) -> tuple[str, str]:
-    """What a joint is called, and what is said of it where it is drawn."""
+    """Return the title of a joint and its description in the picture."""
     name, _, side = joint.joint.partition("_")
     title = f"{SIDE_WORDS[side]} {name} joint" if side in SIDE_WORDS else f"{name} joint"
     if not joint.fitted:
@@ -325,7 +325,7 @@ def _describe_joint(joint: JointMark) -> tuple[str, str]:
     text = f"{title}\ncentre moved {1000 * moved:.1f} mm"
     if np.isfinite(joint.nominal_axis).all() and np.isfinite(joint.fitted_axis).all():
         cosine = min(1.0, float(joint.fitted_axis @ joint.nominal_axis))
-        text += f", axis turned {np.degrees(np.arccos(cosine)):.1f}\u00b0"
+        text += f", axis rotated {np.degrees(np.arccos(cosine)):.1f}\u00b0"
     if np.isfinite(joint.centre_spread).all():
         text += (
             f"\nstandard error of the centre {1000 * np.linalg.norm(joint.centre_spread):.1f} mm"
@@ -345,7 +345,7 @@ def _pack_joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
 
 
 def _pack_bones(scene: Scene, bones: bone_placement.Landmarked | None) -> dict[str, Any]:
-    """The bones in their segments, and where each knee axis passes them; or why there are none."""
+    """Pack the bones in their segments with the knee axes, or the reason why there are none."""
     if bones is None:
         return {
             "why": f"not installed: pip install 'gaitcal[{bone_files.EXTRA}]', then gaitcal view"
@@ -387,5 +387,5 @@ def _pack_mesh(mesh: Mesh) -> dict[str, Any]:
 
 
 def _list_numbers(values: Array) -> list[float] | None:
-    """None where they do not exist."""
+    """List numbers; None if any is missing."""
     return [float(x) for x in values.ravel()] if np.isfinite(values).all() else None

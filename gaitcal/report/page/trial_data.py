@@ -1,7 +1,7 @@
-"""One trial of the page beside its body in motion: curves, events, strides, verdict, sections.
+"""Page data of one trial: curves, events, strides, verdict, sections.
 
-Everything is as in the files of a result: angles in degrees, internal moments in N·m with OpenSim's
-signs, powers in W, forces in N. The page brings them into the convention that its reader chooses.
+As in the files of a result: angles in degrees, internal moments in N·m with OpenSim's signs, powers
+in W, forces in N. The page converts them to the convention that its reader chooses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,9 +37,7 @@ from gaitcal.results.trial_curves import (
 
 
 def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
-    """`curves` for the page, of every so many frames; `masks` are shared: a curve's `valid` is the
-    number of one.
-    """
+    """Pack one frame in `every` of the curves; `valid` is a number of the shared `masks`."""
     kept = slice(None, None, every)
     masks = list_masks(curves)
     numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
@@ -72,7 +70,7 @@ def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
 
 
 def list_masks(curves: tuple[Curve, ...]) -> list[BoolArray]:
-    """The different `valid` of the curves, in the order of `masks` of `pack_curves`."""
+    """List the different `valid` of the curves, in the order of `masks` of `pack_curves`."""
     return list({c.valid.tobytes(): c.valid for c in curves}.values())
 
 
@@ -84,10 +82,9 @@ def build_trial_page_data(
     relative_to: Mapping[str, float] | None = None,
     truth: truth_errors.CurveTruths | None = None,
 ) -> dict[str, Any]:
-    """What the page tells of a trial; numbers packed as in `plain_data.py`.
+    """Build the page data of a trial; numbers are packed as in `plain_data.py`.
 
-    `verdict`: None of a trial that is not judged by itself.
-    `relative_to`, `truth`: as of `build_curves`.
+    `verdict`: None for a trial without a verdict. `relative_to`, `truth`: as of `build_curves`.
     """
     time, start = trial.body.time, float(trial.body.time[0])
     every = max(1, -(-len(time) // scene.MOST_FRAMES))
@@ -136,7 +133,7 @@ def build_trial_page_data(
 
 
 def build_trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sections:
-    """Of one trial, calibrated or further; presets to which it has nothing to say are left out."""
+    """Build the sections of one trial without empty presets."""
     sections = {"fit": trust_sections.build_trial_fit_blocks(trial)}
     if (walk := key_figures.compute_gait_numbers(model, trial)) is not None:
         sections |= {
@@ -149,9 +146,10 @@ def build_trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sect
 def _build_strides(
     trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]
 ) -> list[dict[str, Any]]:
-    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis, of each mask
-    of the curves valid percents as in `cycles.csv`, and peaks. `pelvis`: parts of `collect_pelvis_parts`,
-    over each stride against its own line.
+    """Build the complete strides of both feet, s from the begin of the trial.
+
+    Each has its number, pelvis angles (`pelvis`: of `collect_pelvis_parts`, along the line of that
+    stride), valid percents of each mask of the curves as in `cycles.csv`, and peaks.
     """
     if trial.joint is not None:
         return []
@@ -209,8 +207,9 @@ def _build_strides(
 def find_peaks(
     time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array, *, walks: bool = True
 ) -> dict[str, list[float | None]]:
-    """Peak -> what `gait/peaks.py` says of it, None for NaN. `pelvis`: (101, 3) deg,
-    `PELVIS_ANGLES`.
+    """Find the peaks of one stride: peak -> values of `gait/peaks.py`, None for NaN.
+
+    `pelvis`: (101, 3) deg, `PELVIS_ANGLES`.
     """
     unknown = np.full(len(time), np.nan)
     laid = {}

@@ -1,9 +1,8 @@
-"""Presets Trust and Fit: what verdict and numbers rest on, and what makes the error bar of each
-moment; and how well the model follows the markers.
+"""Presets Trust and Fit: causes of error bars, pelvis residuals, and marker errors.
 
-Verdict and reasons are data of the page itself. At the frame of a peak, and over all valid frames,
-the variances of independent sources add; the largest comes first, as better input of its kind would
-mend most.
+Verdict and reasons are data of the page itself. Variances of independent sources add, at the frame
+of a peak and over all valid frames. The largest comes first, as better input data of its kind would
+reduce the error most.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,15 +50,15 @@ from gaitcal.tracking.motion import MarkerErrors
 FLOORS = (
     "A marker error is the distance between where a marker was measured and where the model puts "
     "it. The rigid-segment "
-    "floor is the error that is left when every segment follows its own markers alone, without any "
-    "joints: skin and "
-    "loose markers make it, and no linkage of rigid segments can come below it. The joint floor is "
-    "what is left when "
-    "every joint follows the markers of its own segments alone, placed as suits this one trial: "
-    "what lies between the "
-    "two floors no place of a joint can mend, what lies above the joint floor another place, or "
-    "other markers, may. A "
-    "marker of several joints counts with their mean."
+    "floor is the error that is left when every segment follows its markers independently, without "
+    "joints: soft tissue "
+    "and loose markers cause it, and no linkage of rigid segments can come below it. The joint "
+    "floor is the error that is "
+    "left when every joint follows the markers of its two segments only, with its best position "
+    "for this trial: no joint "
+    "position removes the difference between the two floors; another joint position, or other "
+    "markers, may remove an error "
+    "above the joint floor. A marker of several joints counts with their mean."
 )
 FIT_HEAD: tuple[Cell, ...] = (
     "Nominal",
@@ -76,9 +75,9 @@ ELSEWHERE = (
     "in the folder of the result."
 )
 ISOLATED = (
-    "Fitted with the segments of that joint only, so that no other joint has a say. “Calibrated” "
-    "is right "
-    "after these trials; the final model may differ where walking has moved the joint again."
+    "Fitted with the segments of that joint only, without influence of other joints. “Calibrated” "
+    "is the state "
+    "after these trials; the final model may differ if walking has moved the joint again."
 )
 LITTLE_WEIGHT = 0.5  # Part of the largest weight
 SHOWN_CHANGE_M = 5e-5  # Half of what the page shows
@@ -86,7 +85,7 @@ MARKERS_SHOWN = 6  # With the largest errors; the rest is folded away
 
 
 def build_fit_blocks(calibration: result.Calibration) -> list[Block]:
-    """Of the whole result: the floors, and every trial in one table."""
+    """Build the blocks of the whole result: floors, and all trials in one table."""
     rows = []
     for trial in calibration.trials:
         largest = trial.calibrated.errors.largest()
@@ -118,7 +117,7 @@ def build_fit_blocks(calibration: result.Calibration) -> list[Block]:
 
 
 def _build_fit_cells(fit: trial_result.RmsErrors) -> list[Cell]:
-    """Nominal, calibrated, both floors, and the ratios to them."""
+    """Build nominal, calibrated, both floors, and the ratios to them."""
     return [
         format_number(fit.nominal),
         format_number(fit.calibrated),
@@ -130,7 +129,7 @@ def _build_fit_cells(fit: trial_result.RmsErrors) -> list[Cell]:
 
 
 def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
-    """Of one trial: segments, markers, and the error over time."""
+    """Build the blocks of one trial: segments, markers, and the error over time."""
     segments, whole = trial_result.segment_fits(trial), trial_result.trial_fit(trial)
     rows = [[make_cell(segment.label), *_build_fit_cells(segment)] for segment in segments]
     sums = [[make_cell("all markers"), *_build_fit_cells(whole)]]
@@ -150,9 +149,8 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
     left: list[Block] = [make_table(["Segment, RMS in mm", *FIT_HEAD], [*rows, *sums], total=total)]
     if few := listed([fit.label for fit in segments if not fit.rigid]):
         words = (
-            f"No ratio for {few}: with fewer than three markers a segment can follow them nearly "
-            "exactly, so that "
-            "its floor says nothing."
+            f"No ratio for {few}: a segment can follow fewer than three markers nearly exactly, so "
+            "that its floor is not meaningful."
         )
         left.append(make_text(words, "soft"))
     markers = collect_marker_fits(trial)
@@ -176,7 +174,7 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerFit:
-    """How one marker is met, mm; None where it was not seen."""
+    """Errors of one marker, mm; None if it was not visible."""
 
     label: str
     segment: str
@@ -188,7 +186,7 @@ class MarkerFit:
 
 
 def collect_marker_fits(trial: result.TrialResult) -> list[MarkerFit]:
-    """Largest error first, those with little weight last."""
+    """Collect marker errors, the largest first, markers with little weight last."""
     errors = trial.calibrated.errors
     nominal, calibrated, floor = map(
         _compute_rms_by_label, (trial.nominal.errors, errors, trial.floor)
@@ -247,45 +245,42 @@ NOT_CONVERGED = (
     "phases in the preset Provenance. Do not use these numbers before that is settled."
 )
 JUDGEMENTS = (
-    "Trustworthy: nothing speaks against the numbers beyond their error bars. Doubtful: they may "
-    "be wrong by more than "
-    "that, for the reasons given. Refused: not to be used; no torque of what is refused counts as "
-    "valid, and no error "
-    "bar is given. What is wrong with one leg concerns that leg alone, what is wrong with the "
-    "static trial or an "
-    "isolated one concerns every walk."
+    "Trustworthy: no check found an error larger than the error bars. Doubtful: the numbers may be "
+    "wrong by more than "
+    "their error bars, for the reasons given. Refused: do not use; refused torques are not valid "
+    "and have no error bars. "
+    "A finding on one leg concerns that leg only; a finding on the static trial or on a functional "
+    "(single-joint) trial "
+    "concerns every walk."
 )
 RESIDUALS = (
-    "The measured ground forces should be all that moves the body. The force and moment that the "
-    "model would still "
-    "need at its pelvis to follow the measured motion are the pelvis residuals: they collect the "
-    "errors of motion, "
-    "masses and force plates. The limit of their RMS follows from these errors, from what the "
-    "plates hold above the "
-    "bandwidth of the motion, and from what walks without a fault leave: 1 of 1000 such walks is "
-    "beyond it, and a walk "
-    "that is, is doubtful. Hicks et al. (2015) ask of simulations, whose motion is changed until "
-    "it agrees, for peaks "
-    "below 5 % of the peak net external force, and 1 % of the height of the mass centre times that "
-    "force; few walks as "
-    "measured have that, and nothing is judged by it. RMS are over valid frames and the three "
-    "components, peaks of the "
-    "magnitude."
+    "The measured ground forces should explain the whole motion. The pelvis residuals are the force "
+    "and moment that the "
+    "model needs in addition at its pelvis to follow the measured motion. They contain the errors "
+    "of motion, masses and "
+    "force plates. The limit of their RMS follows from these errors, from the plate signals above "
+    "the bandwidth of the "
+    "motion, and from the residuals of faultless walks: 1 of 1000 such walks exceeds it. A walk "
+    "above the limit is "
+    "doubtful. Hicks et al. (2015) require of simulations, whose motion is adapted, peaks below 5 "
+    "% of the peak net "
+    "external force, and below 1 % of the height of the mass centre times that force. Few measured "
+    "walks meet that, and "
+    "no verdict depends on it. RMS are over valid frames and the three components, peaks are those "
+    "of the magnitude."
 )
 CHANGES = (
     "RMS difference over the valid frames between the moments of the nominal and of the calibrated "
     "model. "
-    "Where it is small against the effect you study, calibration did not matter for it."
+    "If it is small compared with the effect you study, calibration did not matter for that effect."
 )
-SMALL_SHARE = 0.005  # Of the variance: sources below it are told together
+SMALL_SHARE = 0.005  # Of the variance: sources below it share one row
 EXTERNAL_PEAKS = {KNEE_ADDUCTION: "external adduction"}
-"""Moments of which the external peak is told, the opposite of the internal one -> what it is
-called.
-"""
+"""Moments reported as external peaks (the opposite of internal ones) -> their name."""
 
 
 def build_trust_blocks(calibration: result.Calibration) -> list[Block]:
-    """Of the whole result: whether it converged, and how well the trials show each joint."""
+    """Build the blocks of the whole result: convergence, and determination of each joint."""
     out = []
     if calibration.phases:
         out.append(
@@ -357,7 +352,7 @@ def _build_joint_row(
 
 
 def build_trial_trust_blocks(model: SubjectModel, walk: GaitNumbers) -> list[Block]:
-    """Of one walk: what makes the error bars, pelvis residuals, and what calibration changed."""
+    """Build the blocks of one walk: error sources, pelvis residuals, effect of calibration."""
     return [
         *_build_error_bars(walk, model.subject.mass),
         *_build_residuals(walk),
@@ -383,7 +378,7 @@ class PeakError:
         return coordinates.split_side(self.name)[0]
 
     def compute_part(self, share: float) -> float:
-        """N·m/kg, the error of one source by itself."""
+        """Compute the N·m/kg error due to one source."""
         return float(self.error * np.sqrt(share))
 
     @property
@@ -399,10 +394,9 @@ class PeakError:
 
 
 def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
-    """Of one moment at the largest magnitude in its valid frames, of the knee's adduction at the
-    abductor's peak.
+    """Find the error of one moment at its largest valid magnitude; None if unknown.
 
-    None without valid frames or standard errors. `mass`: of the body, kg.
+    The knee adduction moment is taken at its external peak. `mass`: of the body, kg.
     """
     loads = walk.trial.loads
     if loads is None or loads.errors is None:
@@ -430,7 +424,7 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
 
 
 def _build_error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
-    """Empty where it is not known what makes them."""
+    """Build the error sources of all peaks; empty if they are unknown."""
     names = [f"{base}_{side}" for base in coordinates.LEG_COORDINATES for side in linkage.SIDES]
     peaks: dict[str, list[PeakError]] = {}
     for name in names:
@@ -502,7 +496,7 @@ def _build_residuals(walk: GaitNumbers) -> list[Block]:
     if held is not None:
         below.append(
             [
-                "expected of its errors",
+                "expected from its errors",
                 format_number(held.force.expected),
                 "",
                 format_number(held.moment.expected),
@@ -514,7 +508,7 @@ def _build_residuals(walk: GaitNumbers) -> list[Block]:
         )
     below.append(
         [
-            "asked of simulations",
+            "required of simulations",
             "",
             format_number(limits.force, 0),
             "",
@@ -531,7 +525,7 @@ def _build_residuals(walk: GaitNumbers) -> list[Block]:
 
 
 def _format_residual(value: float, held: expected_residual.HeldResidual | None) -> Cell:
-    """A residual, and whether it is within its limit, in words as well."""
+    """Format a residual, and whether it is within its limit."""
     if held is None:
         return format_number(value)
     return make_cell(

@@ -382,7 +382,7 @@ def test_what_an_axis_proves_is_said(bones: Landmarked, person) -> None:
         bones, person, marks_through(bones, person, np.zeros(3), 0.002, 0.03)
     )
     assert (
-        "Its place is uncertain by about 23 mm; the nominal"
+        "Its position is uncertain by about 23 mm; the nominal"
         in describe_knee(replace(knee, misfit=0.020))[2]
     ), "root of 20^2 + 2 * 8^2"
 

@@ -264,7 +264,7 @@ def test_ten_thousand_frames_stay_responsive(
     scene = long_scene()
     write_page(tmp_path, scene, plain_data(scene))
     view_command.view_result(Console(quiet=False, verbose=False), tmp_path, html=page_file)
-    assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
+    assert "long: the page shows 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
     assert page_file.stat().st_size < LIMIT
     of_a_short_walk = visit(html).run(POSING)
     page = visit(page_file)

@@ -105,7 +105,7 @@ def test_no_two_scripts_define_the_same_name() -> None:
 
 
 def packed_trial(trial: MotionScene) -> dict[str, Any]:
-    """A trial as the page holds it."""
+    """A trial as the page shows it."""
     packed: dict[str, Any] = json.loads(
         dump_scene_json(build_person_scene(subject_model(), (trial,), {}), read_body_meshes())
     )
@@ -232,7 +232,7 @@ def test_long_trials_stay_under_the_limit(whole: Calibration) -> None:
     left_out = list_omissions(shown)
     assert len(left_out) == 2 * 12
     assert re.search(r"holds \d+ of 10000 frames, one in \d+;", left_out[0])
-    assert "its curves hold one frame in" in left_out[12]
+    assert "its curves show one frame in" in left_out[12]
     assert list_omissions(PageContent(walking_scene())) == ()
 
 

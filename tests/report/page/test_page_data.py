@@ -270,7 +270,7 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     without = build_calibration_page_data(fake_calibration(plates=False))["lines"][2]
     assert without == {
         "tone": "plain",
-        "text": "Angles alone count, no moments: there are no force plates.",
+        "text": "Angles only, no moments: there are no force plates.",
     }
 
 
