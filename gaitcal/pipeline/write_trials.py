@@ -176,10 +176,10 @@ def write_trials(
             sorted(names), digest
         )
         kept = _drop_names(get_table(summary, "trials"), names)
-        aged = [name for name in kept if digests.get(name) != digest]
-        page, unseen = read_earlier_page(folder, earlier, kept, aged)
-        stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in aged)
-        stale += (*_warn_of_damaged_files(folder, earlier, kept), *unseen)
+        old_model = [name for name in kept if digests.get(name) != digest]
+        page, page_warnings = read_earlier_page(folder, earlier, kept, old_model)
+        stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in old_model)
+        stale += (*_warn_of_damaged_files(folder, earlier, kept), *page_warnings)
         write_stride_files(
             out, model, trials, relative_to, read_earlier_strides(folder, earlier, kept)
         )

@@ -139,8 +139,8 @@ def read_report_content(
     page = read_page_data(folder / PAGE_DATA)
     model, _, _ = saved_result.load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
-    of = cycle_tables.read_cycles(folder)
-    strides = cycles_export.convert_strides(of, CLINICAL, model)
+    cycles = cycle_tables.read_cycles(folder)
+    strides = cycles_export.convert_strides(cycles, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
     norm = _choose_norm(page, named, model.subject, summary, manifest)
     relative = get_table(manifest, "settings").get("angles") == "relative"
@@ -172,7 +172,7 @@ def read_report_content(
         norm=norm.words,
         norm_remark=remark,
         profile=profile_score.profile_scores(
-            {n: of[n].to_numpy() for n in of}, norm.bands, model.subject
+            {n: cycles[n].to_numpy() for n in cycles}, norm.bands, model.subject
         )
         if norm.bands and not relative
         else (),
@@ -240,8 +240,8 @@ def _format_fit(summary: Mapping[str, object]) -> Iterator[str]:
         best = rms.get("joint_floor") or rms.get("rigid_floor")
         clauses = []
         if rms.get("calibrated"):
-            of = "pelvis and legs" if legs else "the joint's segments"
-            clauses.append(f"marker fit of {of} {rms['calibrated']:.1f} mm")
+            fitted = "pelvis and legs" if legs else "the joint's segments"
+            clauses.append(f"marker fit of {fitted} {rms['calibrated']:.1f} mm")
             clauses[-1] += f" (best possible {best:.1f})" if best else ""
         residual = next(reversed(get_table(trial, "pelvis_residual").values()), None)
         limit = get_table(trial, "pelvis_residual_limit")
@@ -285,11 +285,11 @@ def _group_activities(
     summary: Mapping[str, object], page: Mapping[str, Any]
 ) -> Iterator[_Activity]:
     """Group the whole-body trials by activity, walking first."""
-    of: dict[str, list[Any]] = {}
+    by_name: dict[str, list[Any]] = {}
     for trial in sorted(page["trials"], key=lambda trial: trial["activity"] != WALKING):
         if get_table(get_table(summary, "trials"), trial["name"]).get("role") != "joint":
-            of.setdefault(trial["activity"], []).append(trial)
-    for name, trials in of.items():
+            by_name.setdefault(trial["activity"], []).append(trial)
+    for name, trials in by_name.items():
         yield _Activity(
             name,
             tuple(t["name"] for t in trials),
@@ -320,9 +320,11 @@ def _build_sheets(
         )
         if a.repeats:
             note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
-        of = {name: uses[name] for name in a.trials}
-        whole = (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics))
-        for title, variables, words in whole if k == 0 else (("Legs", LEGS, f"{note} {kinetics}"),):
+        uses_of_trials = {name: uses[name] for name in a.trials}
+        full_sheets = (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics))
+        for title, variables, text in (
+            full_sheets if k == 0 else (("Legs", LEGS, f"{note} {kinetics}"),)
+        ):
             yield Sheet(
                 title=title if a.walks else f"{title}, {a.name}",
                 panels=tuple(
@@ -333,8 +335,8 @@ def _build_sheets(
                         subject,
                     )
                 ),
-                note=f"{words} {remark}" if a.walks and remark else words,
-                without=_explain_missing_curves(of, of_moments=variables is KINETICS),
+                note=f"{text} {remark}" if a.walks and remark else text,
+                without=_explain_missing_curves(uses_of_trials, of_moments=variables is KINETICS),
                 comment=title.lower() if k == 0 else "",
                 thin="thin: repetitions" if a.repeats else "thin: strides, vertical: toe-off",
                 toe_off=a.toe_off,
@@ -395,14 +397,14 @@ def _build_walk_rows(
         for side in linkage.SIDES:
             of_leg = [use for use in of_walk if use.side == side]
             turning = sum(use.turns for use in of_leg)
-            bent = f"{counted(turning, 'stride')} turning: not in means" if turning else ""
+            turning_text = f"{counted(turning, 'stride')} turning: not in means" if turning else ""
             yield (
                 name,
                 SIDE_WORDS[side],
                 str(get_table(get_table(summary, "trials"), name).get(f"verdict_{side}", "")),
                 ", ".join(dict.fromkeys(use.plate for use in of_leg if use.plate)),
                 f"{sum(use.whole for use in of_leg)} of {len(of_leg)}",
-                "; ".join(filter(None, (list_reasons(of_leg), bent)))
+                "; ".join(filter(None, (list_reasons(of_leg), turning_text)))
                 if of_leg
                 else "no complete stride or repetition",
             )
@@ -445,7 +447,7 @@ def _build_step_rows(
             asymmetry, error = (
                 measure.get(f"symmetry_{name}") for name in ("percent", "se_percent")
             )
-            apart = (
+            asymmetry_text = (
                 ""
                 if asymmetry is None
                 else f"{asymmetry:.1f}" + ("" if error is None else f" ± {error:.1f}")
@@ -453,7 +455,7 @@ def _build_step_rows(
             norm = (
                 [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
             )
-            yield (title, str(measure.get("unit", "")), *cells, apart, *norm)
+            yield (title, str(measure.get("unit", "")), *cells, asymmetry_text, *norm)
 
 
 def _format_average(of_side: Mapping[str, object], digits: int) -> str:

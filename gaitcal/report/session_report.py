@@ -82,7 +82,7 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
             "common": comparison.common.name.lower(),
         }
         (out / MANIFEST).write_text(format_json(content), encoding="utf-8")
-        head = (*warnings, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
+        head = (*warnings, f"a: {names[0]}; b: {names[1]}; {comparison.common.description}")
         write_csv(
             comparison.differences,
             out / DIFFERENCES,
@@ -154,7 +154,7 @@ def build_comparison_content(
             ("", *names),
             *((label, *(known.get(label, "–") for known in people)) for label in labels),
         ),
-        words=comparison.lines,
+        sentences=comparison.lines,
         scores=(("deg, ± standard error", *against, "difference"), *scores),
         steps=(head, *build_figure_rows(steps)),
         others=(head, *build_figure_rows(others[:PRINTED])),
@@ -217,7 +217,8 @@ def _build_score_rows(
             of_a.keys() & of_b.keys(), key=lambda n: (n != profile_score.GPS, list(of_a).index(n))
         ):
             score, se = (
-                [float(of[name].get(key, np.nan)) for of in (of_a, of_b)] for key in ("score", "se")
+                [float(scores_of[name].get(key, np.nan)) for scores_of in (of_a, of_b)]
+                for key in ("score", "se")
             )
             title = (
                 "Gait Profile Score"
@@ -289,7 +290,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
             else "not found"
         )
         raise InputError(message, source=folder, code=Code.NO_RESULT)
-    whole = folder.resolve()
+    resolved = folder.resolve()
     calibrated = folder / ".." if FURTHER in manifest else folder
     tables = (CYCLES, stride_files.SPATIOTEMPORAL, SUMMARY)
     (strides, measures, summary), read = read_whole(
@@ -319,7 +320,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
         else ()
     )
     session = stride_sets.RecordedSession(
-        name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
+        name=resolved.name if calibrated is folder else f"{resolved.parent.name}/{resolved.name}",
         model=model,
         model_key=str(of_model.sha256[MODEL]),
         statics=_list_recordings(calibrated, moving=False),
@@ -368,14 +369,14 @@ def _read_measures(folder: Path) -> pd.DataFrame:
 
 def _list_recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
     """List the SHA-256 of the files of moving trials, or of static ones."""
-    told, hashes = (
+    moving_trials, hashes = (
         get_table(read_object(folder / n), key)
         for n, key in ((SUMMARY, "trials"), (MANIFEST, "inputs_sha256"))
     )
     files = (
         files.get("file", "")
         for trial, files in cycles_export.read_trial_files(folder).items()
-        if (trial in told) is moving
+        if (trial in moving_trials) is moving
     )
     return tuple(sorted(str(hashes[file]) for file in files if file in hashes))
 

@@ -293,12 +293,12 @@ def _build_rows(
     time, count = trial.body.time, len(curves)
     rows = count * POINTS
 
-    def laid(values: Sequence[Array]) -> Array:
+    def normalise_all(values: Sequence[Array]) -> Array:
         out: Array = normalise(time, np.stack(values, axis=1), cycle).T.ravel()
         return out
 
     unknown = np.full(len(time), np.nan)
-    usable = laid([np.where(c.valid, 1.0, np.nan) for c in curves])
+    usable = normalise_all([np.where(c.valid, 1.0, np.nan) for c in curves])
     turn = (
         np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS)
     )
@@ -310,10 +310,14 @@ def _build_rows(
         "stride": np.full(rows, stride),
         "percent": np.tile(np.arange(POINTS), count),
         "variable": [c.variable for c in curves for _ in range(POINTS)],
-        "value": _round_values(laid([c.value for c in curves])),
-        "se": _round_values(laid([unknown if c.error is None else c.error for c in curves])),
+        "value": _round_values(normalise_all([c.value for c in curves])),
+        "se": _round_values(
+            normalise_all([unknown if c.error is None else c.error for c in curves])
+        ),
         "valid": np.isfinite(usable).astype(int),
-        "se_stride": _round_values(laid([unknown if c.own is None else c.own for c in curves])),
+        "se_stride": _round_values(
+            normalise_all([unknown if c.stride_error is None else c.stride_error for c in curves])
+        ),
         "turn": np.full(rows, turn, dtype=np.float64),
         "activity": [trial.activity] * rows,
         "phase": cycle.phases * count,

@@ -151,7 +151,7 @@ def list_stale_trials(folder: Path, digest: str | None) -> tuple[str, ...]:
         Names of trials.
     """
     made = get_table(result_folder.read_object(folder / result_folder.MANIFEST), "model_sha256")
-    return tuple(trial for trial, of in made.items() if of != digest)
+    return tuple(trial for trial, model_digest in made.items() if model_digest != digest)
 
 
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _StrideTables:
@@ -247,11 +247,11 @@ def _build_vector_rows(found: _StrideTables, frame: MomentFrame) -> list[pd.Data
             if leg_of(name) in (side, "")
         ]
         for stride, cycle in enumerate(cycles, start=1):
-            told_of_stride = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
+            template = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
             for name in names:
                 leg = leg_of(name)
-                column, counts = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
-                usable = np.where(table[counts].to_numpy() == 1, 1.0, np.nan)
+                column, validity = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
+                usable = np.where(table[validity].to_numpy() == 1, 1.0, np.nan)
                 signals = (
                     table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride")
                 )
@@ -260,7 +260,7 @@ def _build_vector_rows(found: _StrideTables, frame: MomentFrame) -> list[pd.Data
                     for values in (*signals, usable)
                 )
                 parts.append(
-                    told_of_stride.assign(
+                    template.assign(
                         variable=f"{name[:-2] if leg else name}{MOMENT}",
                         value=value,
                         se=error,
@@ -314,7 +314,7 @@ def write_export_manifest(
     }
     about = {
         **cast(dict[str, Json], earlier.get("written", {})),
-        **{name: dict(words) for name, words in written.items()},
+        **{name: dict(entry) for name, entry in written.items()},
     }
     result: dict[str, Json] = {"subject": subject, "sha256": dict(read)}
     for name in written:

@@ -41,10 +41,10 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
             m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0
         ]
         modelled = synthetic_markers(saved.model.parameters, placed, q)[:, compared]
-        apart = (
+        differences = (
             saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
         )
-        missed = np.sqrt(np.nanmean(np.sum(apart**2, axis=2), axis=0))
+        rms = np.sqrt(np.nanmean(np.sum(differences**2, axis=2), axis=0))
         trial = OurMotion(
             name=name,
             motion=saved.motion,
@@ -53,7 +53,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
             valid=saved.valid,
             cutoff=float(cutoff) if isinstance(cutoff, int | float) else None,
             loads=folder / "forces" / f"{safe_name(name)}.xml",
-            missed={placed.labels[m]: float(e) for m, e in zip(compared, missed, strict=True)},
+            missed={placed.labels[m]: float(e) for m, e in zip(compared, rms, strict=True)},
         )
         out.append(trial)
     return out

@@ -27,7 +27,7 @@ class LabelledParameter:
     """One parameter."""
 
     name: str  # As in `parameters.csv`
-    words: str  # Place and direction in one
+    title: str  # Position and direction in one
     place: str  # What the value is of; rows of one place stand together. Nothing for a mass.
     direction: str
     unit: str
@@ -168,12 +168,12 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
     out = []
     for joint, names in joints.items():
         if joint not in {j.name for j in JOINTS}:
-            words = moments.listed([moments.parameter_words(n) for n in names])
-            out.append(f"{moments.segment_words(joint).capitalize()}: {words}.")
+            parameters = moments.listed([moments.parameter_words(n) for n in names])
+            out.append(f"{moments.segment_words(joint).capitalize()}: {parameters}.")
             continue
         moved = compute_range_of_motion(calibration, joint)
-        words = moments.listed([moments.parameter_words(n) for n in names])
-        text = f"{moments.joint_words(joint).capitalize()}: {words}; {_describe_kept(calibration, names)}."
+        parameters = moments.listed([moments.parameter_words(n) for n in names])
+        text = f"{moments.joint_words(joint).capitalize()}: {parameters}; {_describe_kept(calibration, names)}."
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (
@@ -257,13 +257,13 @@ def summarise_fitted(calibration: Calibration) -> str:
     if joint:
         parts.append(f"{moments.counted(joint, 'joint parameter')} (where the joints lie)")
     if inertial:
-        alike = inertial < sum(
+        is_symmetric = inertial < sum(
             r.status == "fitted" for r in _label_parameters(calibration, joints=False)
         )
-        what = "masses, mass centres, moments of inertia" + (
-            ", alike for right and left" if alike else ""
+        description = "masses, mass centres, moments of inertia" + (
+            ", alike for right and left" if is_symmetric else ""
         )
-        parts.append(f"{moments.counted(inertial, 'inertial parameter')} ({what})")
+        parts.append(f"{moments.counted(inertial, 'inertial parameter')} ({description})")
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
@@ -287,7 +287,7 @@ def _label_parameters(calibration: Calibration, *, joints: bool) -> list[Labelle
         rows.append(
             LabelledParameter(
                 name=name,
-                words=moments.parameter_words(name),
+                title=moments.parameter_words(name),
                 place=moments.parameter_place(name),
                 direction=moments.parameter_direction(name),
                 unit=unit,
@@ -303,8 +303,8 @@ def _label_parameters(calibration: Calibration, *, joints: bool) -> list[Labelle
 def _are_mirrored(
     right: tuple[LabelledParameter, ...], left: tuple[LabelledParameter, ...]
 ) -> bool:
-    def key(rows: tuple[LabelledParameter, ...]) -> dict[str, tuple[float, float]]:
-        return {r.words: (abs(r.nominal), abs(r.fitted)) for r in rows}
+    def index_values(rows: tuple[LabelledParameter, ...]) -> dict[str, tuple[float, float]]:
+        return {r.title: (abs(r.nominal), abs(r.fitted)) for r in rows}
 
-    a, b = key(right), key(left)
+    a, b = index_values(right), index_values(left)
     return a.keys() == b.keys() and all(np.allclose(a[k], b[k], rtol=EQUAL, atol=0.0) for k in a)

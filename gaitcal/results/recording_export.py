@@ -109,13 +109,13 @@ def _write_trial(
     """Write the C3D of one trial and return notes; `between` is a temporary file, removed again."""
     recording = formats.read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
-    made = segment_poses.holds_poses(recording.labels)
-    if made and paths["file"].suffix.lower() == ".c3d":
+    is_synthetic = segment_poses.holds_poses(recording.labels)
+    if is_synthetic and paths["file"].suffix.lower() == ".c3d":
         notes = (
             "written anew: without poses and events of the file, with the points that stand for "
             "its body",
         )
-    if paths["file"].suffix.lower() == ".c3d" and not made:
+    if paths["file"].suffix.lower() == ".c3d" and not is_synthetic:
         source, same = paths["file"], formats.read_recording(paths["file"])
     else:
         notes += _convert_to_c3d(recording, between)
@@ -145,11 +145,11 @@ def _write_trial(
     if named:
         hint = "" if instead else ", --replace writes them in place of the file's"
         notes += (f"the file has points of such names; ours begin with {named}{hint}",)
-    if gone := [point.name for point in points if point.name in original.labels]:
-        rest = "what else it holds of another program's, also in other frames, is not ours"
+    if replaced := [point.name for point in points if point.name in original.labels]:
+        other_points = "what else it holds of another program's, also in other frames, is not ours"
         notes += (
-            f"{moments.counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); "
-            f"{rest}",
+            f"{moments.counted(len(replaced), 'point')} of the file replaced ({', '.join(replaced)}); "
+            f"{other_points}",
         )
     return (*_summarise_points(trial, points), *notes, *event_notes)
 
@@ -219,11 +219,11 @@ def _find_file_axes(markers: Recording, places: Array, source: Path) -> Turn:
             matrix[range(3), order] = signs
             if np.linalg.det(matrix) < 0:
                 continue
-            turn = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
+            axes = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
             if len(frames) and all(
-                _are_among(turn.apply(markers.markers[i, visible[i]]), places[i]) for i in frames
+                _are_among(axes.apply(markers.markers[i, visible[i]]), places[i]) for i in frames
             ):
-                return turn
+                return axes
     raise InputError(
         "its markers are not those of the result", source=source, code=Code.CHANGED_FILE
     )
@@ -288,7 +288,7 @@ def _select_new_events(
             f"{EVENTS}",
         )
 
-    def known(event: FootEvent) -> bool:
+    def is_known(event: FootEvent) -> bool:
         return any(
             e.side == event.side
             and e.moment is event.moment
@@ -296,7 +296,7 @@ def _select_new_events(
             for e in recording.events
         )
 
-    new = [event for event in trial.events if not known(event)]
+    new = [event for event in trial.events if not is_known(event)]
     kept = f"{len(recording.events)} events of the file kept, " if recording.events else ""
     return new, (f"{kept}{len(new)} events added",)
 
@@ -318,8 +318,8 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
 def _summarise_points(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
     """List the kinds of points that were added, and why others are missing."""
     counts = [
-        f"{sum(p.kind is kind for p in points)} {words}"
-        for kind, words in (
+        f"{sum(p.kind is kind for p in points)} {title}"
+        for kind, title in (
             (PointKind.ANGLE, "angles"),
             (PointKind.PLACE, "joint centres"),
             (PointKind.MOMENT, "moments"),
@@ -328,13 +328,13 @@ def _summarise_points(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, 
         )
         if any(p.kind is kind for p in points)
     ]
-    said = (f"{', '.join(counts)}",)
+    summary = (f"{', '.join(counts)}",)
     if Judgement.REFUSED.value in trial.facts.values() and trial.torques is None:
-        return (*said, "the trial is refused: no moments and no powers")
+        return (*summary, "the trial is refused: no moments and no powers")
     if trial.torques is None:
-        return (*said, "no force plates, so no moments and no powers")
+        return (*summary, "no force plates, so no moments and no powers")
     shares = ", ".join(
-        f"{word} leg {100 * trial.valid[s].mean():.0f} %"
-        for s, word in (("r", "right"), ("l", "left"))
+        f"{side} leg {100 * trial.valid[s].mean():.0f} %"
+        for s, side in (("r", "right"), ("l", "left"))
     )
-    return (*said, f"moments and powers in the frames that count: {shares}")
+    return (*summary, f"moments and powers in the frames that count: {shares}")

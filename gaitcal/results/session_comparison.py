@@ -44,10 +44,10 @@ class SessionComparison:
     @property
     def lines(self) -> tuple[str, ...]:
         """The comparison in sentences, warnings first."""
-        return (*(f"warning: {text}" for text in self.warnings), *self.words)
+        return (*(f"warning: {text}" for text in self.warnings), *self.sentences)
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """The same without warnings."""
         return session_difference.describe_differences(self.names, self.common, self.found)
 
@@ -98,9 +98,12 @@ def compare_sessions(a: measured.RecordedSession, b: measured.RecordedSession) -
 def _warn_of_verdicts(*sessions: measured.RecordedSession) -> tuple[str, ...]:
     """Describe refused and doubtful sessions, the worst first."""
     order = {"refused": 0, "doubtful": 1}
-    told = sorted((s for s in sessions if s.verdict in order), key=lambda s: order[s.verdict])
+    sessions_in_doubt = sorted(
+        (s for s in sessions if s.verdict in order), key=lambda s: order[s.verdict]
+    )
     return tuple(
-        f"{s.name} is {s.verdict}: {'; '.join(s.reasons) or 'see its report'}" for s in told
+        f"{s.name} is {s.verdict}: {'; '.join(s.reasons) or 'see its report'}"
+        for s in sessions_in_doubt
     )
 
 
@@ -180,8 +183,8 @@ def build_curve_table(
         by_strides = session_difference.compute_stride_variance(spread, n_a, n_b)
         shared = _compute_shared(common, *both)
         se = np.sqrt(np.nan_to_num(by_strides) + np.nan_to_num(shared))
-        apart = mean_b - mean_a
-        known = np.isfinite(by_strides) & np.isfinite(apart)
+        difference = mean_b - mean_a
+        is_known = np.isfinite(by_strides) & np.isfinite(difference)
         part = {
             "kind": kind_of(key[1]).words,
             "side": key[0],
@@ -190,10 +193,10 @@ def build_curve_table(
             "unit": unit_of(key[1]),
             "a": mean_a,
             "b": mean_b,
-            "difference": apart,
-            "se": np.where(np.isfinite(apart), se, np.nan),
-            "mdc95": np.where(np.isfinite(apart), session_difference.MDC * se, np.nan),
-            "exceeds": (known & (np.abs(apart) > session_difference.MDC * se)).astype(int),
+            "difference": difference,
+            "se": np.where(np.isfinite(difference), se, np.nan),
+            "mdc95": np.where(np.isfinite(difference), session_difference.MDC * se, np.nan),
+            "exceeds": (is_known & (np.abs(difference) > session_difference.MDC * se)).astype(int),
             "strides_a": n_a,
             "strides_b": n_b,
         }
@@ -220,13 +223,17 @@ def compare_curve_figures(
             both = figures[0][key][measure], figures[1][key][measure]
             if not all(np.isfinite(f.values).any() for f in both):
                 continue
-            beside = [
-                {k: of[measure].values for k, of in sets.items() if measure in of}
+            by_key = [
+                {
+                    k: figures_of[measure].values
+                    for k, figures_of in sets.items()
+                    if measure in figures_of
+                }
                 for sets in figures
             ]
             values, shared = [f.values for f in both], _compute_shared(common, *both)
             yield _build_difference(
-                kind_of(key[1]).words, key, measure, unit_of(key[1]), values, beside, shared=shared
+                kind_of(key[1]).words, key, measure, unit_of(key[1]), values, by_key, shared=shared
             )
 
 
@@ -306,10 +313,10 @@ def _average_errors(found: measured.StrideSet | ComparedFigure, errors: Array) -
 
 def _compute_figures(variable: str, found: measured.StrideSet) -> dict[str, ComparedFigure]:
     """Compute the figures of every stride: `highest in swing`, `at initial contact`."""
-    own, out = np.zeros(POINTS), {}
+    zeros, out = np.zeros(POINTS), {}
     of_strides = [
         [
-            stride_peaks({variable: (value, error, own)}, None if np.isnan(off) else float(off))
+            stride_peaks({variable: (value, error, zeros)}, None if np.isnan(off) else float(off))
             for error in errors
         ]
         for value, *errors, off in zip(

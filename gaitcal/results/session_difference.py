@@ -90,16 +90,16 @@ def pool_strides(groups: Sequence[Array]) -> StrideSpread:
         )
 
 
-def estimate_spread(here: Sequence[Array], other_leg: Sequence[Array]) -> StrideSpread:
+def estimate_spread(this_leg: Sequence[Array], other_leg: Sequence[Array]) -> StrideSpread:
     """Estimate the spread of this leg's strides; pool both legs if there are few."""
-    alone = pool_strides(here)
+    single = pool_strides(this_leg)
     if not other_leg:
-        return alone
-    both = pool_strides([*here, *other_leg])
-    few = alone.freedom < LEAST_FREEDOM
+        return single
+    both = pool_strides([*this_leg, *other_leg])
+    few = single.freedom < LEAST_FREEDOM
     return StrideSpread(
-        variance=np.where(few, both.variance, alone.variance),
-        freedom=np.where(few, both.freedom, alone.freedom),
+        variance=np.where(few, both.variance, single.variance),
+        freedom=np.where(few, both.freedom, single.freedom),
     )
 
 
@@ -258,24 +258,24 @@ def describe_differences(
     """Describe the differences, largest first: one sentence for each variable."""
     judged = [d for d in found if d.spread_known]
     legs = [d for d in judged if not d.beyond_legs]
-    beyond = [d for d in legs if d.exceeds]
-    lines = [f"{names[1]} against {names[0]}; {common.words}"]
+    exceeding = [d for d in legs if d.exceeds]
+    lines = [f"{names[1]} against {names[0]}; {common.description}"]
     if not found:
         return (*lines, "the sessions have nothing in common that can be compared")
     lines.append(
-        f"{len(beyond)} of {counted(len(legs), 'difference')} exceed what these recordings could "
+        f"{len(exceeding)} of {counted(len(legs), 'difference')} exceed what these recordings could "
         "miss (95 %); "
         f"were none real, about {BY_CHANCE * len(legs):.0f} would"
     )
     # the single support of one leg is the swing of the other: one finding
     described: dict[tuple[str, str], Difference] = {}
-    swings = {(d.side, d.name) for d in beyond if d.name.startswith("swing")}
-    for d in beyond:
+    swings = {(d.side, d.name) for d in exceeding if d.name.startswith("swing")}
+    for d in exceeding:
         other_leg = (SIDES[d.side == SIDES[0]], d.name.replace("single_support", "swing"))
         if not d.name.startswith("single_support") or other_leg not in swings:
             described.setdefault((d.side, d.name), d)
     shown = list(described.values())[:MOST_DESCRIBED]
-    lines += [f"{describe_difference(d)}{_format_others(d, beyond)}" for d in shown]
+    lines += [f"{describe_difference(d)}{_format_others(d, exceeding)}" for d in shown]
     if more := len(described) - len(shown):
         lines.append(f"and {more} more variables: differences.csv")
     if upper := sum(d.exceeds and d.beyond_legs for d in judged):

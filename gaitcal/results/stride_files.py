@@ -151,9 +151,9 @@ def summarise_means(trials: Sequence[TrialResult]) -> dict[str, table_files.Json
     for found in measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks}):
         entry: dict[str, table_files.Json] = {"unit": found.unit}
         entry |= {
-            side: _summarise_average(of)
-            for side, of in (("r", found.right), ("l", found.left))
-            if of is not None
+            side: _summarise_average(average)
+            for side, average in (("r", found.right), ("l", found.left))
+            if average is not None
         }
         if found.symmetry is not None and found.symmetry_error is not None:
             entry["symmetry_percent"] = round(found.symmetry, TIME_DIGITS)
@@ -389,7 +389,7 @@ def _compute_peaks(
         for t, s, n, name, v in rows
         if name == "stance_percent" and n not in ("", None)
     }
-    values, se, own = (
+    values, se, stride_error = (
         np.asarray(strides[name], dtype=np.float64) for name in ("value", "se", "se_stride")
     )
     values = np.where(np.asarray(strides["valid"]) == 1, values, np.nan)
@@ -406,7 +406,7 @@ def _compute_peaks(
             of_stride[strides["variable"][k]] = (
                 values[k : k + POINTS],
                 se[k : k + POINTS],
-                own[k : k + POINTS],
+                stride_error[k : k + POINTS],
             )
     return peak_means(
         (
@@ -427,9 +427,9 @@ def _list_turning_strides(strides: Mapping[str, table_files.Column]) -> tuple[st
     )
     if not named:
         return ()
-    words = ", ".join(f"{trial} {side} {stride}" for trial, side, stride in named)
+    names = ", ".join(f"{trial} {side} {stride}" for trial, side, stride in named)
     return (
-        f"left out, strides that turn by more than {TURNING:g} deg (trial, side, stride): {words}",
+        f"left out, strides that turn by more than {TURNING:g} deg (trial, side, stride): {names}",
     )
 
 

@@ -69,8 +69,8 @@ class Common(Enum):
     )
     PERSON = "a static trial each: markers were placed again, and no error is the same in both"
 
-    def __init__(self, words: str) -> None:
-        self.words = words
+    def __init__(self, description: str) -> None:
+        self.description = description
 
 
 def find_common(a: RecordedSession, b: RecordedSession) -> Common:
@@ -103,14 +103,16 @@ class Identity:
 
 def check_identity(a: RecordedSession, b: RecordedSession) -> Identity:
     """Compare name, sex, height and the lengths of thighs and shanks."""
-    one, other = a.model.subject, b.model.subject
+    subject_a, subject_b = a.model.subject, b.model.subject
     doubts, denied = list[str](), list[str]()
-    if one.name != other.name:
-        doubts.append(f"the names differ: '{one.name}' and '{other.name}'")
-    if one.sex and other.sex and one.sex != other.sex:
-        doubts.append(f"{one.sex} in {a.name}, {other.sex} in {b.name}")
-    if abs(other.height - one.height) > DOUBTFUL * one.height:
-        doubts.append(f"{one.height:.2f} m tall in {a.name}, {other.height:.2f} m in {b.name}")
+    if subject_a.name != subject_b.name:
+        doubts.append(f"the names differ: '{subject_a.name}' and '{subject_b.name}'")
+    if subject_a.sex and subject_b.sex and subject_a.sex != subject_b.sex:
+        doubts.append(f"{subject_a.sex} in {a.name}, {subject_b.sex} in {b.name}")
+    if abs(subject_b.height - subject_a.height) > DOUBTFUL * subject_a.height:
+        doubts.append(
+            f"{subject_a.height:.2f} m tall in {a.name}, {subject_b.height:.2f} m in {b.name}"
+        )
     for name, (of_a, of_b) in _measure_lengths(a, b).items():
         change = abs(of_b - of_a) / max(of_a, 1e-6)
         if change > DOUBTFUL:
@@ -138,10 +140,10 @@ def compute_shared_part(session: RecordedSession, torque: str) -> float:
     This is the part of segment axes and masses. `torque`: its name with the side of its leg.
     """
     shares = session.error_shares.get(torque, {})
-    rest = sum(value for source, value in shares.items() if source != "motion")
+    total = sum(value for source, value in shares.items() if source != "motion")
     return (
-        sum(shares.get(source, 0.0) for source in ("frames", "inertia")) / rest
-        if rest > 0.0
+        sum(shares.get(source, 0.0) for source in ("frames", "inertia")) / total
+        if total > 0.0
         else 0.0
     )
 
@@ -154,7 +156,7 @@ class StrideSet:
     """n strides of one variable, in its unit, at 0 to 100 %; NaN where a sample is not valid."""
 
     values: Array  # (n, 101)
-    own: Array  # (n, 101) s, errors of the single stride
+    stride_error: Array  # (n, 101) s, errors of the single stride
     shared: Array  # (n, 101) c
     frames: Array  # (n, 101) f, at most c
     stance: Array  # (n,) percent at which the foot leaves the ground; NaN where not known
@@ -183,15 +185,15 @@ def collect_stride_sets(session: RecordedSession) -> dict[Key, StrideSet]:
     for (side, variable), rows in wide.groupby(
         level=["side", "variable"], sort=False
     ).indices.items():
-        own, total = arrays["se_stride"][rows], arrays["se"][rows]
-        shared = np.sqrt(np.maximum(total**2 - own**2, 0.0))
+        stride_error, total = arrays["se_stride"][rows], arrays["se"][rows]
+        shared = np.sqrt(np.maximum(total**2 - stride_error**2, 0.0))
         of_rows = [
             stance.get((trial, str(side), stride), np.nan)
             for _, _, trial, stride in wide.index[rows]
         ]
         out[str(side), str(variable)] = StrideSet(
             values=arrays["value"][rows],
-            own=own,
+            stride_error=stride_error,
             shared=shared,
             frames=np.zeros_like(shared),
             stance=np.array(of_rows, dtype=np.float64),
@@ -234,14 +236,14 @@ def _compute_axis_errors(
     out: dict[Key, Array] = {}
     for side in SIDES:
         posture = np.zeros((POINTS, len(COORDINATE_INDEX)))
-        here = {}
-        for (of, variable), found in sets.items():
+        columns = {}
+        for (side_of_set, variable), found in sets.items():
             name = variable if variable in COORDINATE_INDEX else f"{variable}_{side}"
-            if of == side and name in COORDINATE_INDEX:
-                here[variable] = COORDINATE_INDEX[name]
-                posture[:, here[variable]] = np.deg2rad(average_known(found.values))
+            if side_of_set == side and name in COORDINATE_INDEX:
+                columns[variable] = COORDINATE_INDEX[name]
+                posture[:, columns[variable]] = np.deg2rad(average_known(found.values))
         errors = np.rad2deg(axes.coordinate_errors(np.nan_to_num(posture)))
-        out |= {(side, variable): errors[:, column] for variable, column in here.items()}
+        out |= {(side, variable): errors[:, column] for variable, column in columns.items()}
     return out
 
 

@@ -560,8 +560,8 @@ def require_not_refused(folder: Path) -> None:
     if summary.get("verdict") != Judgement.REFUSED.value:
         return
     first = next(iter(get_entries(summary, "reasons")), {})
-    said = f"the calibration is refused: {first.get('cause')}; {first.get('action')}"
-    raise InputError(said, code=Code.MODEL_IN_DOUBT, source=folder)
+    message = f"the calibration is refused: {first.get('cause')}; {first.get('action')}"
+    raise InputError(message, code=Code.MODEL_IN_DOUBT, source=folder)
 
 
 def find_model_doubts(summary: Mapping[str, object]) -> tuple[Finding, ...]:

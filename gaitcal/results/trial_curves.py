@@ -49,7 +49,7 @@ class Curve:
     value: Array  # (nf,)
     valid: BoolArray  # (nf,) frames in which it counts
     error: Array | None = None  # (nf,) standard error
-    own: Array | None = None  # (nf,) the part of it that differs from stride to stride
+    stride_error: Array | None = None  # (nf,) its part that differs between strides
     nominal: Array | None = None  # (nf,) with the nominal model
     truth: Array | None = None  # (nf,) where it is known
 
@@ -127,7 +127,7 @@ def _build_angles(
     truth: CurveTruths | None,
 ) -> Iterator[Curve]:
     """Build joint angles; those of the pelvis are relative to the trial's line of progression."""
-    body, unseen, static, whole = (
+    body, hidden, static, nominal = (
         trial.body,
         unseen_frames(trial.body),
         taken_off(relative_to),
@@ -142,13 +142,13 @@ def _build_angles(
     for k, name in enumerate(body.coordinates):
         if name in model.frozen or is_translation(name):
             continue
-        off = np.degrees(static.get(name, 0.0))
+        offset = np.degrees(static.get(name, 0.0))
         errors = (trial.coordinate_errors, trial.own_coordinate_errors)
-        error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
+        error, stride_error = (None if e is None else np.degrees(e[:, k]) for e in errors)
         values = {
-            "value": np.degrees(body.q[:, k]) - off,
-            "nominal": None if whole is None else np.degrees(whole.q[:, k]) - off,
-            "truth": known[name].truth - off if name in known else None,
+            "value": np.degrees(body.q[:, k]) - offset,
+            "nominal": None if nominal is None else np.degrees(nominal.q[:, k]) - offset,
+            "truth": known[name].truth - offset if name in known else None,
         }
         if name in PELVIS_ANGLES:
             values = {
@@ -159,23 +159,34 @@ def _build_angles(
             *split_side(name),
             "angle",
             "deg",
-            valid=angle_counts(trial, name, unseen),
+            valid=angle_counts(trial, name, hidden),
             error=error,
-            own=own,
+            stride_error=stride_error,
             **values,
         )
 
 
 def _build_feet(trial: TrialResult) -> Iterator[Curve]:
     """Build foot progression relative to the trial's line; each stride has its own line."""
-    feet, line, unseen = trial.foot_axes, compute_line(trial), unseen_frames(trial.body)
+    feet, line, hidden = trial.foot_axes, compute_line(trial), unseen_frames(trial.body)
     if feet is None:
         return
     for k, side in enumerate(SIDES):
-        error, own = (None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own))
-        valid = angle_counts(trial, f"subtalar_angle_{side}", unseen)
+        error, stride_error = (
+            None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own)
+        )
+        valid = angle_counts(trial, f"subtalar_angle_{side}", hidden)
         value = np.degrees(feet.progression(side, line))
-        yield Curve(FOOT_PROGRESSION, side, "angle", "deg", value, valid, error=error, own=own)
+        yield Curve(
+            FOOT_PROGRESSION,
+            side,
+            "angle",
+            "deg",
+            value,
+            valid,
+            error=error,
+            stride_error=stride_error,
+        )
 
 
 def compute_line(trial: TrialResult) -> float:
@@ -210,10 +221,10 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
     dict
         `value`, and `nominal` and `truth` if known -> (nf, 3) rad, `PELVIS_ANGLES`.
     """
-    whole, known = _get_nominal_motion(trial), {} if truth is None else truth.coordinates
+    nominal, known = _get_nominal_motion(trial), {} if truth is None else truth.coordinates
     out = {"value": strides.pelvis_angles(trial.body)}
-    if whole is not None:
-        out["nominal"] = strides.pelvis_angles(whole)
+    if nominal is not None:
+        out["nominal"] = strides.pelvis_angles(nominal)
     if all(name in known for name in PELVIS_ANGLES):
         out["truth"] = np.radians(np.stack([known[name].truth for name in PELVIS_ANGLES], axis=1))
     return out
@@ -233,7 +244,7 @@ def _build_moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None)
             value=moments.moment_of(loads.final, name),
             valid=loads.reactions.valid_for(name),
             error=None if loads.errors is None else moments.moment_of(loads.errors, name),
-            own=None if loads.errors is None else moments.own_error_of(loads.errors, name),
+            stride_error=None if loads.errors is None else moments.own_error_of(loads.errors, name),
             nominal=moments.moment_of(loads.nominal, name),
             truth=known[name].truth if name in known else None,
         )
@@ -253,7 +264,9 @@ def _build_powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
             value=power_of(loads.kinetics, name),
             valid=loads.reactions.valid_for(name),
             error=None if errors is None else power_of(errors, name),
-            own=None if errors is None or errors.own is None else power_of(errors.own, name),
+            stride_error=None
+            if errors is None or errors.own is None
+            else power_of(errors.own, name),
         )
 
 
@@ -287,8 +300,8 @@ def _build_marker_error(trial: TrialResult) -> Curve:
 def _compute_rms(errors: MarkerErrors) -> Array:
     """Compute the (nf,) RMS in mm; NaN if no marker is visible."""
     squares = errors.distance[:, errors.weight > 0] ** 2
-    seen = np.isfinite(squares)
-    sums, counts = np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
+    visible = np.isfinite(squares)
+    sums, counts = np.where(visible, squares, 0.0).sum(axis=1), visible.sum(axis=1)
     return np.asarray(
         1e3 * np.sqrt(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0))
     )

@@ -176,9 +176,11 @@ def build_vector_table(
         for frame in joint_kinetics.VECTOR_FRAMES:
             column = joint_kinetics.vector_column(name, frame)
             columns[column] = joint_kinetics.component_of(kinetics, name, frame)
-            for ending, of in known.items():
+            for ending, kinetics_of_errors in known.items():
                 columns[column + ending] = (
-                    unknown if of is None else joint_kinetics.component_of(of, name, frame)
+                    unknown
+                    if kinetics_of_errors is None
+                    else joint_kinetics.component_of(kinetics_of_errors, name, frame)
                 )
     return columns
 

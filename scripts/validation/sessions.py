@@ -210,7 +210,9 @@ def angle_scores(a: RecordedSession, b: RecordedSession) -> dict[str, Array]:
         one, other = collect_stride_sets(a), collect_stride_sets(b)
         for key in (key for key in one if key in other):
             pair = one[key], other[key]
-            variance = session_variance(a, b, pair) + sum(average_known(s.own) ** 2 for s in pair)
+            variance = session_variance(a, b, pair) + sum(
+                average_known(s.stride_error) ** 2 for s in pair
+            )
             yield (
                 key[1],
                 (

@@ -247,7 +247,7 @@ def test_errors_that_both_ends_of_a_range_share_cancel_in_all_their_parts() -> N
     wave = np.sin(np.linspace(0.0, 2.0 * np.pi, 101))[None]
     found = StrideSet(
         values=10.0 * wave,
-        own=0.0 * wave,
+        stride_error=0.0 * wave,
         shared=0.0 * wave + 1.0,
         frames=0.5 + 0.4 * wave,
         stance=np.array([60.0]),

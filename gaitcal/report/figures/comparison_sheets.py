@@ -87,11 +87,11 @@ def render_comparison_page(
         ),
         *map(render_warning, comparison.warnings),
         "<h2>What differs</h2>",
-        render_list(comparison.words),
+        render_list(comparison.sentences),
     ]
     for sheet, variables in sheets.items():
         if picture := _draw_sheet(comparison, convention, variables):
-            words = (
+            caption = (
                 f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, "
                 "dashed) over the stride "
                 "of each foot. Grey band: within it a difference could have been missed (95 %); "
@@ -99,7 +99,7 @@ def render_comparison_page(
             )
             parts += [
                 f"<h2>{escape(sheet)}</h2>",
-                f"<figure>{picture}<figcaption>{escape(words)}</figcaption></figure>",
+                f"<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>",
             ]
     if scores:
         against = (
@@ -112,10 +112,10 @@ def render_comparison_page(
             render_plain_table("Scores", head, scores),
         ]
     steps = [d for d in comparison.found if d.kind == "spatiotemporal"]
-    rest = [d for d in comparison.found if d.kind != "spatiotemporal"]
+    others = [d for d in comparison.found if d.kind != "spatiotemporal"]
     parts += [
         *_render_figures("Steps and phases", names, steps, len(steps)),
-        *_render_figures("All other figures", names, rest, SHOWN),
+        *_render_figures("All other figures", names, others, SHOWN),
     ]
     return render_plain_page(title, parts)
 
@@ -144,17 +144,17 @@ def _draw_sheet(
     import matplotlib as mpl
 
     curves = comparison.curves
-    known = [
+    drawn = [
         (v, s)
         for v in variables
         for s in SIDES
         if ((curves["variable"] == v) & (curves["side"] == s)).any()
     ]
-    if not known:
+    if not drawn:
         return ""
-    rows = -(-len(known) // COLUMNS)
+    rows = -(-len(drawn) // COLUMNS)
     figure = create_figure(COLUMNS * PANEL[0], rows * PANEL[1])
-    for k, (variable, side) in enumerate(known, start=1):
+    for k, (variable, side) in enumerate(drawn, start=1):
         of_leg = curves[(curves["variable"] == variable) & (curves["side"] == side)]
         _draw_panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
     figure.tight_layout(h_pad=0.8, w_pad=0.6)
@@ -165,12 +165,12 @@ def _draw_sheet(
             format="svg",
             metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
         )
-    told = (
+    description = (
         f"Mean curves of {' and '.join(comparison.names)}: "
-        f"{', '.join(dict.fromkeys(v for v, _ in known))}"
+        f"{', '.join(dict.fromkeys(v for v, _ in drawn))}"
     )
     data = base64.b64encode(text.getvalue().encode()).decode("ascii")
-    return f'<img alt="{escape(told)}" src="data:image/svg+xml;base64,{data}">'
+    return f'<img alt="{escape(description)}" src="data:image/svg+xml;base64,{data}">'
 
 
 def _draw_panel(
@@ -216,14 +216,18 @@ def convert_curves(
     """
     variable, side = curve["variable"].iloc[0], curve["side"].iloc[0]
 
-    def told(name: str, session: int) -> Array:
+    def convert(name: str, session: int) -> Array:
         person = comparison.subjects[session]
         by_mass = 1.0 / person.mass if kind_of(variable) is CurveKind.FORCE else 1.0
         return by_mass * convention.values(
             variable, curve[name].to_numpy(dtype=float), side, person
         )
 
-    return told("a", 0), told("b", 1), 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
+    return (
+        convert("a", 0),
+        convert("b", 1),
+        0.5 * (np.abs(convert("mdc95", 0)) + np.abs(convert("mdc95", 1))),
+    )
 
 
 def build_paper_panels(
@@ -235,22 +239,22 @@ def build_paper_panels(
         if variable not in known_variables():
             yield variable
             continue
-        of = {
+        by_side = {
             side: curves[(curves["variable"] == variable) & (curves["side"] == side)]
             for side in SIDES
         }
-        told = {
+        converted = {
             side: convert_curves(comparison, convention, rows) if len(rows) else (none, none, none)
-            for side, rows in of.items()
+            for side, rows in by_side.items()
         }
         kind = kind_of(variable)
         yield report_sheets.CurvePanel(
             title=convention.title(variable),
             unit=report_sheets.UNITS[kind],
             senses=convention.senses(variable, "r"),
-            strides={side: (before,) for side, (before, _, _) in told.items()},
-            mean={side: after for side, (_, after, _) in told.items()},
-            error={side: band for side, (_, _, band) in told.items()},
+            strides={side: (before,) for side, (before, _, _) in converted.items()},
+            mean={side: after for side, (_, after, _) in converted.items()},
+            error={side: band for side, (_, _, band) in converted.items()},
             norm=None,
             least=report_sheets.LEAST[kind],
             thin=(0.7, 0.9),
@@ -335,8 +339,8 @@ def render_plain_table(
     def cells(row: Row, tag: str, further: str = "") -> str:
         left = (' class="text"' if k < words else "" for k in range(1, len(row) + 1))
         return "".join(
-            f"<{tag}{further}{of}>{escape(cell)}</{tag}>"
-            for of, cell in zip(left, row, strict=True)
+            f"<{tag}{further}{class_text}>{escape(cell)}</{tag}>"
+            for class_text, cell in zip(left, row, strict=True)
         )
 
     top = (f'<th scope="col">{escape(head[0])}</th>' if head[0] else "<td></td>") + cells(

@@ -99,7 +99,7 @@ class ComparisonContent:
     people: tuple[
         tuple[str, ...], ...
     ]  # Head with the names of both sessions, then label and value of each
-    words: tuple[str, ...]  # Warnings, then what differs
+    sentences: tuple[str, ...]  # Warnings, then what differs
     scores: tuple[
         tuple[str, ...], ...
     ]  # Head, then a row for each angle or score: before, after, difference
@@ -280,7 +280,7 @@ def _build_comparison(content: ComparisonContent, width: float, height: float) -
     register_fonts()
     out: list[Flowable] = [_build_table(content.people, width), _make_heading("What differs")]
     out += [
-        *(make_paragraph(line, before=2) for line in content.words),
+        *(make_paragraph(line, before=2) for line in content.sentences),
         *_build_comment(content, "summary"),
     ]
     for title, rows in (
@@ -328,14 +328,14 @@ def _build_profile(content: ReportContent, width: float) -> list[Flowable]:
                 content.norm_remark or "The norm or the strides lack an angle of the profile."
             ),
         ]
-    words = (
+    explanation = (
         "RMS distance of each angle from healthy people's mean, deg, with its standard error "
         "(Baker 2009). Grey: "
     )
-    words += f"what healthy people have themselves: {content.norm}."
+    explanation += f"what healthy people have themselves: {content.norm}."
     return [
         *out,
-        make_paragraph(words, 7, colour=FAINT),
+        make_paragraph(explanation, 7, colour=FAINT),
         Spacer(1, 1 * mm),
         ProfileBars(content.profile, width),
     ]
@@ -398,12 +398,13 @@ def _build_table(rows: Sequence[Sequence[str]], width: float) -> Table:
     Words of up to 14 letters are not broken.
     """
     letters = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
-    words = [
-        max(len(word) for row in rows for word in (*row[k].split(), ""))
+    longest_words = [
+        max(len(word_width) for row in rows for word_width in (*row[k].split(), ""))
         for k in range(len(rows[0]))
     ]
     longest = [
-        max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)
+        max(text_width, min(14, 1.1 * word_width))
+        for text_width, word_width in zip(letters, longest_words, strict=True)
     ]
     widths = [width * part / sum(longest) for part in longest]
     body = [[make_paragraph(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]

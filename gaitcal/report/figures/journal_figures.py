@@ -156,17 +156,17 @@ def _build_moment_arm_chart(coordinate: str, table: pd.DataFrame, width: float) 
         )
         for name in shown
     ]
-    rest = table["muscle"].nunique() - len(shown)
+    hidden = table["muscle"].nunique() - len(shown)
     keys = [chart.Key(label="before", colour=BEFORE, dashes=chart.SIDE_DASHES["l"], width=LINE)]
     keys.append(
         chart.Key(
             label="after" + (", ± 1.96 SD of the draws" if known else ""), colour=AFTER, width=LINE
         )
     )
-    if rest:
+    if hidden:
         keys.append(
             chart.Key(
-                label=f"{rest} muscles more, which change less", colour=chart.FAINT, width=0.0
+                label=f"{hidden} muscles more, which change less", colour=chart.FAINT, width=0.0
             )
         )
     return chart.Chart(
@@ -202,13 +202,13 @@ class _Line:
     @property
     def label(self) -> str:
         """In the legend."""
-        told = (
+        description = (
             f"mean ± SD of {self.strides} strides"
             if self.strides > 1
             else counted(self.strides, "stride")
         )
         error = " ± standard error" if self.strides == 1 and np.isfinite(self.spread).any() else ""
-        return f"{SIDE_WORDS[self.side]}, {told}{error}"
+        return f"{SIDE_WORDS[self.side]}, {description}{error}"
 
 
 def _build_chart(
@@ -282,7 +282,7 @@ def _build_line(
     if rows.empty:
         return None
 
-    def told(values: Any) -> Array:
+    def convert(values: Any) -> Array:
         factor = (
             _get_force_unit(convention, strides.subject)[0] if variable == GROUND_REACTION else 1.0
         )
@@ -294,10 +294,10 @@ def _build_line(
     band = strides.healthy.get(variable, {}).get(side)
     return _Line(
         side=side,
-        mean=told(rows["mean"]),
-        spread=np.abs(told(rows["sd" if count > 1 else "se"])),
+        mean=convert(rows["mean"]),
+        spread=np.abs(convert(rows["sd" if count > 1 else "se"])),
         strides=count,
-        healthy=None if band is None else (told(band[0]), np.abs(told(band[1]))),
+        healthy=None if band is None else (convert(band[0]), np.abs(convert(band[1]))),
     )
 
 

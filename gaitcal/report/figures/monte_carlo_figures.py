@@ -69,16 +69,16 @@ def draw_boxplots(
         hspace=0.16,
         wspace=0.06,
     )
-    for row, (quantity, of) in enumerate(quantities):
+    for row, (quantity, reactions) in enumerate(quantities):
         for column, varied in enumerate(sets):
             _draw_boxes(
                 axes[row, column],
-                draw_statistics.levels_of(table, varied, quantity, of, measure),
+                draw_statistics.levels_of(table, varied, quantity, reactions, measure),
                 SET_COLOURS[varied],
             )
         _scale(axes[row], measure)
-        words = draw.TORQUE_WORDS.get(quantity[:-2])
-        unit = "marker\ndistance, mm" if words is None else words.replace(" ", "\n", 1) + ",\n%BW·H"
+        title = draw.TORQUE_WORDS.get(quantity[:-2])
+        unit = "marker\ndistance, mm" if title is None else title.replace(" ", "\n", 1) + ",\n%BW·H"
         axes[row, 0].set_ylabel(unit, fontsize=NORMAL, color=INK)
         axes[row, 0].yaxis.set_label_coords(-0.55 / 1.65, 0.5)
     for column, varied in enumerate(sets):
@@ -171,14 +171,14 @@ def draw_contributions(contributions: pd.DataFrame, side: str = "l") -> "Figure"
                 panel.text(
                     j, i, f"{value:.0f}", ha="center", va="center", fontsize=SMALL, color=ink
                 )
-        words = [draw.TORQUE_WORDS[t].replace(" ", "\n") for t in draw.TORQUES]
-        panel.set_xticks(range(len(draw.TORQUES)), words, fontsize=SMALL, rotation=90)
+        titles = [draw.TORQUE_WORDS[t].replace(" ", "\n") for t in draw.TORQUES]
+        panel.set_xticks(range(len(draw.TORQUES)), titles, fontsize=SMALL, rotation=90)
         panel.set_title(FRAME_WORDS[frame], fontsize=NORMAL, color=INK)
         panel.tick_params(length=0)
         panel.set_frame_on(False)
     axes[0].set_yticks(range(len(rows)), rows, fontsize=SMALL)
-    beside = figure.add_axes((0.925, 0.3, 0.016, 0.4))
-    bar = figure.colorbar(image, cax=beside, ticks=np.sqrt([0, 1, 5, 10, 25, 50]))
+    bar_axes = figure.add_axes((0.925, 0.3, 0.016, 0.4))
+    bar = figure.colorbar(image, cax=bar_axes, ticks=np.sqrt([0, 1, 5, 10, 25, 50]))
     bar.ax.set_yticklabels(["0", "1", "5", "10", "25", "50"], fontsize=SMALL)
     bar.set_label("% of the variance of the torque error", fontsize=NORMAL)
     figure.suptitle(

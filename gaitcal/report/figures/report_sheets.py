@@ -123,8 +123,8 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
 
     def __init__(self, sheet: Sheet, norm: str, size: tuple[float, float]) -> None:
         super().__init__()
-        of_panels = (panel.norm for panel in sheet.panels if isinstance(panel, CurvePanel))
-        self.sheet, self.norm = sheet, norm if any(of is not None for of in of_panels) else ""
+        bands = (panel.norm for panel in sheet.panels if isinstance(panel, CurvePanel))
+        self.sheet, self.norm = sheet, norm if any(band is not None for band in bands) else ""
         self.width, self.height = size
 
     def wrap(self, *_: float) -> tuple[float, float]:
@@ -206,7 +206,7 @@ class ProfileBars(Flowable):  # type: ignore[misc]
         return float(self.LABEL + (self.width - self.LABEL - self.NUMBERS) * value / self.most)
 
     def _draw_row(self, scores: Sequence[profile_score.Score], low: float) -> None:
-        canvas, told = self.canv, list[str]()
+        canvas, texts = self.canv, list[str]()
         canvas.setFillColor(NORM)
         canvas.rect(
             self._at(0),
@@ -221,7 +221,7 @@ class ProfileBars(Flowable):  # type: ignore[misc]
         canvas.drawString(0, low + 2 * mm, profile_score.score_title(scores[0]))
         for s in scores:
             error = f" ± {s.error:.1f}" if np.isfinite(s.error) else ""
-            told.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
+            texts.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
             if s.side not in SIDES:
                 continue
             y = low + (3.2 * mm if s.side == "r" else 1.2 * mm)
@@ -237,7 +237,7 @@ class ProfileBars(Flowable):  # type: ignore[misc]
                 canvas.line(ends[0], y + 0.8 * mm, ends[1], y + 0.8 * mm)
         canvas.setFont(SANS, 6.5)
         canvas.setFillColor(INK)
-        canvas.drawRightString(self.width, low + 2 * mm, ",  ".join(told))
+        canvas.drawRightString(self.width, low + 2 * mm, ",  ".join(texts))
 
 
 def _draw_word(canvas: Canvas, x: float, text: str) -> float:

@@ -127,9 +127,9 @@ def _fit_limb(
     y = along / scale
     x = np.cross(y, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
-    turn = np.column_stack([x, y, np.cross(x, y)])
-    place = turn * np.array([across, scale, across])
-    return FittedMesh(mesh, segment, np.column_stack([place, ends[0] - heights[0] * along]))
+    axes = np.column_stack([x, y, np.cross(x, y)])
+    scaled = axes * np.array([across, scale, across])
+    return FittedMesh(mesh, segment, np.column_stack([scaled, ends[0] - heights[0] * along]))
 
 
 def _scale_mesh(
@@ -241,10 +241,10 @@ def _fit_foot(model: SubjectModel, side: str) -> FittedMesh:
     ankle = axes[foot] @ (origins[talus] - origins[foot])
     z = np.cross([1.0, 0.0, 0.0], upright)
     z /= np.linalg.norm(z)
-    turn = np.column_stack([np.cross(upright, z), upright, z])
+    rotation = np.column_stack([np.cross(upright, z), upright, z])
     length = FOOT_OF_HEIGHT * model.subject.height
     return FittedMesh(
-        "foot", foot, np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle])
+        "foot", foot, np.column_stack([rotation * (0.0067 * length / _FOOT_LENGTH), ankle])
     )
 
 
@@ -347,9 +347,9 @@ def read_stl(content: bytes) -> Mesh:
     order = np.lexsort(corners.T[::-1])  # as np.unique(axis=0), in a sixth of its time
     ordered = corners[order]
     new = np.append(True, np.any(ordered[1:] != ordered[:-1], axis=1))
-    place = np.empty(len(order), dtype=np.intp)
-    place[order] = np.cumsum(new) - 1
-    return Mesh(ordered[new], place.reshape(-1, 3))
+    vertex = np.empty(len(order), dtype=np.intp)
+    vertex[order] = np.cumsum(new) - 1
+    return Mesh(ordered[new], vertex.reshape(-1, 3))
 
 
 def make_round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
@@ -406,5 +406,5 @@ def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
         cell *= _COARSER
     count = np.bincount(group)
     means = np.column_stack([np.bincount(group, mesh.vertices[:, k]) / count for k in range(3)])
-    used, place = np.unique(triangles[kept][np.sort(first)], return_inverse=True)
-    return Mesh(means[used], place.reshape(-1, 3))
+    used, vertex = np.unique(triangles[kept][np.sort(first)], return_inverse=True)
+    return Mesh(means[used], vertex.reshape(-1, 3))

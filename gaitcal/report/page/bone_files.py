@@ -205,15 +205,15 @@ def _read_array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.ge
         raise ValueError(f"no {path}")
     order = "<" if root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
     kind = np.dtype(order + _TYPES[found.get("type", "")])
-    words = (found.text or "").split()
+    parts = (found.text or "").split()
     form, compressor = found.get("format", "ascii"), root.get("compressor")
     if form == "ascii":
-        return np.array(words, dtype=kind.newbyteorder("="))
+        return np.array(parts, dtype=kind.newbyteorder("="))
     if form != "binary":
         raise ValueError(f"data in the format '{form}'")
     if compressor not in (None, "vtkZLibDataCompressor"):
         raise ValueError(f"data packed by {compressor}")
-    packed, counts = "".join(words), np.dtype(order + _TYPES[root.get("header_type", "UInt32")])
+    packed, counts = "".join(parts), np.dtype(order + _TYPES[root.get("header_type", "UInt32")])
     if compressor:
         return np.frombuffer(_decode_blocks(packed, counts), dtype=kind)
     raw = base64.b64decode(packed)

@@ -301,8 +301,8 @@ def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> No
         raise NoLandmark("no femoral head medial of the femur's shaft")
     if lower[0, 0] <= lower[1, 0]:
         raise NoLandmark("no condyles behind the femur's shaft")
-    beside = fibula.vertices.mean(axis=0) - tibia.vertices.mean(axis=0)
-    if beside[2] <= 0.25 * abs(beside[0]) + 1e-3 or beside[0] >= 0.5 * beside[2]:
+    to_fibula = fibula.vertices.mean(axis=0) - tibia.vertices.mean(axis=0)
+    if to_fibula[2] <= 0.25 * abs(to_fibula[0]) + 1e-3 or to_fibula[0] >= 0.5 * to_fibula[2]:
         raise NoLandmark("no fibula lateral of the tibia")
     socket, asis, psis = hip.socket, hip.asis, hip.psis
     if min(socket[2], asis[2]) <= 0.0 or asis[0] <= socket[0] or asis[2] <= psis[2]:

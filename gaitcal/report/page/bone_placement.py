@@ -15,7 +15,8 @@ is `KneeAxis.misfit`. The pelvis has four landmarks (both hips, mid-ASIS, mid-PS
 map that meets all of them. The foot is scaled equally in all directions, about the ankle.
 
 The position of a knee axis relative to the condyles is given by its distances from their centres
-and its angle to the line through them. For an axis through a with direction u, and the centre m of a condyle of the femur,
+and its angle to the line through them. For an axis through a with direction u, and the centre m of
+a condyle of the femur,
 
     foot of m:  f = a + u (u.(m - a)),      offset = f - m,      distance = |offset|,
 
@@ -132,8 +133,8 @@ def _map_between(bone: _Ends, person: _Ends) -> Array:
         lengths.append(float(np.linalg.norm(along)))
         widths.append(float(abs(ends.right @ frame.rotation[:, 2])))
     long, wide = lengths[1] / lengths[0], widths[1] / widths[0]
-    turn = frames[1] @ np.diag([long, long, wide]) @ frames[0].T
-    return np.column_stack([turn, person.lower - turn @ bone.lower])
+    matrix = frames[1] @ np.diag([long, long, wide]) @ frames[0].T
+    return np.column_stack([matrix, person.lower - matrix @ bone.lower])
 
 
 def apply_map(place: Array, points: Array) -> Array:
@@ -208,8 +209,8 @@ def _map_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Ar
     else:  # across the two others, as long as mid-hip to mid-ASIS makes it
         of_bone.append(np.cross(unit(of_bone[0]), of_bone[1]))
         of_person.append(np.cross(unit(of_person[0]), of_person[1]))
-    turn = np.column_stack(of_person) @ np.linalg.inv(np.column_stack(of_bone))
-    return np.column_stack([turn, middle - turn @ socket])
+    matrix = np.column_stack(of_person) @ np.linalg.inv(np.column_stack(of_bone))
+    return np.column_stack([matrix, middle - matrix @ socket])
 
 
 def _map_foot(
@@ -217,16 +218,20 @@ def _map_foot(
 ) -> Array:
     """Return the (3, 4) map of the foot: ankle on ankle, upright, along the heel-toe line."""
     segment = f"foot_{side}"
-    up, apart = (
+    up, heel_to_toe = (
         person.point(segment, "up"),
         float(np.linalg.norm(person.point(segment, "heel_to_toe"))),
     )
     expected = FOOT_OF_HEIGHT * height
-    length = apart if apart > _TOE_TIP_OF_HEIGHT * height else apart / _HEAD_OF_METATARSAL
+    length = (
+        heel_to_toe
+        if heel_to_toe > _TOE_TIP_OF_HEIGHT * height
+        else heel_to_toe / _HEAD_OF_METATARSAL
+    )
     if not _ALLOWED_FOOT[0] * expected <= length <= _ALLOWED_FOOT[1] * expected:
         length = expected
-    turn = frame_yz(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
-    scaled = turn * (length / bones.foot_length)
+    rotation = frame_yz(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
+    scaled = rotation * (length / bones.foot_length)
     return np.column_stack(
         [scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])]
     )
@@ -248,15 +253,15 @@ def _map_head(skull: Array, trunk: Array, vertex: Array) -> Array:
     root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
     rise = float((vertex - apply_map(trunk, root)) @ unit(trunk[:, 1]))
     scale = rise / float(skull[:, 1].max() - root[1])
-    turn = np.column_stack([unit(trunk[:, k]) for k in range(3)]) * scale
-    return np.column_stack([turn, apply_map(trunk, root) - turn @ root])
+    matrix = np.column_stack([unit(trunk[:, k]) for k in range(3)]) * scale
+    return np.column_stack([matrix, apply_map(trunk, root) - matrix @ root])
 
 
 def fit_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, height: float
 ) -> tuple[FittedMesh, ...]:
     """Fit all bones of a subject into their segments; `height` (m) of the subject."""
-    there = bones.bones.meshes
+    available = bones.bones.meshes
     pelvis = _map_pelvis(bones, person)
     out = [
         ("pelvis", "pelvis", pelvis),
@@ -267,16 +272,18 @@ def fit_bones(
     out += [
         (bone, "head_trunk", trunk) for bone in ("ribs", "spine", "thoracic spine", "lumbar spine")
     ]
-    if "skull" in there:
-        head = _map_head(there["skull"].vertices, trunk, person.point("head_trunk", "vertex"))
+    if "skull" in available:
+        head = _map_head(available["skull"].vertices, trunk, person.point("head_trunk", "vertex"))
         out += [(bone, "head_trunk", head) for bone in ("neck", "skull", "jaw")]
     for side in SIDES:
         femur, shank = map_femur(bones, person, side), map_shank(bones, person, side)
         out.append(("femur", f"thigh_{side}", _mirror_map(femur, side)))
         out += [(bone, f"shank_{side}", _mirror_map(shank, side)) for bone in ("tibia", "fibula")]
-        out += _place_foot_bones(bones, person, side, height) if "foot" in there else []
+        out += _place_foot_bones(bones, person, side, height) if "foot" in available else []
         out += _place_arm_bones(bones, person, side)
-    return tuple(FittedMesh(bone, segment, place) for bone, segment, place in out if bone in there)
+    return tuple(
+        FittedMesh(bone, segment, place) for bone, segment, place in out if bone in available
+    )
 
 
 def _place_foot_bones(
@@ -296,11 +303,11 @@ def _place_foot_bones(
 def _place_arm_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str
 ) -> list[tuple[str, str, Array]]:
-    there, mirror = bones.bones.meshes, MIRROR[side]
+    available, mirror = bones.bones.meshes, MIRROR[side]
     upper, fore, right = f"upper_arm_{side}", f"forearm_hand_{side}", np.array([0.0, 0.0, 1.0])
     out = []
-    if "humerus" in there:
-        bone = bone_landmarks.find_long_bone(there["humerus"])
+    if "humerus" in available:
+        bone = bone_landmarks.find_long_bone(available["humerus"])
         length = float(np.linalg.norm(bone.head.centre - bone.middle))
         ends = person.point(upper, "shoulder"), person.point(upper, "elbow")
         wide = (
@@ -314,8 +321,8 @@ def _place_arm_bones(
             _Ends(*ends, right * wide),
         )
         out.append(("humerus", upper, _mirror_map(place, side)))
-    if "ulna" in there:
-        lower = there["ulna"].vertices
+    if "ulna" in available:
+        lower = available["ulna"].vertices
         end = lower[lower[:, 1] < lower[:, 1].min() + 0.01].mean(axis=0) * mirror
         ends = person.point(fore, "elbow"), person.point(fore, "wrist")
         wide = float(np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(end))
@@ -485,17 +492,17 @@ def describe_knee(knee: KneeAxis) -> list[str]:
                 f"{_format_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm"
                 for end in axis.ends.values()
             ]
-            turn = _format_with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
+            angle = _format_with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
             places = f"{far[0]} from the medial centre, {far[1]} from the lateral one"
-            lines.append(f"{name}: {_describe_path(axis)}, {places}, {turn}° off their line")
+            lines.append(f"{name}: {_describe_path(axis)}, {places}, {angle}° off their line")
     # How far the bone's epicondyles miss their markers, and palpation's scatter in the two
     # directions across the axis.
     uncertainty = 1e3 * math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
-    sure = (
+    uncertain = (
         f"Its position is uncertain by about {uncertainty:.0f} mm; the nominal axis is inside it "
         "by construction."
     )
-    return [*lines, f"{_STANDS[knee.evidence]} {sure}"]
+    return [*lines, f"{_STANDS[knee.evidence]} {uncertain}"]
 
 
 def _describe_path(axis: AxisInKnee) -> str:

@@ -96,8 +96,8 @@ def _build_joints(calibration: result.Calibration, truth: Mapping[str, float]) -
         out.append(make_text(COHORT.format(people=prior.people, file=prior.file)))
     out += _build_joint_values(calibration, legs, truth)
     if others:
-        rest = _build_joint_values(calibration, others, truth)
-        out += [fold_blocks("Joints of trunk and arms", rest)] if legs else rest
+        other_blocks = _build_joint_values(calibration, others, truth)
+        out += [fold_blocks("Joints of trunk and arms", other_blocks)] if legs else other_blocks
     if fixed := parameter_labels.list_fixed_joints(calibration):
         out.append(
             make_text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft")
@@ -135,7 +135,7 @@ def _build_interval(
     row: parameter_labels.LabelledParameter, truth: Mapping[str, float], bound: float
 ) -> dict[str, Any]:
     return {
-        "label": row.words.replace(" in the ", ", "),
+        "label": row.title.replace(" in the ", ", "),
         "side": row.side,
         "nominal": round_number(row.nominal),
         "fitted": round_number(row.fitted),
@@ -173,10 +173,10 @@ def _build_row(
     digits = row.digits
     nominal, fitted = format_number(row.nominal, digits), format_number(row.fitted, digits)
     true: list[Cell] = [format_number(truth.get(row.name), digits)] if known else []
-    unseen, at_bound = row.status == "unidentifiable", row.status == "at bound"
-    if unseen and fitted == nominal:
+    undetermined, at_bound = row.status == "unidentifiable", row.status == "at bound"
+    if undetermined and fitted == nominal:
         return [
-            make_cell(row.words, unit=row.unit),
+            make_cell(row.title, unit=row.unit),
             nominal,
             make_cell("kept, not determined", tone="look"),
             MISSING,
@@ -191,11 +191,11 @@ def _build_row(
         else ""
     )
     return [
-        make_cell(f"{row.words}, not determined" if unseen else row.words, unit=row.unit),
+        make_cell(f"{row.title}, not determined" if undetermined else row.title, unit=row.unit),
         nominal,
         make_cell(
             f"{fitted}, at its bound" if at_bound else fitted,
-            tone="look" if at_bound or unseen else "",
+            tone="look" if at_bound or undetermined else "",
         ),
         make_cell(change, unit=share),
         *true,
@@ -209,11 +209,11 @@ def _build_inertias(calibration: result.Calibration, truth: Mapping[str, float])
             t.loads is not None and t.loads.reactions.valid.any() for t in calibration.trials
         )
         why = "" if measured else ": that needs a walking trial with force plates"
-        words = (
+        explanation = (
             f"Inertial parameters were not calibrated{why}. They come from the anthropometric "
             "table."
         )
-        return [make_text(words), make_text(INERTIAL_FILE, "soft")]
+        return [make_text(explanation), make_text(INERTIAL_FILE, "soft")]
     out: list[Block] = [
         make_heading("Inertial parameters: masses, mass centres, moments of inertia")
     ]
@@ -251,8 +251,8 @@ def _build_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Bl
             ],
         ),
     ]
-    if turning := truth_comparison.turning_sentence(calibration):
-        out.append(make_text(turning, "soft"))
+    if turning_text := truth_comparison.turning_sentence(calibration):
+        out.append(make_text(turning_text, "soft"))
     if not_compared := truth_comparison.not_compared_sentence(truth):
         out.append(make_text(not_compared))
     if truth.features:
@@ -270,17 +270,17 @@ def _build_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Bl
         for name, rows in trials.items():
             if found := _collect_curve_errors(getattr(row, kind) for row in rows):
                 frames = _count_frames(rows) if kind == "angle" else "the valid frames"
-                words = (
+                explanation = (
                     f"RMS error over {frames}, {unit}, and in how many of them the truth lies "
                     "within ±1.96 "
                 )
-                words += "standard errors."
+                explanation += "standard errors."
                 title = f"Joint {kind}s of the legs, trial {format_name(name)}"
                 out.append(
                     fold_blocks(
                         title,
                         [
-                            make_text(words, "soft"),
+                            make_text(explanation, "soft"),
                             _build_two_sided_table(f"{kind.capitalize()}, {unit}", found),
                         ],
                     )
@@ -335,9 +335,9 @@ def _format_fitted_error(value: float, farther: bool, digits: int = 1) -> Cell:
 def _build_two_sided_table(title: str, found: Iterable[tuple[str, str, Errors]]) -> Block:
     """Build a table with one row for both sides of the body."""
     rows: dict[str, dict[str, list[Cell]]] = {}
-    for words, side, (nominal, fitted, within) in found:
+    for title_of_row, side, (nominal, fitted, within) in found:
         farther = round(fitted, 1) > round(nominal, 1)
-        rows.setdefault(words, {})[side] = [
+        rows.setdefault(title_of_row, {})[side] = [
             format_number(nominal),
             _format_fitted_error(fitted, farther),
             within,
@@ -350,7 +350,7 @@ def _build_two_sided_table(title: str, found: Iterable[tuple[str, str, Errors]])
     return make_table(
         head,
         [
-            [make_cell(words), *cells.get("r", none), *cells.get("l", none)]
-            for words, cells in rows.items()
+            [make_cell(title_of_row), *cells.get("r", none), *cells.get("l", none)]
+            for title_of_row, cells in rows.items()
         ],
     )

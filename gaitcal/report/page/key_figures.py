@@ -77,12 +77,12 @@ def collect_stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
     """Collect every complete stride, right ones first; none of a functional trial."""
     if trial.joint is not None:
         return ()
-    bent = {(s.side, s.number) for s in trial.strides if turns(s.turn)}
+    turning_strides = {(s.side, s.number) for s in trial.strides if turns(s.turn)}
     out = []
     for foot, side in enumerate(SIDES):
         for count, cycle in enumerate(strides_of(trial.events)[side], start=1):
             plate, reason = _check_stride(trial, foot, side, cycle)
-            turning = (side, count) in bent
+            turning = (side, count) in turning_strides
             out.append(
                 StrideUse(
                     side=side,
@@ -106,18 +106,18 @@ def summarise_usable_strides(uses: Iterable[StrideUse]) -> str:
         return "No complete stride."
     of_sides = {side: [use for use in uses if use.side == side] for side in SIDES}
     counts = (
-        f"{sum(u.whole for u in of)} of {len(of)} {SIDE_WORDS[side]}"
-        for side, of in of_sides.items()
+        f"{sum(u.whole for u in of_side)} of {len(of_side)} {SIDE_WORDS[side]}"
+        for side, of_side in of_sides.items()
     )
     reasons = list_reasons(uses)
-    words = {
+    nouns = {
         use.repeats: "repetitions" if use.repeats else "strides"
         for use in sorted(uses, key=lambda u: u.repeats)
     }
-    what = " and ".join(words.values())
+    noun = " and ".join(nouns.values())
     return (
         f"Usable for moments: {', '.join(counts)} "
-        f"{what}{f'; others: {reasons}' if reasons else ''}."
+        f"{noun}{f'; others: {reasons}' if reasons else ''}."
     )
 
 
@@ -138,28 +138,28 @@ def _check_stride(
     inside = (time >= cycle.start) & (time <= cycle.stop)
     stance = inside & (time < (cycle.toe_off or cycle.stop))
     plates = dict.fromkeys(
-        name for name, of, frames in found.steps if of == foot and stance[frames].any()
+        name for name, carried, frames in found.steps if carried == foot and stance[frames].any()
     )
-    words = ", ".join(plates)
+    plate_names = ", ".join(plates)
     lost = inside & ~found.valid_legs[:, foot]
     if side in trial.refused_legs:
-        return words, REFUSED
+        return plate_names, REFUSED
     if not lost.any():
-        return words, ""
+        return plate_names, ""
     loaded, resting = found.loaded[:, foot], found.resting[:, foot]
     near_end = (time < time[0] + NEAR_END) | (time > time[-1] - NEAR_END)
     if trial.events.repeats and not (lost & ~near_end).any():
-        return words, ENDS
-    beside = PART if (loaded & stance).any() else BESIDE
+        return plate_names, ENDS
+    beside_plate = PART if (loaded & stance).any() else BESIDE
     seated = lost & (np.False_ if found.seated is None else found.seated)
     kinds = {
         SEATED: seated,
-        beside: lost & resting & ~loaded & ~seated,
+        beside_plate: lost & resting & ~loaded & ~seated,
         NOT_WHOLLY: lost & loaded & ~seated,
     }
-    rest = lost & ~loaded & ~resting & ~seated
-    kinds |= {ENDS: rest & near_end, UNSEEN: rest & ~near_end}
-    return words, max(kinds, key=lambda kind: int(np.count_nonzero(kinds[kind])))
+    remaining = lost & ~loaded & ~resting & ~seated
+    kinds |= {ENDS: remaining & near_end, UNSEEN: remaining & ~near_end}
+    return plate_names, max(kinds, key=lambda kind: int(np.count_nonzero(kinds[kind])))
 
 
 KNEE_ADDUCTION = "knee_adduction"
@@ -277,19 +277,19 @@ def build_further_lines(
 
 def _describe_verdict(calibration: Calibration) -> Line:
     verdict = calibration.verdict
-    tone, words = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}"
+    tone, text = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}"
     if verdict.reasons:
-        worst, rest = verdict.reasons[0], len(verdict.reasons) - 1
+        worst, others = verdict.reasons[0], len(verdict.reasons) - 1
         where = (
             f" ({', '.join(format_name(trial) for trial in worst.trials)})" if worst.trials else ""
         )
-        words += f": {explained(worst.cause)}{where}" + (
-            f", and {counted(rest, 'other reason')}" if rest else ""
+        text += f": {explained(worst.cause)}{where}" + (
+            f", and {counted(others, 'other reason')}" if others else ""
         )
-    words += f". {verdict.sentence}"
+    text += f". {verdict.sentence}"
     if not calibration.converged:
-        tone, words = ("poor", f"Not converged: do not use these numbers. {words}")
-    return {"tone": tone, "text": replace_control_characters(words)}
+        tone, text = ("poor", f"Not converged: do not use these numbers. {text}")
+    return {"tone": tone, "text": replace_control_characters(text)}
 
 
 WIDE_LIMITS: Final = "; limits are wide, as trunk and arms have no markers"
@@ -297,7 +297,7 @@ WIDE_LIMITS: Final = "; limits are wide, as trunk and arms have no markers"
 
 def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> Line:
     """Describe the agreement of the model with markers and ground forces."""
-    tones, words = [], []
+    tones, sentences = [], []
     if (worst := _find_worst_fit(trials)) is not None:
         fit, trial = worst
         ratio, floor = (
@@ -306,8 +306,8 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
         )
         tones.append("good" if ratio is not None and ratio <= GOOD_RATIO else "plain")
         best = "" if ratio is None else f" (best possible {format_number(floor)})"
-        of = "" if trial.joint is None else f" of trial {format_name(trial.name)}"
-        words.append(f"Marker fit{of} {format_number(fit.calibrated)} mm{best}.")
+        of_trial = "" if trial.joint is None else f" of trial {format_name(trial.name)}"
+        sentences.append(f"Marker fit{of_trial} {format_number(fit.calibrated)} mm{best}.")
     if (walk := _find_largest_residual(walks)) is not None:
         last, held = walk.stages[-1], walk.expected
         force, moment, tone, judged = (
@@ -322,12 +322,12 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
             tone, judged = ("good", "") if held.within else ("look", ": too high")
             judged += WIDE_LIMITS if fit_findings.is_trunk_unmeasured(walk.trial.body) else ""
         tones.append(tone)
-        words.append(f"Unexplained force at the pelvis: {force}, moment {moment}{judged}.")
-    if not words:
+        sentences.append(f"Unexplained force at the pelvis: {force}, moment {moment}{judged}.")
+    if not sentences:
         return {"tone": "plain", "text": "Nothing was fitted: this study has no moving trial."}
     return {
         "tone": max(tones, key=TONE_ORDER.index),
-        "text": replace_control_characters(" ".join(words)),
+        "text": replace_control_characters(" ".join(sentences)),
     }
 
 
@@ -346,11 +346,11 @@ def _describe_valid_moments(
             else "there are no force plates"
         )
         return {"tone": "plain", "text": f"Angles only, no moments: {why}."}
-    words = summarise_usable_strides(
+    text = summarise_usable_strides(
         [use for walk in loaded for use in collect_stride_uses(walk.trial)]
     )
     if both := ", ".join(_format_peak(peak, mass) for peak in peaks if peak.peak is ADDUCTION_PEAK):
-        words += (
+        text += (
             " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all "
             "straight strides: "
             f"{both}."
@@ -359,15 +359,15 @@ def _describe_valid_moments(
         walk.trial.loads is not None and walk.trial.loads.errors is not None for walk in loaded
     )
     if not known:
-        words += " No standard errors are known."
-    return {"tone": "plain", "text": words}
+        text += " No standard errors are known."
+    return {"tone": "plain", "text": text}
 
 
 def _format_peak(peak: PeakMean, mass: float) -> str:
     """Format a peak: `right 0.42 ± 0.03 (4 of 5 strides)`."""
     error = f" ± {format_number(peak.se / mass, 2)}" if np.isfinite(peak.se) else ""
-    of = f"{peak.n} of {counted(peak.strides, 'stride')}"
-    return f"{SIDE_WORDS[peak.side]} {format_number(-peak.mean / mass, 2)}{error} ({of})"
+    count = f"{peak.n} of {counted(peak.strides, 'stride')}"
+    return f"{SIDE_WORDS[peak.side]} {format_number(-peak.mean / mass, 2)}{error} ({count})"
 
 
 def build_clinician_blocks(
@@ -385,16 +385,22 @@ def build_clinician_blocks(
         else ""
     )
     return [
-        *([make_text(words, "soft")] if walked and (words := bands + norm.remark) else []),
+        *(
+            [make_text(explanation, "soft")]
+            if walked and (explanation := bands + norm.remark)
+            else []
+        ),
         *([_build_profile(scores)] if scores else []),
-        fold_blocks("How to read curves and steps", [make_text(words) for words in HOW_TO_READ]),
+        fold_blocks(
+            "How to read curves and steps", [make_text(explanation) for explanation in HOW_TO_READ]
+        ),
     ]
 
 
 def _build_profile(scores: Sequence[Score]) -> Block:
     """Build the Movement Analysis Profile and Gait Profile Scores with normative values."""
 
-    def told(score: Score | None) -> str:
+    def format_score(score: Score | None) -> str:
         if score is None:
             return ""
         return format_number(score.score) + (
@@ -403,13 +409,13 @@ def _build_profile(scores: Sequence[Score]) -> Block:
 
     rows = []
     for variable in dict.fromkeys(s.variable for s in scores):
-        of = {s.side: s for s in scores if s.variable == variable}
-        numbers = [make_cell(told(of.get(side))) for side in (*SIDES, BOTH)]
-        one = next(iter(of.values()))
+        by_side = {s.side: s for s in scores if s.variable == variable}
+        numbers = [make_cell(format_score(by_side.get(side))) for side in (*SIDES, BOTH)]
+        one = next(iter(by_side.values()))
         rows.append([make_cell(score_title(one)), *numbers, make_cell(format_number(one.norm))])
     head = [
         make_text_column(""),
-        *(make_cell(words, unit="deg") for words in ("right", "left", "both", "norm")),
+        *(make_cell(title, unit="deg") for title in ("right", "left", "both", "norm")),
     ]
     caption = (
         "Gait Profile Score: RMS distance from healthy people's mean (Baker 2009), ± standard "
@@ -422,17 +428,19 @@ def build_trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     """Build the blocks of one walk: sources of its foot events, and why moments are not valid."""
     events, loads = walk.trial.events.events, walk.trial.loads
     out = [make_heading(f"Trial {format_name(walk.trial.name)}")]
-    seen = (
+    event_text = (
         f"Foot events: {cycles.source_words([e.source for e in events])}."
         if events
         else "No foot events."
     )
     repeats = walk.trial.events.repeats
     phases = ", ".join(dict.fromkeys(name for repeat in repeats for name, _ in repeat.parts))
-    found = f"{counted(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
-    out.append(make_text(found if repeats else seen))
-    if without := [SIDE_WORDS[side] for side in SIDES if not strides_of(walk.trial.events)[side]]:
-        out.append(make_text(f"No complete stride of the {listed(without)} foot."))
+    repeat_text = (
+        f"{counted(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
+    )
+    out.append(make_text(repeat_text if repeats else event_text))
+    if missing := [SIDE_WORDS[side] for side in SIDES if not strides_of(walk.trial.events)[side]]:
+        out.append(make_text(f"No complete stride of the {listed(missing)} foot."))
     if walk.trial.refused_legs:
         legs = listed([SIDE_WORDS[side] for side in walk.trial.refused_legs])
         out.append(

@@ -227,8 +227,8 @@ def _rank_sources(study: MonteCarloStudy, marker_rms: float | None) -> list[Bloc
         out += [make_heading(title, 4), *first]
     others = [
         b
-        for name, of in lists.items()
-        for b in (make_heading(capitalised(TORQUE_WORDS[name]), 4), *of)
+        for name, blocks in lists.items()
+        for b in (make_heading(capitalised(TORQUE_WORDS[name]), 4), *blocks)
     ]
     return [*out, fold_blocks("Expected error of the other moments", others)]
 
@@ -278,6 +278,6 @@ def _build_contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
         ),
         make_table(
             ["Parameter", "% of the variance"],
-            [[make_cell(words), format_number(value, 0)] for words, value in first.items()],
+            [[make_cell(title), format_number(value, 0)] for title, value in first.items()],
         ),
     ]

@@ -327,18 +327,18 @@ def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
 def format_verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
     """Format the line on top of the page: the verdict with its most severe reason."""
     judgement = Judgement(verdict["judgement"])
-    words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
+    text = f"{judgement.value.capitalize()}. {verdict['sentence']}"
     if verdict["reasons"]:
-        worst, *rest = verdict["reasons"]
+        worst, *others = verdict["reasons"]
         where = (
             f" ({', '.join(plain_data.replace_control_characters(name) for name in worst['trials'])})"
             if worst["trials"]
             else ""
         )
-        words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
+        text += f" {'Worst' if others else 'Because'}: {worst['cause']}{where}."
     return {
         "tone": key_figures.TONES[judgement],
-        "text": plain_data.replace_control_characters(words),
+        "text": plain_data.replace_control_characters(text),
     }
 
 
@@ -395,7 +395,7 @@ def build_conventions() -> dict[str, Any]:
         *((name, CurveKind.FORCE) for name in GROUND_FORCES),
     )
 
-    def told(convention: Convention, name: str, kind: CurveKind) -> dict[str, Any]:
+    def describe(convention: Convention, name: str, kind: CurveKind) -> dict[str, Any]:
         variable = name if kind is CurveKind.FORCE else f"{name}{kind.ending}"
         sides = {
             side: [
@@ -412,7 +412,9 @@ def build_conventions() -> dict[str, Any]:
         "signs": {
             signs.value: {
                 acting.key: {
-                    f"{name}/{kind.words}": told(Convention(signs=signs, acting=acting), name, kind)
+                    f"{name}/{kind.words}": describe(
+                        Convention(signs=signs, acting=acting), name, kind
+                    )
                     for name, kind in every
                 }
                 for acting in Acting
@@ -421,8 +423,8 @@ def build_conventions() -> dict[str, Any]:
         },
         "units": {
             unit: {
-                kind.words: dict(zip(("words", "digits", "times", "per"), of, strict=True))
-                for kind, of in zip(CurveKind, kinds, strict=True)
+                kind.words: dict(zip(("words", "digits", "times", "per"), values, strict=True))
+                for kind, values in zip(CurveKind, kinds, strict=True)
             }
             for unit, kinds in UNITS.items()
         },
@@ -436,7 +438,7 @@ def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakM
             trial["activity"],
             trial["name"],
             s["side"],
-            {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()},
+            {name: np.array(values, dtype=np.float64) for name, values in s["peaks"].items()},
         )
         for trial in trials
         for s in trial["strides"]

@@ -313,16 +313,18 @@ def merge_page_data(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[
     kept = select_trials(
         earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names]
     )
-    verdict, rest = _combine_verdicts(kept, new), list(new["lines"][1:])
+    verdict, other_lines = _combine_verdicts(kept, new), list(new["lines"][1:])
     if kept["trials"]:
         last = ", ".join(plain_data.replace_control_characters(name) for name in sorted(names))
-        rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
+        other_lines[-1:] = [
+            {**line, "text": f"{last}: {line['text']}"} for line in other_lines[-1:]
+        ]
     trials = [*kept["trials"], *new["trials"]]
     return {
         **new,
         "trials": trials,
         "verdict": verdict,
-        "lines": [page_data.format_verdict_line(verdict), *rest],
+        "lines": [page_data.format_verdict_line(verdict), *other_lines],
     }
 
 

@@ -135,11 +135,11 @@ def replace_control_characters(text: object) -> str:
 
 def format_name(text: object) -> str:
     """Format a name from the study; the middle of a very long one is omitted."""
-    whole = replace_control_characters(text)
+    visible = replace_control_characters(text)
     return (
-        whole
-        if len(whole) <= LONGEST_NAME
-        else f"{whole[: LONGEST_NAME - NAME_END - 1]}…{whole[-NAME_END:]}"
+        visible
+        if len(visible) <= LONGEST_NAME
+        else f"{visible[: LONGEST_NAME - NAME_END - 1]}…{visible[-NAME_END:]}"
     )
 
 
@@ -148,9 +148,9 @@ def make_heading(text: str, level: int = 3) -> Block:
     return {"kind": "heading", "text": replace_control_characters(text), "level": level}
 
 
-def make_text(words: str, tone: str = "") -> Block:
+def make_text(sentence: str, tone: str = "") -> Block:
     """Make a paragraph; `tone`: `soft`, `warning` or `bad`."""
-    return {"kind": "text", "text": replace_control_characters(words)} | (
+    return {"kind": "text", "text": replace_control_characters(sentence)} | (
         {"tone": tone} if tone else {}
     )
 
@@ -163,15 +163,15 @@ def make_list(items: Iterable[str], tone: str = "") -> Block:
 
 
 def make_cell(
-    words: object, *, unit: str = "", tone: str = "", side: str = "", align: str = ""
+    content: object, *, unit: str = "", tone: str = "", side: str = "", align: str = ""
 ) -> Cell:
     """Make one cell of a table; plain text if it has no attribute."""
     extra = {"unit": unit, "tone": tone, "side": side, "align": align}
     given = {key: value for key, value in extra.items() if value}
     return (
-        {"t": replace_control_characters(words), **given}
+        {"t": replace_control_characters(content), **given}
         if given
-        else replace_control_characters(words)
+        else replace_control_characters(content)
     )
 
 

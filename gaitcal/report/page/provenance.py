@@ -89,7 +89,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
     rows: list[list[plain_data.Cell]] = []
     for trial in calibration.study.trials:
         recording = trial.recording
-        seen = np.isfinite(recording.markers).all(axis=2)
+        visible = np.isfinite(recording.markers).all(axis=2)
         rows.append(
             [
                 plain_data.make_cell(plain_data.format_name(trial.name)),
@@ -99,7 +99,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
                 plain_data.format_number(len(recording.time), 0),
                 f"{plain_data.format_number(recording.rate, 0)} Hz",
                 str(len(recording.labels)),
-                f"{plain_data.format_number(100.0 * float(seen.mean()) if seen.size else 0.0)} %",
+                f"{plain_data.format_number(100.0 * float(visible.mean()) if visible.size else 0.0)} %",
                 str(len(recording.plates) or "none"),
             ]
         )
@@ -170,12 +170,12 @@ def _build_phases(phases: Sequence[Phase]) -> list[plain_data.Block]:
     ]
     rows: list[list[plain_data.Cell]] = []
     for phase in phases:
-        words = PHASES.get(phase.name, phase.name)
+        title = PHASES.get(phase.name, phase.name)
         if phase.name.startswith("joint:"):
-            words = f"{joint_words(phase.name.removeprefix('joint:'))}, from its functional trials"
+            title = f"{joint_words(phase.name.removeprefix('joint:'))}, from its functional trials"
         rows.append(
             [
-                plain_data.make_cell(words),
+                plain_data.make_cell(title),
                 plain_data.make_cell(
                     ", ".join(plain_data.format_name(trial) for trial in phase.trials)
                 ),
@@ -238,14 +238,14 @@ def build_further_sections(origin: Origin) -> plain_data.Sections:
             plain_data.make_text("Of the calibration, not of these trials:", "soft"),
             *joints,
         ]
-    whole = sections["provenance"]
+    provenance_blocks = sections["provenance"]
     folded = (
         [
             plain_data.fold_blocks(
-                "Recordings, phases, settings and versions of the calibration", whole
+                "Recordings, phases, settings and versions of the calibration", provenance_blocks
             )
         ]
-        if whole
+        if provenance_blocks
         else []
     )
     sections["provenance"] = [*_describe_model(origin.data), *edited, *folded]
@@ -278,7 +278,7 @@ def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
     plates = (
         counted(len(recording.plates), "force plate") if recording.plates else "no force plates"
     )
-    words = (
+    description = (
         f"{role_words(trial.role, trial.joint).capitalize()}, from the file "
         f"{plain_data.format_name(_get_file_name(recording.source))}: "
         f"{plain_data.format_number(float(time[-1] - time[0]), 2)} s, "
@@ -288,6 +288,6 @@ def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
     notes = [note.removeprefix(f"{trial.name}: ") for note in trial.notes]
     return [
         plain_data.make_heading(f"Trial {plain_data.format_name(trial.name)}"),
-        plain_data.make_text(words),
+        plain_data.make_text(description),
         *build_note_blocks(notes),
     ]

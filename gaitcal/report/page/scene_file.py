@@ -218,7 +218,7 @@ def dump_scene_json(
 
     `bones`: shown inside the body; None if none are installed.
     """
-    thin = _compute_thinning(scene)
+    step = _compute_thinning(scene)
     used = sorted({fitted.mesh for fitted in scene.body})
     content = {
         "subject": scene.subject,
@@ -235,15 +235,15 @@ def dump_scene_json(
         "capsules": sorted(set(used) & set(shapes.replaced)),
         "body": [_pack_fitted_mesh(scene, fitted) for fitted in scene.body],
         "bones": _pack_bones(scene, bones),
-        "trials": [_pack_trial(scene, trial, thin) for trial in scene.trials],
+        "trials": [_pack_trial(scene, trial, step) for trial in scene.trials],
     }
     return dump_script_json(content)
 
 
 def report_thinned_frames(scene: Scene) -> tuple[str, ...]:
     """Report every trial of which the page shows only some frames."""
-    thin = _compute_thinning(scene)
-    strides = ((trial, trial.stride * thin) for trial in scene.trials)
+    step = _compute_thinning(scene)
+    strides = ((trial, trial.stride * step) for trial in scene.trials)
     return tuple(
         f"{trial.name}: the page shows {-(-trial.recorded // stride)} of {trial.recorded} frames, "
         f"one in {stride}; "

@@ -42,7 +42,7 @@ def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
     masks = list_masks(curves)
     numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
 
-    def packed(values: Array | None) -> dict[str, Any] | None:
+    def pack(values: Array | None) -> dict[str, Any] | None:
         return (
             None if values is None or not np.isfinite(values).any() else pack_lengths(values[kept])
         )
@@ -56,10 +56,10 @@ def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
             "unit": c.unit,
             "valid": numbers[c.valid.tobytes()],
             "value": pack_lengths(c.value[kept]),
-            "se": packed(c.error),
-            "own": packed(c.own),
-            "nominal": packed(c.nominal),
-            "truth": packed(c.truth),
+            "se": pack(c.error),
+            "own": pack(c.stride_error),
+            "nominal": pack(c.nominal),
+            "truth": pack(c.truth),
         }
         for c in curves
     ]
@@ -100,7 +100,7 @@ def build_trial_page_data(
         if verdict is None
         else {
             "judgement": verdict.judgement.value,
-            **{side: of.value for side, of in verdict.legs.items()},
+            **{side: judgement.value for side, judgement in verdict.legs.items()},
         },
         "start": start,
         "duration": float(time[-1] - time[0]),
@@ -161,7 +161,7 @@ def _build_strides(
         for number, cycle in enumerate(strides.strides_of(trial.events)[side], start=1):
             stride, use = measured.get((side, number)), uses[side, number]
             foot = trial_tables.express_foot_in_stride(trial, side, cycle, stride)
-            laid = {
+            normalised = {
                 part: normalise(
                     time, trial_tables.express_pelvis_in_stride(trial, angles, cycle, stride), cycle
                 )
@@ -178,7 +178,9 @@ def _build_strides(
                     "plate": use.plate,
                     "reason": use.reason,
                     "pelvis": {
-                        name: {part: pack_lengths(angles[:, k]) for part, angles in laid.items()}
+                        name: {
+                            part: pack_lengths(angles[:, k]) for part, angles in normalised.items()
+                        }
                         for k, name in enumerate(PELVIS_ANGLES)
                     }
                     | (
@@ -196,7 +198,7 @@ def _build_strides(
                         time,
                         cycle,
                         [c for c in curves if c.side in (side, "")],
-                        laid["value"],
+                        normalised["value"],
                         walks=trial.activity == WALKING,
                     ),
                 }
@@ -212,19 +214,22 @@ def find_peaks(
     `pelvis`: (101, 3) deg, `PELVIS_ANGLES`.
     """
     unknown = np.full(len(time), np.nan)
-    laid = {}
+    normalised = {}
     for curve in curves:
         parts = [
-            unknown if part is None else part for part in (curve.value, curve.error, curve.own)
+            unknown if part is None else part
+            for part in (curve.value, curve.error, curve.stride_error)
         ]
-        value, error, own = normalise(time, np.stack(parts, axis=1), cycle).T
+        value, error, stride_error = normalise(time, np.stack(parts, axis=1), cycle).T
         value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
-        laid[curve.variable] = (
+        normalised[curve.variable] = (
             np.where(usable(time, curve.valid, cycle), value, np.nan),
             error,
-            own,
+            stride_error,
         )
     found = (
-        peaks.stride_peaks(laid, cycle.stance) if walks else peaks.phase_peaks(laid, cycle.phases)
+        peaks.stride_peaks(normalised, cycle.stance)
+        if walks
+        else peaks.phase_peaks(normalised, cycle.phases)
     )
     return {name: [round_number(v) for v in values] for name, values in found.items()}

@@ -130,9 +130,9 @@ def _build_fit_cells(fit: trial_result.RmsErrors) -> list[Cell]:
 
 def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
     """Build the blocks of one trial: segments, markers, and the error over time."""
-    segments, whole = trial_result.segment_fits(trial), trial_result.trial_fit(trial)
+    segments, whole_fit = trial_result.segment_fits(trial), trial_result.trial_fit(trial)
     rows = [[make_cell(segment.label), *_build_fit_cells(segment)] for segment in segments]
-    sums = [[make_cell("all markers"), *_build_fit_cells(whole)]]
+    sums = [[make_cell("all markers"), *_build_fit_cells(whole_fit)]]
     if trial.joint is None:
         sums.insert(
             0, [make_cell("pelvis and legs"), *_build_fit_cells(trial_result.leg_fit(trial))]
@@ -142,17 +142,17 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
         sums.append(
             [
                 make_cell("with the final model"),
-                *_build_fit_cells(replace(whole, calibrated=1e3 * final)),
+                *_build_fit_cells(replace(whole_fit, calibrated=1e3 * final)),
             ]
         )
     total = range(len(rows), len(rows) + len(sums))
     left: list[Block] = [make_table(["Segment, RMS in mm", *FIT_HEAD], [*rows, *sums], total=total)]
     if few := listed([fit.label for fit in segments if not fit.rigid]):
-        words = (
+        explanation = (
             f"No ratio for {few}: a segment can follow fewer than three markers nearly exactly, so "
             "that its floor is not meaningful."
         )
-        left.append(make_text(words, "soft"))
+        left.append(make_text(explanation, "soft"))
     markers = collect_marker_fits(trial)
     right = [_build_marker_table(markers[:MARKERS_SHOWN])]
     if len(markers) > MARKERS_SHOWN:
@@ -218,7 +218,7 @@ def _compute_rms_by_label(errors: MarkerErrors) -> dict[str, float]:
 
 
 def _build_marker_table(markers: Sequence[MarkerFit], folded: str = "") -> Block:
-    def words(marker: MarkerFit) -> str:
+    def describe_marker(marker: MarkerFit) -> str:
         if marker.weight <= 0.0:
             return f"{marker.segment}, no weight"
         return (
@@ -229,7 +229,7 @@ def _build_marker_table(markers: Sequence[MarkerFit], folded: str = "") -> Block
 
     rows = [
         [
-            make_cell(format_name(m.label), unit=words(m)),
+            make_cell(format_name(m.label), unit=describe_marker(m)),
             *map(format_number, (m.nominal, m.calibrated, m.floor, m.largest)),
         ]
         for m in markers
@@ -330,7 +330,7 @@ def _build_joint_row(
     calibration: result.Calibration, rows: Sequence[parameter_labels.LabelledParameter]
 ) -> list[Cell]:
     joint = rows[0].name.split(".")[0]
-    unseen, at_bound = (
+    undetermined, at_bound = (
         sum(row.status == status for row in rows) for status in ("unidentifiable", "at bound")
     )
     moved = parameter_labels.compute_range_of_motion(calibration, joint)
@@ -344,8 +344,8 @@ def _build_joint_row(
         MISSING
         if moved is None
         else make_cell(f"{format_number(moved, 0)}°", tone="look" if little else ""),
-        str(len(rows) - unseen),
-        make_cell(unseen, tone="look") if unseen else "0",
+        str(len(rows) - undetermined),
+        make_cell(undetermined, tone="look") if undetermined else "0",
         make_cell(at_bound, tone="look") if at_bound else "0",
         *(format_number(error) for error in errors),
     ]
@@ -382,7 +382,7 @@ class PeakError:
         return float(self.error * np.sqrt(share))
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """`Peak 0.412 ± 0.031 N·m/kg (external adduction)`."""
         sense, value = (
             f"internal, {coordinates.coordinate_words(self.base).moment} positive",
@@ -413,13 +413,13 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
             frames
         ].argmax()
     ]
-    here = np.arange(len(moment)) == frame
+    at_peak = np.arange(len(moment)) == frame
     return PeakError(
         name=name,
         value=float(moment[frame]) / mass,
         time=float(walk.layout.time[frame] - walk.layout.time[0]),
         error=float(error[frame]) / mass,
-        shares=loads.errors.shares(inverse_dynamics.FORCES.index(name), here),
+        shares=loads.errors.shares(inverse_dynamics.FORCES.index(name), at_peak),
     )
 
 
@@ -449,16 +449,16 @@ def _build_error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
 
 
 def _build_peak_table(peak: PeakError) -> Block:
-    def row(words: str, share: float, percent: str) -> list[Cell]:
-        return [make_cell(words), f"± {format_number(peak.compute_part(share), 3)}", percent]
+    def make_row(source: str, share: float, percent: str) -> list[Cell]:
+        return [make_cell(source), f"± {format_number(peak.compute_part(share), 3)}", percent]
 
     rows = [
-        row(s.words, share, format_number(100.0 * share, 0))
+        make_row(s.words, share, format_number(100.0 * share, 0))
         for s, share in peak.shares.items()
         if share >= SMALL_SHARE
     ]
-    if (rest := sum(share for share in peak.shares.values() if share < SMALL_SHARE)) > 0.0:
-        rows.append(row("all others", rest, format_number(100.0 * rest, 0)))
+    if (remaining := sum(share for share in peak.shares.values() if share < SMALL_SHARE)) > 0.0:
+        rows.append(make_row("all others", remaining, format_number(100.0 * remaining, 0)))
     rows.append(["all together", f"± {format_number(peak.error, 3)}", "100"])
     side = coordinates.split_side(peak.name)[1]
     head: list[Cell] = [
@@ -469,7 +469,7 @@ def _build_peak_table(peak: PeakError) -> Block:
     return make_table(
         head,
         rows,
-        caption=f"{peak.words}, at {format_number(peak.time, 2)} s",
+        caption=f"{peak.description}, at {format_number(peak.time, 2)} s",
         total=[len(rows) - 1],
     )
 

@@ -207,7 +207,9 @@ def _wavy(
 
 def _rows(name: str, stride: dict[str, Any], curve: Curve, time: np.ndarray) -> pd.DataFrame:
     cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
-    laid = [normalise(time, values, cycle) for values in (curve.value, curve.error, curve.own)]
+    laid = [
+        normalise(time, values, cycle) for values in (curve.value, curve.error, curve.stride_error)
+    ]
     valid = np.isfinite(normalise(time, np.where(curve.valid, 1.0, np.nan), cycle)).astype(int)
     columns = {
         "person": SUBJECT.name,
