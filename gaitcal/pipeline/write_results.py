@@ -160,9 +160,8 @@ def _write_models(model: SubjectModel, out: Path) -> None:
     model_file.save_model(model, out / saved_result.MODEL)
     osim_writer.write_osim(model, out / "model.osim")
     other_formats.write_urdf(model, out / "model.urdf")
-    if not parameters.impossible_bodies(
-        model.parameters.inertial
-    ):  # a warning of the calibration tells
+    # MuJoCo rejects impossible bodies; a warning of the calibration reports them
+    if not parameters.impossible_bodies(model.parameters.inertial):
         other_formats.write_mjcf(model, out / "model.xml")
 
 

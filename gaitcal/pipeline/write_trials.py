@@ -257,4 +257,5 @@ def _select_lines(trials: Mapping[str, Json], summary: Mapping[str, object], key
     """Select earlier notes or warnings that begin with the name of one of these trials."""
     stored = summary.get(key)
     lines = [line for line in stored if isinstance(line, str)] if isinstance(stored, list) else []
-    return [line for line in lines if any(line.startswith(f"{name}: ") for name in trials)]
+    prefixes = tuple(f"{name}: " for name in trials)
+    return [line for line in lines if line.startswith(prefixes)]

@@ -348,7 +348,8 @@ def _build_peak_rows(
 ) -> Iterator[tuple[str, ...]]:
     """Build the rows of peaks by phase of one activity, in clinical signs and by body mass."""
     found = [mean for mean in average_page_peaks(page["trials"]) if mean.activity == activity]
-    phases = [phase for phase in peaks.PHASES if any(m.peak.phase == phase for m in found)]
+    present = {mean.peak.phase for mean in found}
+    phases = [phase for phase in peaks.PHASES if phase in present]
     yield ("peak", "unit", "leg", *phases)
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
     for m in found:
@@ -362,22 +363,28 @@ def _build_peak_rows(
             f"{value:.{digits}f}{bar}"
         )
     order = list(dict.fromkeys(title for title, _, _ in rows))
-    for head, cells in sorted(
-        rows.items(), key=lambda row: order.index(row[0][0])
-    ):  # both legs of a peak together
+    # rows of both legs of a peak follow each other
+    for head, cells in sorted(rows.items(), key=lambda row: order.index(row[0][0])):
         yield (*head, *(cells.get(phase, "–") for phase in phases))
 
 
 def _collect_stride_uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
     """Collect the complete strides or repetitions of each whole-body trial."""
-    kept = ("side", "number", "plate", "turns", "reason")
-    return {
-        trial["name"]: [
-            StrideUse(**{k: s[k] for k in kept}, whole=not s["reason"], repeats=trial["repeats"])
-            for s in trial["strides"]
+    uses: dict[str, list[StrideUse]] = {}
+    for trial in page["trials"]:
+        uses[trial["name"]] = [
+            StrideUse(
+                side=stride["side"],
+                number=stride["number"],
+                plate=stride["plate"],
+                whole=not stride["reason"],
+                turns=stride["turns"],
+                reason=stride["reason"],
+                repeats=trial["repeats"],
+            )
+            for stride in trial["strides"]
         ]
-        for trial in page["trials"]
-    }
+    return uses
 
 
 def _build_walk_rows(
@@ -579,8 +586,8 @@ def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
 
 def _list_undetermined(table: pd.DataFrame) -> tuple[str, ...]:
     rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
-    return tuple(
-        f"{joint_words(str(joint)).capitalize()}: "
-        f"{'; '.join(parameter_words(name) for name in of_joint['name'])}"
-        for joint, of_joint in rows.groupby("joint", sort=False)
-    )
+    lines = []
+    for joint, rows_of_joint in rows.groupby("joint", sort=False):
+        names = "; ".join(map(parameter_words, rows_of_joint["name"]))
+        lines.append(f"{joint_words(str(joint)).capitalize()}: {names}")
+    return tuple(lines)

@@ -216,10 +216,8 @@ def _build_score_rows(
         for name in sorted(
             of_a.keys() & of_b.keys(), key=lambda n: (n != profile_score.GPS, list(of_a).index(n))
         ):
-            score, se = (
-                [float(scores_of[name].get(key, np.nan)) for scores_of in (of_a, of_b)]
-                for key in ("score", "se")
-            )
+            score = [float(scores[name].get("score", np.nan)) for scores in (of_a, of_b)]
+            se = [float(scores[name].get("se", np.nan)) for scores in (of_a, of_b)]
             title = (
                 "Gait Profile Score"
                 if name == profile_score.GPS
@@ -394,10 +392,11 @@ def _average_shares(summary: Mapping[str, object]) -> dict[str, dict[str, float]
     for entry in get_table(summary, "trials").values():
         for torque, shares in get_table(entry, "torque_error_sources").items():
             found.setdefault(torque, []).append(shares)
-    out = {}
-    for torque, listed in found.items():
-        sources = dict.fromkeys(source for shares in listed for source in shares)
-        out[torque] = {
-            s: float(np.mean([shares.get(s, 0.0) for shares in listed])) for s in sources
-        }
+    out: dict[str, dict[str, float]] = {}
+    for torque, shares_of_trials in found.items():
+        out[torque] = {}
+        for source in dict.fromkeys(source for shares in shares_of_trials for source in shares):
+            # a source that a trial does not list has no part there
+            parts = [shares.get(source, 0.0) for shares in shares_of_trials]
+            out[torque][source] = float(np.mean(parts))
     return out

@@ -232,7 +232,10 @@ def build_cycle_columns(
                     parts.append(
                         _build_rows(model.subject, trial, side, number, cycle, of_stride, stride)
                     )
-    return {name: _join_columns([part[name] for part in parts]) for name in CYCLE_COLUMNS}
+    columns = {}
+    for name in CYCLE_COLUMNS:
+        columns[name] = _join_columns([part[name] for part in parts])
+    return columns
 
 
 def _join_columns(parts: Sequence[Column]) -> Column:
@@ -263,20 +266,20 @@ def _express_along_line(
 ) -> list[Curve]:
     """Express the pelvis and foot angles of one stride along its line of progression."""
     straight = stride is None or not turns(stride.turn)
-    turned = dict(
+    along_line = dict(
         zip(
             PELVIS_ANGLES,
             express_pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T,
             strict=True,
         )
     )
-    turned |= (
-        {FOOT_PROGRESSION: foot}
-        if (foot := express_foot_in_stride(trial, side, cycle, stride)) is not None
-        else {}
-    )
+    foot = express_foot_in_stride(trial, side, cycle, stride)
+    if foot is not None:
+        along_line[FOOT_PROGRESSION] = foot
     return [
-        replace(c, value=turned[c.base], valid=c.valid & straight) if c.variable in turned else c
+        replace(c, value=along_line[c.base], valid=c.valid & straight)
+        if c.variable in along_line
+        else c
         for c in curves
     ]
 

@@ -186,8 +186,7 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _StrideTable
                 "again"
             )
             raise InputError(message, source=folder, code=Code.DAMAGED_RESULT)
-    # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer
-    # true
+    # keep comment lines on verdicts and relative angles, not those on the former convention
     kept_starts = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
     kept = tuple(line for line in comments if line.startswith(kept_starts))
     return _StrideTables(model, table, kept, strides, vectors)
@@ -357,7 +356,10 @@ def read_trial_files(folder: Path) -> dict[str, dict[str, str]]:
         raise InputError(
             message, source=folder / result_folder.MANIFEST, field="trials", code=Code.CHANGED_FILE
         )
-    return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
+    files: dict[str, dict[str, str]] = {}
+    for trial, named in trials.items():
+        files[str(trial)] = {str(kind): str(name) for kind, name in named.items()}
+    return files
 
 
 def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
@@ -396,7 +398,7 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
         message = "is not the file that the result was made from (another SHA-256); calibrate again"
         raise InputError(message, source=changed, code=Code.CHANGED_FILE)
     where = inputs or folder.resolve().parent
-    cure = "" if inputs else "; say with --inputs FOLDER where the recordings lie"
+    cure = "" if inputs else "; name the folder of the recordings with --inputs FOLDER"
     raise InputError(
         f"found no '{name}', which the result was made from{cure}",
         source=where,

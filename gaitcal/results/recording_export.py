@@ -6,6 +6,7 @@ the markers, its plates. Torques are written in valid frames only, and not for r
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -212,6 +213,7 @@ def _find_file_axes(markers: Recording, places: Array, source: Path) -> Turn:
     """
     visible = seen_mask(markers.markers)
     frames = np.flatnonzero(visible.sum(axis=1) >= min(3, visible.sum(axis=1).max()))
+    # a few frames are enough, as marker positions must agree exactly
     frames = frames[:: max(1, len(frames) // 5)]
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1, -1), repeat=3):
@@ -262,8 +264,12 @@ def _build_points(
     points = plug_in_gait_points(motion, angle, moment)
     heads = {label.partition(":")[0] for label in original.labels if ":" in label}
     head = f"{heads.pop()}:" if len(heads) == 1 else ""
-    starts = ("", PREFIX, *(f"{PREFIX}{n}" for n in range(2, 100)))
-    start = next(s for s in starts if not kept & {f"{head}{s}{point.name}" for point in points})
+
+    def is_free(prefix: str) -> bool:
+        return kept.isdisjoint(f"{head}{prefix}{point.name}" for point in points)
+
+    # the first prefix with which no name of the file is taken
+    start = next(filter(is_free, ("", PREFIX, *(f"{PREFIX}{n}" for n in range(2, 100)))))
     out = []
     for point in points:
         values = np.full((original.frames, 3), np.nan)
@@ -315,20 +321,20 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
         raise InputError(message, source=target, code=Code.INTERNAL)
 
 
+POINT_TITLES = {
+    PointKind.ANGLE: "angles",
+    PointKind.PLACE: "joint centres",
+    PointKind.MOMENT: "moments",
+    PointKind.POWER: "powers",
+    PointKind.FORCE: "ground reactions",
+}
+
+
 def _summarise_points(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
     """List the kinds of points that were added, and why others are missing."""
-    counts = [
-        f"{sum(p.kind is kind for p in points)} {title}"
-        for kind, title in (
-            (PointKind.ANGLE, "angles"),
-            (PointKind.PLACE, "joint centres"),
-            (PointKind.MOMENT, "moments"),
-            (PointKind.POWER, "powers"),
-            (PointKind.FORCE, "ground reactions"),
-        )
-        if any(p.kind is kind for p in points)
-    ]
-    summary = (f"{', '.join(counts)}",)
+    counts = Counter(point.kind for point in points)
+    parts = [f"{counts[kind]} {title}" for kind, title in POINT_TITLES.items() if counts[kind]]
+    summary = (", ".join(parts),)
     if Judgement.REFUSED.value in trial.facts.values() and trial.torques is None:
         return (*summary, "the trial is refused: no moments and no powers")
     if trial.torques is None:
@@ -337,4 +343,4 @@ def _summarise_points(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, 
         f"{side} leg {100 * trial.valid[s].mean():.0f} %"
         for s, side in (("r", "right"), ("l", "left"))
     )
-    return (*summary, f"moments and powers in the frames that count: {shares}")
+    return (*summary, f"moments and powers in valid frames: {shares}")

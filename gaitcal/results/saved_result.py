@@ -50,7 +50,7 @@ class SavedResult:
     rename: Mapping[str, str]  # Label in the files -> label in the marker set
     settings: CalibrationSettings
     uncertainty: Uncertainty
-    doubts: tuple[Finding, ...] = ()  # What its verdict says of every further trial
+    doubts: tuple[Finding, ...] = ()  # Findings of its verdict that concern every further trial
     relative_to: Mapping[str, float] | None = None
     """Coordinate -> rad in the static posture, where joint angles are counted from it."""
 
@@ -315,12 +315,11 @@ def select_moving_frames(motions: Sequence[Array]) -> dict[str, Array]:
     """
     ranges = np.array([np.ptp(q, axis=0) for q in motions])
     moves = ranges >= 0.5 * ranges.max(axis=0)
-    return {
-        name: np.concatenate(
-            [q[:, k] for q, moved in zip(motions, moves[:, k], strict=True) if moved]
-        )
-        for k, name in enumerate(COORDINATES)
-    }
+    out = {}
+    for k, name in enumerate(COORDINATES):
+        moving = [q[:, k] for q, moved in zip(motions, moves[:, k], strict=True) if moved]
+        out[name] = np.concatenate(moving)
+    return out
 
 
 def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
@@ -389,10 +388,11 @@ def _read_reactions(path: Path) -> dict[str, Array]:
     if not path.exists():
         return {}
     table = read_table(path)
-    return {
-        s: np.stack([table.column(f"ground_force_{s}_v{axis}") for axis in "xyz"], axis=1)
-        for s in SIDES
-    }
+    out = {}
+    for side in SIDES:
+        parts = [table.column(f"ground_force_{side}_v{axis}") for axis in "xyz"]
+        out[side] = np.stack(parts, axis=1)
+    return out
 
 
 def _read_torques(

@@ -172,14 +172,15 @@ def build_curve_table(
 ) -> pd.DataFrame:
     """Build `curve_differences.csv` with `CURVE_COLUMNS`: all percents of all common variables."""
     parts = []
+    values = [_get_values(a), _get_values(b)]
     for key in (key for key in a if key in b):
         both = a[key], b[key]
         n_a, n_b = (np.isfinite(s.values).sum(axis=0) for s in both)
         mean_a, mean_b = (measured.average_known(s.values) for s in both)
         spread = session_difference.estimate_spread(
-            [s.values for s in both],
-            _get_other_leg(key, [{k: s.values for k, s in c.items()} for c in (a, b)]),
+            [s.values for s in both], _get_other_leg(key, values)
         )
+        # errors of the strides and errors that they share are independent
         by_strides = session_difference.compute_stride_variance(spread, n_a, n_b)
         shared = _compute_shared(common, *both)
         se = np.sqrt(np.nan_to_num(by_strides) + np.nan_to_num(shared))
@@ -215,9 +216,7 @@ def compare_curve_figures(
     common: measured.Common,
 ) -> Iterator[session_difference.Difference]:
     """Compare peaks, ranges and means of every common variable."""
-    figures = [
-        {key: _compute_figures(key[1], found) for key, found in sets.items()} for sets in (a, b)
-    ]
+    figures = [_compute_all_figures(a), _compute_all_figures(b)]
     for key in (key for key in a if key in b):
         for measure in figures[0][key]:
             both = figures[0][key][measure], figures[1][key][measure]
@@ -311,23 +310,31 @@ def _average_errors(found: measured.StrideSet | ComparedFigure, errors: Array) -
     )
 
 
+def _get_values(sets: Mapping[measured.Key, measured.StrideSet]) -> dict[measured.Key, Array]:
+    return {key: strides_of_key.values for key, strides_of_key in sets.items()}
+
+
+def _compute_all_figures(
+    sets: Mapping[measured.Key, measured.StrideSet],
+) -> dict[measured.Key, dict[str, ComparedFigure]]:
+    return {key: _compute_figures(key[1], found) for key, found in sets.items()}
+
+
 def _compute_figures(variable: str, found: measured.StrideSet) -> dict[str, ComparedFigure]:
     """Compute the figures of every stride: `highest in swing`, `at initial contact`."""
     zeros, out = np.zeros(POINTS), {}
-    of_strides = [
-        [
-            stride_peaks({variable: (value, error, zeros)}, None if np.isnan(off) else float(off))
-            for error in errors
-        ]
-        for value, *errors, off in zip(
-            found.values, found.shared, found.frames, found.stance, strict=True
-        )
-    ]
+    # the peaks of every stride, with the shared error and with its part due to segment axes
+    with_shared, with_frames = [], []
+    for value, shared, frames, off in zip(
+        found.values, found.shared, found.frames, found.stance, strict=True
+    ):
+        toe_off = None if np.isnan(off) else float(off)
+        with_shared.append(stride_peaks({variable: (value, shared, zeros)}, toe_off))
+        with_frames.append(stride_peaks({variable: (value, frames, zeros)}, toe_off))
     for peak in (peak for peak in PEAKS.values() if peak.variable == variable):
-        rows = [[peaks.get(peak.name, UNKNOWN)[:2] for peaks in both] for both in of_strides]
-        (values, shared), (_, frames) = np.array(rows).transpose(1, 2, 0)
-        # errors of a range cancel by what both ends share, and may leave more of a part than of the
-        # whole
+        values, shared = np.array([p.get(peak.name, UNKNOWN)[:2] for p in with_shared]).T
+        _, frames = np.array([p.get(peak.name, UNKNOWN)[:2] for p in with_frames]).T
+        # errors common to both ends of a range cancel: a part may exceed the remaining whole
         out[peak.measure] = ComparedFigure(values, shared, np.minimum(frames, shared))
     return out
 

@@ -472,6 +472,7 @@ def compute_difference_variance(
     out = ((nominal[1] - nominal[0]) ** 2).sum(axis=1) + (
         0.0 if shared else 2.0 * compute_placement_errors(names) ** 2
     )
+    # markers and soft tissue: independent, but for the same soft tissue on one static trial
     for column in dict.fromkeys((*of_a, *of_b)):
         one, other = of_a.get(column), of_b.get(column)
         if (

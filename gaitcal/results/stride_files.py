@@ -95,15 +95,11 @@ def build_spatiotemporal_columns(
         for stride in trial.strides
         for name, value in stride.measures.items()
     ]
-    columns: dict[str, table_files.Column] = {
-        name: [row[name] for row in rows] for name in SPATIOTEMPORAL_COLUMNS
-    }
-    for name, digits in {
-        "start": TIME_DIGITS,
-        "stop": TIME_DIGITS,
-        "value": TIME_DIGITS,
-        "turn": TURN_DIGITS,
-    }.items():
+    columns: dict[str, table_files.Column] = {}
+    for name in SPATIOTEMPORAL_COLUMNS:
+        columns[name] = [row[name] for row in rows]
+    digits_of = dict.fromkeys(("start", "stop", "value"), TIME_DIGITS) | {"turn": TURN_DIGITS}
+    for name, digits in digits_of.items():
         columns[name] = np.round(np.array(columns[name], dtype=np.float64), digits)
     return columns | {"valid": np.array(columns["valid"], dtype=int)}
 
@@ -395,6 +391,7 @@ def _compute_peaks(
     values = np.where(np.asarray(strides["valid"]) == 1, values, np.nan)
     curves: dict[tuple[str, str, str, int], dict[str, tuple[Array, Array, Array]]] = {}
     phases: dict[tuple[str, str, str, int], Sequence[str]] = {}
+    # each variable of each stride is a block of rows, one for each percent
     for k in range(0, len(values), POINTS):
         if not abs(strides["turn"][k]) > TURNING:
             key = (
@@ -453,16 +450,13 @@ def read_earlier_strides(
         File -> rows as text and comment lines; None for a file that has changed.
     """
     names, out = tuple(kept), {}
+    # the whole prefix, as a trial may have a name that begins another line, such as `se`
+    prefixes = tuple(f"{name}: {table_files.VERDICT}" for name in names)
     for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
             table, comments = table_files.read_csv(folder / file)
-            # the whole prefix, as a trial may have a name that begins another line, such as `se`
-            lines = tuple(
-                line
-                for line in comments
-                if line.startswith(tuple(f"{name}: {table_files.VERDICT}" for name in names))
-            )
+            lines = tuple(line for line in comments if line.startswith(prefixes))
             table = table[table["trial"].isin(names)]
         out[file] = table, lines
     return out

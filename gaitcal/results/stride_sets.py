@@ -186,6 +186,7 @@ def collect_stride_sets(session: RecordedSession) -> dict[Key, StrideSet]:
         level=["side", "variable"], sort=False
     ).indices.items():
         stride_error, total = arrays["se_stride"][rows], arrays["se"][rows]
+        # c of the module docstring; rounding in the file may make the difference negative
         shared = np.sqrt(np.maximum(total**2 - stride_error**2, 0.0))
         of_rows = [
             stance.get((trial, str(side), stride), np.nan)

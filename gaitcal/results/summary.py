@@ -14,8 +14,10 @@ from gaitcal.analysis.fit_findings import is_trunk_unmeasured
 from gaitcal.analysis.result import Calibration, Loads, TrialResult
 from gaitcal.analysis.truth_errors import CurveTruth, FeatureTruth, TruthErrors
 from gaitcal.arrays import Array
+from gaitcal.calibration.joint_phases import Phase
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
+from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.result_folder import read_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
@@ -98,6 +100,9 @@ def _build_curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> dict[st
 
 def summarise_truth(truth: TruthErrors) -> dict[str, Json]:
     """Summarise errors of parameters, joint centres, axes and curves, in the units of the files."""
+    joints: dict[str, dict[str, Json]] = {}
+    for feature in truth.features:
+        joints.setdefault(feature.joint, {})[feature.part] = _summarise_feature(feature)
     return {
         "parameters": {
             p.name: _drop_unknown(
@@ -112,10 +117,7 @@ def summarise_truth(truth: TruthErrors) -> dict[str, Json]:
         },
         "undetermined": [p.name for p in truth.parameters if p.status == "unidentifiable"],
         "not_compared": dict(truth.not_compared),
-        "joints": {
-            joint: {f.part: _summarise_feature(f) for f in truth.features if f.joint == joint}
-            for joint in dict.fromkeys(f.joint for f in truth.features)
-        },
+        "joints": {**joints},
         "trials": {
             name: {
                 "coordinates": _summarise_curves(trial.coordinates),
@@ -180,6 +182,7 @@ def summarise_calibration(calibration: Calibration) -> dict[str, Json]:
     dict
         Lengths in mm, forces in N, torques in N·m, times in s.
     """
+    means = summarise_means(calibration.trials)
     return {
         "status": "converged" if calibration.converged else "not converged",
         **summarise_verdict(calibration.verdict),
@@ -190,36 +193,33 @@ def summarise_calibration(calibration: Calibration) -> dict[str, Json]:
         "trials": {
             trial.name: summarise_trial(trial, calibration.verdict) for trial in calibration.trials
         },
-        **({"spatiotemporal": means} if (means := summarise_means(calibration.trials)) else {}),
+        **({"spatiotemporal": means} if means else {}),
         STATIC_ANGLES: {
             name: round(float(np.rad2deg(value)), 4) + 0.0  # no negative zeros
             for name, value in calibration.static_angles.items()
             if not is_translation(name)
         },
-        "phases": [
-            {
-                "name": phase.name,
-                "trials": list(phase.trials),
-                "parameters": phase.parameters,
-                "iterations": phase.iterations,
-                "seconds": round(phase.seconds, 4),
-                "status": phase.status,
-                "message": phase.message,
-                **(
-                    {}
-                    if phase.marker_noise is None
-                    else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}
-                ),
-                **(
-                    {"noise_mm": {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}}
-                    if phase.noise
-                    else {}
-                ),
-            }
-            for phase in calibration.phases
-        ],
+        "phases": [_summarise_phase(phase) for phase in calibration.phases],
         **({} if calibration.truth is None else {"truth": summarise_truth(calibration.truth)}),
     }
+
+
+def _summarise_phase(phase: Phase) -> dict[str, Json]:
+    """Summarise one phase of the calibration; marker noise in mm, if it was estimated."""
+    out: dict[str, Json] = {
+        "name": phase.name,
+        "trials": list(phase.trials),
+        "parameters": phase.parameters,
+        "iterations": phase.iterations,
+        "seconds": round(phase.seconds, 4),
+        "status": phase.status,
+        "message": phase.message,
+    }
+    if phase.marker_noise is not None:
+        out["marker_noise_mm"] = round(1e3 * phase.marker_noise, 4)
+    if phase.noise:
+        out["noise_mm"] = {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}
+    return out
 
 
 def summarise_subject(subject: Subject) -> dict[str, Json]:
@@ -271,10 +271,22 @@ def summarise_trial(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
     dict
         Its entry in `summary.json`.
     """
-    errors = trial.calibrated.errors
     out: dict[str, Json] = {
         "role": trial.role.value,
         **summarise_walk(verdict, trial.name),
+        **_summarise_markers(trial),
+    }
+    if trial.joint is None:
+        out |= _summarise_events(trial)
+    if trial.loads is not None:
+        out |= _summarise_loads(trial, trial.loads)
+    return out
+
+
+def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
+    """Summarise the motion and its marker errors: all markers, segments, floors, hold-out."""
+    errors = trial.calibrated.errors
+    out: dict[str, Json] = {
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
         "weighted_markers": int(errors.kept().sum()),
@@ -316,57 +328,66 @@ def summarise_trial(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
         if errors.kept(segment).any()
     }
     if trial.joint_floor is not None:
-        out["joint_floor_mm"] = {
-            joint: 1e3 * value for joint, value in trial.joint_floor.joints.items()
+        floors = trial.joint_floor.joints
+        out["joint_floor_mm"] = {joint: 1e3 * value for joint, value in floors.items()}
+    return out
+
+
+def _summarise_events(trial: TrialResult) -> dict[str, Json]:
+    """Summarise foot events, repetitions and spatiotemporal means of a whole-body trial."""
+    out: dict[str, Json] = {}
+    out["events"] = [
+        {
+            "side": e.side,
+            "event": e.moment.value,
+            "time": round(e.time, TIME_DIGITS),
+            "source": e.source.value,
         }
-    if trial.joint is None:
-        out["events"] = [
-            {
-                "side": e.side,
-                "event": e.moment.value,
-                "time": round(e.time, TIME_DIGITS),
-                "source": e.source.value,
+        for e in trial.events.events
+    ]
+    if trial.events.repeats:
+        out["repetitions"] = [_summarise_repetition(cycle) for cycle in trial.events.repeats]
+    if trial.strides:
+        out["spatiotemporal"] = summarise_means([trial])
+    return out
+
+
+def _summarise_repetition(cycle: GaitCycle) -> dict[str, Json]:
+    phases: list[Json] = [
+        {"phase": name, "stop": round(until, TIME_DIGITS)} for name, until in cycle.parts
+    ]
+    return {
+        "start": round(cycle.start, TIME_DIGITS),
+        "stop": round(cycle.stop, TIME_DIGITS),
+        "phases": phases,
+    }
+
+
+def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
+    """Summarise valid frames, pelvis residuals, and changes and errors of the torques."""
+    reactions = loads.reactions
+    out: dict[str, Json] = {
+        "valid_frames": int(reactions.valid.sum()),
+        "valid_frames_r": int(reactions.valid_r.sum()),
+        "valid_frames_l": int(reactions.valid_l.sum()),
+    }
+    if reactions.valid.any():
+        out["pelvis_residual"] = _summarise_pelvis_residual(loads)
+        if (expected := loads.expected) is not None:
+            out["pelvis_residual_expected"] = {
+                "force_N": expected.force.expected,
+                "torque_Nm": expected.moment.expected,
             }
-            for e in trial.events.events
-        ]
-        if trial.events.repeats:
-            out["repetitions"] = [
-                {
-                    "start": round(c.start, TIME_DIGITS),
-                    "stop": round(c.stop, TIME_DIGITS),
-                    "phases": [
-                        {"phase": name, "stop": round(until, TIME_DIGITS)}
-                        for name, until in c.parts
-                    ],
-                }
-                for c in trial.events.repeats
-            ]
-        if trial.strides:
-            out["spatiotemporal"] = summarise_means([trial])
-    if trial.loads is not None:
-        reactions = trial.loads.reactions
-        out["valid_frames"] = int(reactions.valid.sum())
-        out["valid_frames_r"], out["valid_frames_l"] = (
-            int(reactions.valid_r.sum()),
-            int(reactions.valid_l.sum()),
-        )
-        if reactions.valid.any():
-            out["pelvis_residual"] = _summarise_pelvis_residual(trial.loads)
-            if (due := trial.loads.expected) is not None:
-                out["pelvis_residual_expected"] = {
-                    "force_N": due.force.expected,
-                    "torque_Nm": due.moment.expected,
-                }
-                out["pelvis_residual_limit"] = {
-                    "force_N": due.force.limit,
-                    "torque_Nm": due.moment.limit,
-                }
-                if is_trunk_unmeasured(trial.body):
-                    out["trunk_measured"] = False
-        if reactions.has_torques:
-            out["torque_change_bwh"] = _compute_torque_change(trial.loads)
-            if sources := _summarise_error_sources(trial.loads):
-                out["torque_error_sources"] = sources
+            out["pelvis_residual_limit"] = {
+                "force_N": expected.force.limit,
+                "torque_Nm": expected.moment.limit,
+            }
+            if is_trunk_unmeasured(trial.body):
+                out["trunk_measured"] = False
+    if reactions.has_torques:
+        out["torque_change_bwh"] = _compute_torque_change(loads)
+        if sources := _summarise_error_sources(loads):
+            out["torque_error_sources"] = sources
     return out
 
 

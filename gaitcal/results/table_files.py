@@ -106,7 +106,11 @@ def convert_to_columns(rows: Sequence[Mapping[str, object]]) -> dict[str, list[A
     dict
         Name -> values; empty without rows.
     """
-    return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+    columns: dict[str, list[Any]] = {}
+    for row in rows:
+        for name in rows[0]:
+            columns.setdefault(name, []).append(row[name])
+    return columns
 
 
 def _convert_column(column: pd.Series) -> Column:

@@ -175,8 +175,11 @@ class Chart:
 def draw_chart(chart: Chart) -> Figure:
     """Draw all panels of a chart in one figure."""
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
-    heights = [max(p.size.height for p in row) for row in rows]
-    width = max(sum(p.size.width for p in row) for row in rows)
+    heights, widths = [], []
+    for row in rows:
+        heights.append(max(panel.size.height for panel in row))
+        widths.append(sum(panel.size.width for panel in row))
+    width = max(widths)
     columns = _count_legend_columns(chart, width)
     legend = chart.legend_row * -(-len(chart.keys) // columns)
     figure = create_figure(width, sum(heights) + legend)

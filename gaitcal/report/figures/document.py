@@ -49,7 +49,7 @@ MARGIN: Final = 15.0 * mm
 HEADER_COLUMNS: Final = 5
 LEAST_TABLE: Final = 60.0 * mm
 LEAST_SHEET: Final = 150.0 * mm
-"""Height of a sheet of curves that can be read; a comment that leaves less has pages of its own."""
+"""Height of a sheet of curves that is readable; a comment that leaves less moves to further pages."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +62,7 @@ class ReportContent:
     sentence: str
     reasons: tuple[
         tuple[str, str], ...
-    ]  # What speaks against the result, and what to do about it; the worst first
+    ]  # Reasons of the verdict and what to do about them, the most severe first
     fit: tuple[str, ...]  # How well the model follows markers and forces, a sentence each
     walked: bool  # Whether there is a walk among the trials
     walks: tuple[
@@ -397,17 +397,17 @@ def _build_table(rows: Sequence[Sequence[str]], width: float) -> Table:
 
     Words of up to 14 letters are not broken.
     """
-    letters = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
-    longest_words = [
-        max(len(word_width) for row in rows for word_width in (*row[k].split(), ""))
-        for k in range(len(rows[0]))
-    ]
-    longest = [
-        max(text_width, min(14, 1.1 * word_width))
-        for text_width, word_width in zip(letters, longest_words, strict=True)
-    ]
-    widths = [width * part / sum(longest) for part in longest]
-    body = [[make_paragraph(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
+    parts = []
+    for column in zip(*rows, strict=True):
+        longest_text = max(map(len, column))
+        longest_word = max(map(len, " ".join(column).split()), default=0)
+        # longer texts get less than their share, as they are broken into lines
+        parts.append(max(7.0, longest_text**0.8, min(14, 1.1 * longest_word)))
+    widths = [width * part / sum(parts) for part in parts]
+    head, *others = rows
+    body = [[make_paragraph(cell, 7.5, bold=True) for cell in head]]
+    for row in others:
+        body.append([make_paragraph(cell, 7.5) for cell in row])
     return Table(
         body,
         colWidths=widths,

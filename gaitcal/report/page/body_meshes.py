@@ -38,8 +38,8 @@ MESHES: dict[str, tuple[Array, Array]] = {
         ("upperleg", (-10.6, -62.3, -10.3), (10.4, 6.2, 10.6)),
     )
 }
-"""The meshes in use and their bounding boxes in their own unit; what replaces a missing mesh fills
-its box.
+"""The meshes in use and their bounding boxes in their unit; a substitute for a missing mesh fills its
+box.
 """
 
 PACKAGE = "example-robot-data"
@@ -69,7 +69,7 @@ highest of them, between a marker on it and a band around the forehead."""
 class Mesh:
     """A closed surface."""
 
-    vertices: Array  # (nv, 3) in the mesh's own unit
+    vertices: Array  # (nv, 3) in the unit of the mesh
     triangles: IntArray  # (nt, 3)
 
 
@@ -89,7 +89,7 @@ class FittedMesh:
 
     mesh: str
     segment: str
-    place: Array  # (3, 4) affine map from the mesh's own unit to the segment frame, m
+    place: Array  # (3, 4) affine map from the unit of the mesh to the segment frame, m
 
 
 def fit_body_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:

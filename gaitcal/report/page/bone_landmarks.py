@@ -57,7 +57,7 @@ _VOTES_TOGETHER = 0.010  # m: votes for one acetabulum
 _PARTS = 5  # Parts of a triangle's side between points spread over it
 
 
-class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
+class NoLandmark(ValueError):  # noqa: N818 - reads "no landmark"
     """A surface does not show a landmark of its bone."""
 
 
@@ -65,7 +65,7 @@ class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
 class Ball:
     """A sphere, or in the sagittal plane a circle, fitted to a joint surface."""
 
-    centre: Array  # (3,) m, in the bone's own frame
+    centre: Array  # (3,) m, in the frame of the bone
     radius: float  # m
 
 
@@ -332,7 +332,7 @@ class KneeEvidence(Enum):
     """A marker on the lateral one, and a rod along the axis that a person chose."""
     # One marker: the bone's turn about its length is the pelvis's in the static trial
     LATERAL = "lateral epicondyle"
-    NOMINAL = "nominal joint"  # No marker: the bone stands on the nominal knee
+    NOMINAL = "nominal joint"  # No marker: the nominal knee places the bone
 
 
 _SIDED = {

@@ -1,6 +1,6 @@
 """Place bones on a subject's landmarks, and compare knee axes with the femoral condyles.
 
-For every bone an affine map from its own frame to a segment's. With y the direction between the two
+Every bone has an affine map from its frame to that of a segment. With y the direction between the two
 ends of a bone, z to its right across y (`segment_frames.frame_yz`), R the axes in the bone and R'
 those in the person, and b, b' the lower ends,
 
@@ -182,8 +182,7 @@ def map_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: s
         f"shank_{side}",
     )
     long = float(np.linalg.norm(map_femur(bones, person, side)[:, 1]))
-    # Behind the epicondyles by as much as the condyles' centres are; upright, as the static trial
-    # stands.
+    # The condyles' centres are behind the epicondyles; the shank is upright in the static trial.
     behind = 0.5 * float(pair.medial.centre[0] + pair.lateral.centre[0]) - float(
         bones.femur.middle[0]
     )

@@ -47,7 +47,7 @@ INERTIAL_FILE = (
 FEATURES = (
     "Distance (mm) or angle (deg) from the true centre or axis; the place of an axis is where it "
     "crosses the "
-    "segment from side to side. Within: for how many of its parameters the truth lies within ±1.96 "
+    "segment from side to side. Within: number of its parameters with the truth within ±1.96 "
     "standard "
     "errors. “Farther”: calibration led away from the truth."
 )
@@ -68,7 +68,7 @@ def build_joint_blocks(calibration: result.Calibration) -> list[Block]:
             "named segment: forward, "
             "up, and to the right, on both sides of the body (so a left hip centre lies at a "
             "negative “to the right”). "
-            "A standard error says by how much a value would scatter if the same trials were "
+            "A standard error is the scatter of a value if the same trials were "
             f"recorded again{errors}."
         ),
     ]
@@ -223,7 +223,7 @@ def _build_inertias(calibration: result.Calibration, truth: Mapping[str, float])
 
 
 Errors = tuple[float, float, str]
-"""RMS error, distance or angle: nominal, fitted; in how many of its parts the truth lies within
+"""RMS error, distance or angle: nominal, fitted; number of its parts with the truth within
 1.96 standard errors, `2 of 3` or `98 %`, a dash without standard errors."""
 
 
@@ -271,7 +271,7 @@ def _build_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Bl
             if found := _collect_curve_errors(getattr(row, kind) for row in rows):
                 frames = _count_frames(rows) if kind == "angle" else "the valid frames"
                 explanation = (
-                    f"RMS error over {frames}, {unit}, and in how many of them the truth lies "
+                    f"RMS error over {frames}, {unit}, and the share of them with the truth "
                     "within ±1.96 "
                 )
                 explanation += "standard errors."

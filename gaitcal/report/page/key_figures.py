@@ -68,7 +68,7 @@ class StrideUse:
     number: int
     plate: str  # Names of the plates that carry the foot in it; empty: none
     whole: bool  # Moments of the leg are valid throughout
-    turns: bool  # It turns, and takes no part in means
+    turns: bool  # Whether it turns and is therefore not in means
     reason: str  # Why it is not whole; empty where it is
     repeats: bool = False  # It is no stride, but a repetition of another activity
 
@@ -104,28 +104,23 @@ def summarise_usable_strides(uses: Iterable[StrideUse]) -> str:
     """
     if not (uses := tuple(uses)):
         return "No complete stride."
-    of_sides = {side: [use for use in uses if use.side == side] for side in SIDES}
-    counts = (
-        f"{sum(u.whole for u in of_side)} of {len(of_side)} {SIDE_WORDS[side]}"
-        for side, of_side in of_sides.items()
-    )
+    counts = []
+    for side in SIDES:
+        is_usable = [use.whole for use in uses if use.side == side]
+        counts.append(f"{sum(is_usable)} of {len(is_usable)} {SIDE_WORDS[side]}")
+    kinds = {use.repeats for use in uses}
+    nouns = [
+        noun for repeats, noun in ((False, "strides"), (True, "repetitions")) if repeats in kinds
+    ]
     reasons = list_reasons(uses)
-    nouns = {
-        use.repeats: "repetitions" if use.repeats else "strides"
-        for use in sorted(uses, key=lambda u: u.repeats)
-    }
-    noun = " and ".join(nouns.values())
-    return (
-        f"Usable for moments: {', '.join(counts)} "
-        f"{noun}{f'; others: {reasons}' if reasons else ''}."
-    )
+    others = f"; others: {reasons}" if reasons else ""
+    return f"Usable for moments: {', '.join(counts)} {' and '.join(nouns)}{others}."
 
 
 def list_reasons(uses: Iterable[StrideUse]) -> str:
     """List the reasons of invalid strides, the most frequent first."""
-    return listed(
-        [reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()]
-    )
+    reasons = Counter(use.reason for use in uses if not use.whole)
+    return listed([reason for reason, _ in reasons.most_common()])
 
 
 def _check_stride(
@@ -384,17 +379,14 @@ def build_clinician_blocks(
         if norm.words
         else ""
     )
-    return [
-        *(
-            [make_text(explanation, "soft")]
-            if walked and (explanation := bands + norm.remark)
-            else []
-        ),
-        *([_build_profile(scores)] if scores else []),
-        fold_blocks(
-            "How to read curves and steps", [make_text(explanation) for explanation in HOW_TO_READ]
-        ),
-    ]
+    out: list[Block] = []
+    explanation = bands + norm.remark
+    if walked and explanation:
+        out.append(make_text(explanation, "soft"))
+    if scores:
+        out.append(_build_profile(scores))
+    how_to_read = [make_text(paragraph) for paragraph in HOW_TO_READ]
+    return [*out, fold_blocks("How to read curves and steps", how_to_read)]
 
 
 def _build_profile(scores: Sequence[Score]) -> Block:

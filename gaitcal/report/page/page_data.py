@@ -11,6 +11,7 @@ The page can be made from it again at any time.
 """
 
 import datetime
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -203,21 +204,15 @@ def build_person_page_data(
     """Build the page data that belong to no single trial; bands in the units of the curves."""
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
-        sides = {
-            s: [
-                [plain_data.round_number(value) for value in part]
-                for part in band.for_person(subject, s)
-            ]
-            for s in linkage.SIDES
+        entry: dict[str, Any] = {
+            "base": coordinate_of(name),
+            "kind": kind_of(name).words,
+            "source": band.source,
         }
-        bands.append(
-            {
-                "base": coordinate_of(name),
-                "kind": kind_of(name).words,
-                "source": band.source,
-                **sides,
-            }
-        )
+        for side in linkage.SIDES:
+            mean, sd = band.for_person(subject, side)
+            entry[side] = [list(map(plain_data.round_number, part)) for part in (mean, sd)]
+        bands.append(entry)
     return {
         "format": FORMAT,
         "program": f"gaitcal {package_version('gaitcal')}",
@@ -363,15 +358,12 @@ def explain_code(code: Code) -> dict[str, Any]:
 def list_coordinate_rows() -> list[dict[str, Any]]:
     """List joints with their coordinates and joint power, one row of small plots each."""
     rows = (*coordinates.COORDINATE_TABLE.values(), *coordinates.SEGMENT_ANGLES.values())
-    return [
-        {
-            "joint": key,
-            "title": group.title,
-            "power": group.power or None,
-            "rows": [row.name for row in rows if row.group == key],
-        }
-        for key, group in coordinates.GROUPS.items()
-    ]
+    out = []
+    for key, group in coordinates.GROUPS.items():
+        names = [row.name for row in rows if row.group == key]
+        entry = {"joint": key, "title": group.title, "power": group.power or None, "rows": names}
+        out.append(entry)
+    return out
 
 
 def build_conventions() -> dict[str, Any]:
@@ -407,28 +399,19 @@ def build_conventions() -> dict[str, Any]:
         }
         return {"title": convention.title(variable), **sides}
 
-    return {
-        "joints": list_coordinate_rows(),
-        "signs": {
-            signs.value: {
-                acting.key: {
-                    f"{name}/{kind.words}": describe(
-                        Convention(signs=signs, acting=acting), name, kind
-                    )
-                    for name, kind in every
-                }
-                for acting in Acting
-            }
-            for signs in Signs
-        },
-        "units": {
-            unit: {
-                kind.words: dict(zip(("words", "digits", "times", "per"), values, strict=True))
-                for kind, values in zip(CurveKind, kinds, strict=True)
-            }
-            for unit, kinds in UNITS.items()
-        },
-    }
+    by_signs: dict[str, dict[str, Any]] = {}
+    for signs, acting in itertools.product(Signs, Acting):
+        convention = Convention(signs=signs, acting=acting)
+        by_signs.setdefault(signs.value, {})[acting.key] = {
+            f"{name}/{kind.words}": describe(convention, name, kind) for name, kind in every
+        }
+    units: dict[str, dict[str, Any]] = {}
+    for unit, kinds in UNITS.items():
+        units[unit] = {}
+        for kind, values in zip(CurveKind, kinds, strict=True):
+            keys = ("words", "digits", "times", "per")
+            units[unit][kind.words] = dict(zip(keys, values, strict=True))
+    return {"joints": list_coordinate_rows(), "signs": by_signs, "units": units}
 
 
 def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:

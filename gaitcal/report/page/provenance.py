@@ -43,7 +43,7 @@ COPIED: Final = (
     "clinician",
     "joints",
     "provenance",
-)  # Presets of the calibration's page that are told again
+)  # Presets of the calibration's page that are repeated
 EDITED: Final = (
     "The model, or another file of the result, was edited since: the description below may be "
     "outdated."

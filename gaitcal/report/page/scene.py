@@ -170,13 +170,13 @@ class MotionScene:
     turns: Single  # (nf, ns, 4) unit quaternions x y z w from segment to laboratory
     # (ns,) whether any marker of this trial is fixed in the segment (talus: in its foot)
     tracked: BoolArray
-    measured: Single  # (nf, nm, 3) m; NaN where a marker was not seen
+    measured: Single  # (nf, nm, 3) m; NaN where a marker was not visible
     forces: Single  # (nf, 2, 3) N, ground on right and left foot; NaN where there is none
     pressure_centres: Single  # (nf, 2, 3) m; NaN where there is no force
     valid: BoolArray  # (nf,) every foot on the ground is on a plate; all False without force plates
     # (nf, 2) the same of the right and of the left foot alone; a foot in the air is valid
     valid_legs: BoolArray
-    plates: Single  # (np, 4, 3) m, corners of the force plates whose place the recording tells
+    plates: Single  # (np, 4, 3) m, corners of the force plates with a recorded position
 
     @property
     def has_forces(self) -> bool:

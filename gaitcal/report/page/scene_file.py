@@ -51,7 +51,7 @@ _DAMAGE = (
 """What NumPy, zipfile and zlib raise on files that are not what they seem."""
 _BODY = "garments"  # What files of this version call the body meshes
 _LANDMARKS = "landmarks/"
-EARLY = 0.005  # s: a trial whose first frame is later is said not to begin with its recording
+EARLY = 0.005  # s: a later first frame is reported as not the begin of the recording
 _JOINT_ARRAYS = (
     "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
 )  # fmt: skip

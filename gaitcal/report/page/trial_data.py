@@ -118,18 +118,20 @@ def build_trial_page_data(
             for e in trial.events.events
         ],
         "strides": _build_strides(trial, collect_pelvis_parts(trial, truth), curves),
-        "measures": [  # what counts, also of a stride of which the recording shows a part
-            {
-                "side": stride.side,
-                "number": stride.number,
-                "values": {n: float(v) for n, v in stride.measures.items()},
-            }
-            for stride in spatiotemporal.counting(trial.strides, trial.refused_legs)
-        ],
+        "measures": _list_measures(trial),
         "line": compute_line(trial),
         "relative": relative_to is not None,
         "sections": build_trial_sections(model, trial),
     }
+
+
+def _list_measures(trial: result.TrialResult) -> list[dict[str, Any]]:
+    """List valid measures of strides, also of those that are only partly recorded."""
+    out = []
+    for stride in spatiotemporal.counting(trial.strides, trial.refused_legs):
+        values = {name: float(value) for name, value in stride.measures.items()}
+        out.append({"side": stride.side, "number": stride.number, "values": values})
+    return out
 
 
 def build_trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sections:
@@ -167,6 +169,12 @@ def _build_strides(
                 )
                 for part, angles in pelvis.items()
             }
+            along_line: dict[str, dict[str, Any]] = {}
+            for k, name in enumerate(PELVIS_ANGLES):
+                parts = {part: pack_lengths(angles[:, k]) for part, angles in normalised.items()}
+                along_line[name] = parts
+            if foot is not None:
+                along_line[FOOT_PROGRESSION] = {"value": pack_lengths(normalise(time, foot, cycle))}
             out.append(
                 {
                     "side": side,
@@ -177,19 +185,7 @@ def _build_strides(
                     "turns": use.turns,
                     "plate": use.plate,
                     "reason": use.reason,
-                    "pelvis": {
-                        name: {
-                            part: pack_lengths(angles[:, k]) for part, angles in normalised.items()
-                        }
-                        for k, name in enumerate(PELVIS_ANGLES)
-                    }
-                    | (
-                        {}
-                        if foot is None
-                        else {
-                            FOOT_PROGRESSION: {"value": pack_lengths(normalise(time, foot, cycle))}
-                        }
-                    ),
+                    "pelvis": along_line,
                     "valid": [
                         encode_base64(usable(time, mask, cycle).astype("<u1"))
                         for mask in list_masks(curves)
@@ -232,4 +228,4 @@ def find_peaks(
         if walks
         else peaks.phase_peaks(normalised, cycle.phases)
     )
-    return {name: [round_number(v) for v in values] for name, values in found.items()}
+    return {name: list(map(round_number, values)) for name, values in found.items()}

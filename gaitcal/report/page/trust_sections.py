@@ -330,15 +330,14 @@ def _build_joint_row(
     calibration: result.Calibration, rows: Sequence[parameter_labels.LabelledParameter]
 ) -> list[Cell]:
     joint = rows[0].name.split(".")[0]
-    undetermined, at_bound = (
-        sum(row.status == status for row in rows) for status in ("unidentifiable", "at bound")
-    )
+    undetermined = sum(row.status == "unidentifiable" for row in rows)
+    at_bound = sum(row.status == "at bound" for row in rows)
     moved = parameter_labels.compute_range_of_motion(calibration, joint)
     little = moved is not None and moved < parameter_labels.ENOUGH_MOTION_DEG
-    errors = [
-        max((row.error for row in rows if row.unit == unit and row.error is not None), default=None)
-        for unit in ("mm", "deg")
-    ]
+    errors = {"mm": list[float](), "deg": list[float]()}
+    for row in rows:
+        if row.error is not None:
+            errors[row.unit].append(row.error)
     return [
         make_cell(capitalised(joint_words(joint)), side=rows[0].side),
         MISSING
@@ -347,7 +346,7 @@ def _build_joint_row(
         str(len(rows) - undetermined),
         make_cell(undetermined, tone="look") if undetermined else "0",
         make_cell(at_bound, tone="look") if at_bound else "0",
-        *(format_number(error) for error in errors),
+        *(format_number(max(of_unit, default=None)) for of_unit in errors.values()),
     ]
 
 
