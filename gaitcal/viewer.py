@@ -37,7 +37,7 @@ from gaitcal.model.chain import build_model
 from gaitcal.model.linkage import COORDINATES, SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.page import scene
-from gaitcal.report.page.body_meshes import body_meshes, fitted_meshes
+from gaitcal.report.page.body_meshes import fit_body_meshes, read_body_meshes
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.tracking.motion import Motion
 
@@ -134,7 +134,9 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
     ) -> None:
         linkage = build_model(model.parameters)
         segments = [
-            s for s, shown in zip(SEGMENTS, scene.tracked_segments(motion), strict=True) if shown
+            s
+            for s, shown in zip(SEGMENTS, scene.find_tracked_segments(motion), strict=True)
+            if shown
         ]
         super().__init__(linkage, visual_model=body_geometry(model, linkage, segments))
         self.time = motion.time
@@ -160,7 +162,9 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
         self._poses = self._body_poses(motion.q)
         self._set_stage()
         self._add_joints(model)
-        plates = np.zeros((0, 4, 3)) if recording is None else scene.plate_corners(recording)
+        plates = (
+            np.zeros((0, 4, 3)) if recording is None else scene.collect_plate_corners(recording)
+        )
         self._add_plates(plates)
         if recording is not None:
             self._poses |= self._add_markers(model, recording)
@@ -267,7 +271,7 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
         half = AXIS_OF_HEIGHT * model.subject.height
         material = _over_the_body(JOINT)
         done = set[str]()
-        for mark in scene.joint_marks(model.nominal, model.parameters, {}):
+        for mark in scene.build_joint_marks(model.nominal, model.parameters, {}):
             if not self.visual_model.existGeometryName(mark.segment):
                 continue
             node = self.viewer[f"{self.viewerVisualGroupName}/{mark.segment}/{mark.joint}"]
@@ -301,7 +305,7 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
 
     def _add_markers(self, model: SubjectModel, recording: Recording) -> dict[str, "_Poses"]:
         """The measured markers of the model, where they are visible."""
-        places = scene.measured_markers(model, recording, slice(None)).astype(float)
+        places = scene.collect_measured_markers(model, recording, slice(None)).astype(float)
         out = {}
         for i, label in enumerate(model.markers.labels):
             path = f"gaitcal/markers/{i + 1} {label.replace('/', '_')}"
@@ -315,7 +319,9 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
     ) -> dict[str, "_Poses"]:
         """Ground reactions, from the centre of pressure."""
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
-        forces, centres = (x.astype(float) for x in scene.force_arrows(ground.wrench, level))
+        forces, centres = (
+            x.astype(float) for x in scene.compute_force_arrows(ground.wrench, level)
+        )
         out = {}
         for foot, side in enumerate(("right", "left")):
             path = f"gaitcal/forces/{side}"
@@ -388,9 +394,9 @@ def body_geometry(
     segments
         Those that get a mesh, if there is one for them.
     """
-    meshes = body_meshes().meshes
+    meshes = read_body_meshes().meshes
     out = pin.GeometryModel()
-    fitted = fitted_meshes(model)
+    fitted = fit_body_meshes(model)
     for segment in segments:
         corners, triangles, count = list[Array](), list[IntArray](), 0
         for part in (part for part in fitted if part.segment == segment):

@@ -14,7 +14,7 @@ from gaitcal.cli.application import COMMANDS, HELP, app, loaded
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.explanations import PARTS, Paragraph, all_explanations, explanation_of, parts_of
 from gaitcal.quality.verdict import judge
-from gaitcal.report.page.page_data import explained_code, verdict_page_data
+from gaitcal.report.page.page_data import build_verdict_page_data, explain_code
 
 PACKAGE = Path(__file__).parents[1] / "gaitcal"
 PAGES = PACKAGE / "explanations" / "pages"
@@ -109,9 +109,9 @@ def test_the_page_of_a_result_holds_the_page_of_each_reason() -> None:
         found="64 mm",
         cure="label again",
     )
-    (reason,) = verdict_page_data(judge([finding], ["walk"]))["reasons"]
+    (reason,) = build_verdict_page_data(judge([finding], ["walk"]))["reasons"]
     assert reason["code"] == "GC-018"
-    told = explained_code(Code.SPIKES)["page"]
+    told = explain_code(Code.SPIKES)["page"]
     assert reason["page"] == told
     assert [block["text"] for block in told if block["kind"] == "heading"] == list(PARTS)
     first = parts_of(explanation_of(Code.SPIKES).text)[0][1][0]

@@ -23,11 +23,21 @@ from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
 from gaitcal.io.formats import convert
 from gaitcal.io.result_folder import amended
-from gaitcal.report.figures.comparison_sheets import listed, plain_page, plain_table, warning
+from gaitcal.report.figures.comparison_sheets import (
+    render_list,
+    render_plain_page,
+    render_plain_table,
+    render_warning,
+)
 from gaitcal.results import cycles_export
 from gaitcal.results.cycle_tables import CYCLES
 from gaitcal.results.recording_export import write_recordings
-from gaitcal.results.saved_result import MODEL, load_result, load_result_model, recorded_coordinates
+from gaitcal.results.saved_result import (
+    MODEL,
+    load_recorded_coordinates,
+    load_result,
+    load_result_model,
+)
 from gaitcal.results.table_files import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
@@ -210,7 +220,7 @@ def export_model(
                         **of_recordings,
                         **{start + name: sha for name, sha in table.sha256.items()},
                     }
-                    further = cycles_export.made_with_another_model(source, read.sha256[MODEL])
+                    further = cycles_export.list_stale_trials(source, read.sha256[MODEL])
         read.require_unchanged()
         written: dict[str, dict[str, Json]] = {
             WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS
@@ -244,7 +254,7 @@ def export_model(
             "dynamics again"
         )
     if C3D in chosen and (
-        still := sorted(set(cycles_export.trial_files(result)) - set(recordings))
+        still := sorted(set(cycles_export.read_trial_files(result)) - set(recordings))
     ):
         console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 
@@ -311,7 +321,7 @@ def export_into(
         errors=saved.uncertainty.joint,
         prior=make_study_prior(saved.settings.joint_prior),
         names=names,
-        recorded=recorded_coordinates(result),
+        recorded=load_recorded_coordinates(result),
         marker_set=saved.marker_set,
         masses=MASSES in wanted,
         inertial=saved.uncertainty.inertial,
@@ -404,14 +414,14 @@ def account_page(
 ) -> str:
     """The page of what was done to a model: what was read, what to know, and whole tables."""
     parts = [
-        plain_table("What was read and written", facts[0], facts[1:], name="who"),
-        *map(warning, warnings),
-        listed(said),
+        render_plain_table("What was read and written", facts[0], facts[1:], name="who"),
+        *map(render_warning, warnings),
+        render_list(said),
     ]
     for t in tables:
         parts += [f'<h2>{t.title}</h2><p class="soft">{t.says}</p>']
-        parts += [plain_table(t.title, (*t.words, *t.numbers), t.rows, words=len(t.words))]
-    return plain_page(f"What the export did to {name}", parts)
+        parts += [render_plain_table(t.title, (*t.words, *t.numbers), t.rows, words=len(t.words))]
+    return render_plain_page(f"What the export did to {name}", parts)
 
 
 def _tell_table(console: Console, told: transfer_account.AccountTable) -> None:

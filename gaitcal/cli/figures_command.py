@@ -19,10 +19,10 @@ from gaitcal.report.figures.chart import FORMATS, Chart, write_charts
 from gaitcal.report.figures.journal_figures import (
     HealthyBands,
     Strides,
-    moment_arm_charts,
-    paper_charts,
+    build_moment_arm_charts,
+    build_paper_charts,
 )
-from gaitcal.report.page.page_data import PAGE_DATA, page_toe_offs, read_page_data
+from gaitcal.report.page.page_data import PAGE_DATA, average_toe_offs, read_page_data
 from gaitcal.results.cycle_tables import CYCLES, read_cycles
 from gaitcal.results.summary import SUMMARY
 
@@ -63,11 +63,11 @@ def draw_figures(
         (strides, page_data), read = snapshot.read_whole(
             result, names, lambda: _strides(result, normal)
         )
-        charts = paper_charts(strides, signs, wide) if signs else []
+        charts = build_paper_charts(strides, signs, wide) if signs else []
         charts += [
             one
             for table in _moment_arms(result, only or ())
-            for one in moment_arm_charts(table, wide)
+            for one in build_moment_arm_charts(table, wide)
         ]
         charts = chosen(charts, only or ())
         folder = out or result / FOLDER
@@ -210,7 +210,7 @@ def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]
     return Strides(
         table=ensemble(_of_one_activity(read_cycles(folder), folder)),
         subject=_subject(page_data),
-        offs=page_toe_offs(page_data["trials"]),
+        offs=average_toe_offs(page_data["trials"]),
         healthy=_healthy(page_data, normal),
     ), page_data
 

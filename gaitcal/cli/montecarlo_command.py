@@ -41,7 +41,7 @@ from gaitcal.montecarlo.protocol import (
 )
 from gaitcal.montecarlo.workers import alone, workers_of
 from gaitcal.report.figures.monte_carlo_figures import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.report.page.monte_carlo_sections import with_monte_carlo
+from gaitcal.report.page.monte_carlo_sections import add_monte_carlo
 from gaitcal.report.page.page_data import PAGE_DATA
 from gaitcal.report.page.page_folder import PAGE, read_page, rewrite_page
 from gaitcal.reproduction import printed_tables
@@ -186,7 +186,7 @@ def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFra
         except InputError as error:
             return f"warning: the page was not brought up to date: {error}"
         rms = _marker_rms(folder, study.case.name)
-        page_data = with_monte_carlo(
+        page_data = add_monte_carlo(
             shown.data or {}, study, marker_rms=rms, contributions=contributions
         )
         rewrite_page(stage, shown.scene, page_data)

@@ -34,13 +34,13 @@ from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import MANIFEST, ResultKind, file_in_place, require_room
 from gaitcal.report.page import bone_files, page_folder, page_html
 from gaitcal.report.session_report import (
+    build_comparison_content,
     compare_results,
-    comparison_content,
-    comparison_html,
+    render_comparison_html,
     write_comparison,
 )
 from gaitcal.results import saved_result, session_comparison, session_difference
-from gaitcal.results.opensim_motions import our_trials
+from gaitcal.results.opensim_motions import load_compared_trials
 
 HOST: Final = "127.0.0.1"
 _THIS_MACHINE: Final = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII)
@@ -164,18 +164,18 @@ def view_result(
     `geometry`: bones of this folder, else the installed ones.
     """
     if other is None:
-        bones = None if geometry is None else bone_files.bones_of_folder(geometry)
-        shown, lines = page_folder.result_page(result)
-        for line in (*lines, *page_html.sentences(shown)):
+        bones = None if geometry is None else bone_files.read_bone_folder(geometry)
+        shown, lines = page_folder.read_result_page(result)
+        for line in (*lines, *page_html.list_omissions(shown)):
             console.line(line)
-        page = page_html.page_html(shown, bones)
+        page = page_html.render_page(shown, bones)
     else:
         if geometry is not None:
             raise UsageError(
                 "found two results, whose page has no bones; allowed: with one result",
                 field="--geometry",
             )
-        page = comparison_html(compare_results(result, other), (result, other))
+        page = render_comparison_html(compare_results(result, other), (result, other))
     if html is not None:
         with file_in_place(html) as path:
             atomic_text(path, page)
@@ -196,7 +196,7 @@ def print_report(
     wrote for it.
     """
     from gaitcal.report.figures.document import ComparisonContent, ReportContent, write_pdf
-    from gaitcal.report.gait_report import read_comments, report_content
+    from gaitcal.report.gait_report import read_comments, read_report_content
 
     if other is not None and pdf is None:
         raise UsageError("found two results; needed: --pdf FILE", field="--pdf")
@@ -209,9 +209,9 @@ def print_report(
     content: ReportContent | ComparisonContent
     if other is None:
         named = None if normal is None else (normal_bands.read_normal_bands(normal), normal.name)
-        content = report_content(result, named, said)
+        content = read_report_content(result, named, said)
     else:
-        content = comparison_content(compare_results(result, other), (result, other), said)
+        content = build_comparison_content(compare_results(result, other), (result, other), said)
     target = pdf or result / REPORT
     with file_in_place(target) as path:
         pages = write_pdf(content, path)
@@ -278,7 +278,7 @@ def tell(comparison: session_comparison.SessionComparison, console: Console) -> 
     table.columns[0].min_width = WIDTH
     for d in comparison.found[:SHOWN]:
         table.add_row(
-            Text(session_difference.subject(d)), d.unit, *session_difference.numbers_of(d)
+            Text(session_difference.name_figure(d)), d.unit, *session_difference.format_numbers(d)
         )
     console.line()
     console.out.print(table)
@@ -310,7 +310,7 @@ def compare_motions(result: Path, osim: Path, console: Console) -> None:
     """
     with console.working() as step:
         step("inverse kinematics and dynamics in OpenSim")
-        trials = our_trials(result)
+        trials = load_compared_trials(result)
         found = motion_comparison.compare_motion(
             saved_result.load_result_model(result)[0], osim, trials
         )

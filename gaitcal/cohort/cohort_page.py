@@ -34,8 +34,8 @@ from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.page.page_html import write_cohort_page
-from gaitcal.report.page.plain_data import floats, script_json
-from gaitcal.results.trial_curves import joint_of
+from gaitcal.report.page.plain_data import dump_script_json, pack_floats
+from gaitcal.results.trial_curves import find_joint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ def measured(measure: CohortMeasure, read: Callable[[str], Array]) -> list[dict[
             words = f"mean of both legs' {measure.column.replace('_{}', '')}"
         known = bool(np.isfinite(joined).any())
         return (
-            [{"name": measure.name, **about, "meaning": words, "numbers": floats(joined)}]
+            [{"name": measure.name, **about, "meaning": words, "numbers": pack_floats(joined)}]
             if known
             else []
         )
@@ -295,7 +295,9 @@ def _content(
     with tables["failures"].open(encoding="utf-8", newline="") as stream:
         failures = list(csv.DictReader(stream))
     content |= {"reasons": causes.content, "ranked": causes.ranked(failures)}
-    yield script_json(content | {"curves": _variables(common, mass, height), "failures": failures})
+    yield dump_script_json(
+        content | {"curves": _variables(common, mass, height), "failures": failures}
+    )
 
 
 def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:
@@ -319,7 +321,7 @@ def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[di
             return
         numbers = read(name)
         if np.isfinite(numbers).any():
-            yield {**about, "digits": _digits_of(numbers), "numbers": floats(numbers)}
+            yield {**about, "digits": _digits_of(numbers), "numbers": pack_floats(numbers)}
 
     for name, title in TITLES.items():
         yield from known(name, title)
@@ -351,7 +353,7 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
         whose = "internal, " if kind is CurveKind.MOMENT else ""
         variable: dict[str, Any] = {
             "name": name,
-            "joint": joint_of(coordinate_of(name)),
+            "joint": find_joint(coordinate_of(name)),
             "kind": kind.words,
             "title": clinical.title(name),
             "unit": unit_of(name) if kind is CurveKind.ANGLE else f"{unit_of(name)}/kg",

@@ -42,9 +42,9 @@ from gaitcal.errors import Code, InputError
 from gaitcal.io.result_folder import MANIFEST, amended, read_object
 from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
-from gaitcal.results.cycles_export import trial_files
+from gaitcal.results.cycles_export import read_trial_files
 from gaitcal.results.saved_result import load_result
-from gaitcal.results.session_difference import told_parameters
+from gaitcal.results.session_difference import list_observed_parameters
 from gaitcal.results.summary import JOINT_PRIOR, SUMMARY
 from gaitcal.runtime import Progress, silent
 from gaitcal.study import cohort_prior
@@ -137,7 +137,7 @@ def evidence_of(folder: Path, name: str) -> Found:
     if parts is None:
         raise NotUsedError("its joint parameters were not calibrated by the evidence of all trials")
     hashes = manifest.get("inputs_sha256")
-    files = (files.get("file", "") for files in trial_files(folder).values())
+    files = (files.get("file", "") for files in read_trial_files(folder).values())
     recordings = frozenset(
         str(hashes[file]) for file in files if isinstance(hashes, dict) and file in hashes
     )
@@ -162,7 +162,7 @@ def parts_of(
     `deviation`: (98,) m, rad: fitted minus nominal, in the order of `names`.
     `prior`: of the calibration; anatomy's unless given.
     """
-    out, moved_by_trials = {}, set(told_parameters(errors))
+    out, moved_by_trials = {}, set(list_observed_parameters(errors))
     for part, wanted in PARTS.items():
         free = [name for name in wanted if name in moved_by_trials]
         information, right = np.zeros((len(wanted),) * 2), np.zeros(len(wanted))

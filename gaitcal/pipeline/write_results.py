@@ -1,5 +1,6 @@
-"""The result folder of a calibration, written whole or not at all, and its page, which is read back
-and joined with those of further trials. `saved.py` reads back what further trials need.
+"""Write the result folder of a calibration, whole or not at all.
+
+`results/saved_result.py` reads back what further trials need.
 """
 
 import json
@@ -20,12 +21,23 @@ from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model import model_file, parameters
 from gaitcal.model.marker_set import format_marker_set
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.report.page.page_data import calibration_page_data
+from gaitcal.report.page.page_data import build_calibration_page_data
 from gaitcal.report.page.page_folder import write_page
-from gaitcal.report.page.scene import scene_of
+from gaitcal.report.page.scene import build_scene
 from gaitcal.results import saved_result, stride_files, trial_tables
-from gaitcal.results.summary import subject_summary, summary, write_kinetics, write_truth
-from gaitcal.results.table_files import Json, columns_of, json_text, refused_lines, write_csv
+from gaitcal.results.summary import (
+    summarise_calibration,
+    summarise_subject,
+    write_kinetics,
+    write_truth,
+)
+from gaitcal.results.table_files import (
+    Json,
+    convert_to_columns,
+    format_json,
+    format_refused_lines,
+    write_csv,
+)
 from gaitcal.runtime import with_one_blas_thread
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
@@ -40,90 +52,96 @@ def write_results(
     drafted: str | None = None,
     normal: Bands | None = None,
 ) -> Path:
-    """Write everything a calibration gives into `folder`, whole or not at all. Returns the folder.
+    """Write a calibration to a result folder, whole or not at all.
 
     Parameters
     ----------
     calibration
         From `gaitcal.calibrate`.
     folder
-        Replaced if an earlier calibration is there; what `gaitcal montecarlo`, `dynamics` and
-        `export` put into it is kept.
+        Replaces an earlier calibration; additions of `gaitcal montecarlo`, `dynamics` and `export`
+        are kept.
     settings
         Further entries of `manifest.json`, beside those of the study.
     drafted
         Text of the study file that was drafted from a folder of recordings; kept as `study.toml`.
     normal
-        Bands of healthy people (`gaitcal.read_normal_bands`), drawn behind angles and moments.
+        Normative data (`gaitcal.read_normal_bands`), drawn behind angles and moments.
+
+    Returns
+    -------
+    Path
+        The folder.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or holds an input of the study, another kind of result, or
-        files that are not ours.
+        The folder cannot be written, or contains an input of the study, another kind of result, or
+        files of another program.
     """
     folder = Path(folder)
     with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
-        write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
+        write_csv(convert_to_columns(parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / saved_result.MARKER_SET).write_text(format_marker_set(marker_set), encoding="utf-8")
         strides = stride_files.write_stride_files(
             out, calibration.model, calibration.trials, calibration.relative_to
         )
-        norm = _norm(calibration, normal, settings)
-        # angles from the static posture are no anatomical ones: no healthy people's curves are
-        # those
+        norm = _choose_norm(calibration, normal, settings)
+        # normative curves are of anatomical angles, not of angles relative to the static posture
         scores = (
             profile_scores(strides, norm.bands, calibration.model.subject)
             if not calibration.relative_to
             else ()
         )
-        content = manifest(calibration, settings)
-        (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
+        content = build_manifest(calibration, settings)
+        (out / MANIFEST).write_text(format_json(content), encoding="utf-8")
         write_page(
-            out, scene_of(calibration), calibration_page_data(calibration, norm, content, scores)
+            out,
+            build_scene(calibration),
+            build_calibration_page_data(calibration, norm, content, scores),
         )
         stride_files.write_profile(out, norm, scores)
         write_truth(calibration.truth, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        told_of_all = summary(calibration) | stride_files.profile_summary(norm, scores)
-        (out / "summary.json").write_text(json_text(told_of_all), encoding="utf-8")
+        content_of_summary = summarise_calibration(calibration) | stride_files.summarise_profile(
+            norm, scores
+        )
+        (out / "summary.json").write_text(format_json(content_of_summary), encoding="utf-8")
         saved_result.save_uncertainty(calibration.uncertainty, out / saved_result.UNCERTAINTY)
-        _models(calibration.model, out)
+        _write_models(calibration.model, out)
         _save_splines(calibration.trials, out / "splines.npz")
     return folder
 
 
-def _norm(
+def _choose_norm(
     calibration: Calibration, normal: Bands | None, settings: Mapping[str, Json] | None
 ) -> Norm:
-    """Of those that the user names, else what gaitcal brings for that age and speed; none beside
-    angles of its own.
-    """
+    """Choose the user's normative data, else the built-in ones; none for relative angles."""
     subject = calibration.model.subject
     if normal is not None:
         return own_norm(normal, str((settings or {}).get("normal", "")), subject)
     if calibration.relative_to:
-        return Norm(remark="No norm: angles are counted from the static posture.")
+        return Norm(remark="No normative data: joint angles are relative to the static posture.")
     return norm_for(
-        subject, stride_files.mean_speed(stride_files.means_summary(calibration.trials))
+        subject, stride_files.compute_mean_speed(stride_files.summarise_means(calibration.trials))
     )
 
 
-def manifest(
+def build_manifest(
     calibration: Calibration, settings: Mapping[str, Json] | None = None
 ) -> dict[str, Json]:
-    """Versions, settings and input hashes of a result."""
+    """Build the manifest of a result: versions, settings and input hashes."""
     subject, prior = calibration.model.subject, calibration.study.joint_prior
     leaning = {} if prior is None else {"priors_sha256": prior.sha256}
     return {
         "gaitcal": toml.package_version("gaitcal"),
         "versions": {name: toml.package_version(name) for name in VERSIONED}
         | {"python": platform.python_version()},
-        "subject": subject_summary(subject),
+        "subject": summarise_subject(subject),
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
         "settings": json.loads(calibration.study.settings.model_dump_json())
@@ -138,13 +156,12 @@ def manifest(
     }
 
 
-def _models(model: SubjectModel, out: Path) -> None:
+def _write_models(model: SubjectModel, out: Path) -> None:
     model_file.save_model(model, out / saved_result.MODEL)
     osim_writer.write_osim(model, out / "model.osim")
     other_formats.write_urdf(model, out / "model.urdf")
-    if not parameters.find_impossible_bodies(
-        model.parameters.inertial
-    ):  # a warning of the calibration tells
+    # MuJoCo rejects impossible bodies; a warning of the calibration reports them
+    if not parameters.find_impossible_bodies(model.parameters.inertial):
         other_formats.write_mjcf(model, out / "model.xml")
 
 
@@ -154,30 +171,29 @@ def write_trial(
     out: Path,
     relative_to: Mapping[str, float] | None = None,
 ) -> None:
-    """Motion, marker errors and markers of a trial; with force plates also torques and ground
-    reactions.
+    """Write the files of a trial: motion, markers and, with force plates, torques and reactions.
 
-    `relative_to`: coordinate -> rad in the static posture, from which the table counts joint
-    angles; the .mot, which moves `model.osim`, never does.
+    `relative_to`: coordinate -> rad in the static posture, subtracted from joint angles of the
+    table. The .mot moves `model.osim` and is never relative.
     """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, refused_lines(trial)
+    body, refused = trial.body, format_refused_lines(trial)
     other_formats.write_mot(
         out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q
     )
     header = (
         trial_tables.COORDINATE_HEADER
         if relative_to is None
-        else (*trial_tables.COORDINATE_HEADER, *trial_tables.relative_header(relative_to))
+        else (*trial_tables.COORDINATE_HEADER, *trial_tables.format_relative_header(relative_to))
     )
     coordinates = body.columns(trial.coordinate_errors, relative_to)
     write_csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *header))
-    part = "the segments of its joint alone" if trial.joint else "the whole body"
+    part = "the segments of its joint only" if trial.joint else "the whole body"
     write_csv(
-        trial_tables.marker_error_table(trial),
+        trial_tables.build_marker_error_table(trial),
         out / "marker_errors" / f"{trial.name}.csv",
-        (f"distance between measured and model marker, mm, fit of {part}; empty: not seen",),
+        (f"distance between measured and model marker, mm, fit of {part}; empty: not visible",),
     )
     opensim_files.write_trc(out / "markers" / f"{trial.name}.trc", trial.recording)
     if trial.loads is not None:
@@ -187,9 +203,9 @@ def write_trial(
 def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Path) -> None:
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, refused_lines(trial)
+    body, refused = trial.body, format_refused_lines(trial)
     write_csv(
-        trial_tables.moment_table(loads),
+        trial_tables.build_moment_table(loads),
         out / "moments" / f"{trial.name}.csv",
         (*refused, *trial_tables.MOMENT_HEADER),
     )
@@ -210,9 +226,7 @@ def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Pat
 
 
 def _save_splines(trials: Sequence[TrialResult], path: Path) -> None:
-    """Whole-body motions as splines, with the ground reactions: what a Monte Carlo study starts
-    from.
-    """
+    """Save whole-body motions as splines with ground reactions, as a Monte Carlo study needs."""
     arrays: dict[str, np.ndarray] = {"trials": np.array([t.name for t in trials], dtype=str)}
     for k, t in enumerate(trials):
         arrays |= {

@@ -1,6 +1,4 @@
-"""The folder of further trials (`gaitcal dynamics`): every run adds its trials to those that are
-there.
-"""
+"""Write the folder of further trials (`gaitcal dynamics`); each run adds its trials."""
 
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,15 +12,27 @@ from gaitcal.export.opensim.osim_writer import safe_name
 from gaitcal.io import atomic, result_folder, toml
 from gaitcal.pipeline.write_results import write_trial
 from gaitcal.quality.verdict import Verdict
-from gaitcal.report.page.page_data import PAGE_DATA, further_page_data, read_page_data
+from gaitcal.report.page.page_data import PAGE_DATA, build_further_page_data, read_page_data
 from gaitcal.report.page.page_folder import SCENE, read_page, write_page
-from gaitcal.report.page.page_html import Shown, after_trials, doubted, merged, only
+from gaitcal.report.page.page_html import (
+    PageContent,
+    add_doubts,
+    merge_page_data,
+    prepend_trials,
+    select_trials,
+)
 from gaitcal.report.page.provenance import Origin
-from gaitcal.report.page.scene import person_scene, trial_scene
+from gaitcal.report.page.scene import build_person_scene, build_trial_scene
 from gaitcal.results.saved_result import AGAIN, MODEL, OTHER_MODEL, SavedResult
-from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
-from gaitcal.results.summary import SUMMARY, entries_of, table_of, trial_summary, verdict_summary
-from gaitcal.results.table_files import Json, json_text
+from gaitcal.results.stride_files import STRIDE_FILES, read_earlier_strides, write_stride_files
+from gaitcal.results.summary import (
+    SUMMARY,
+    get_entries,
+    get_table,
+    summarise_trial,
+    summarise_verdict,
+)
+from gaitcal.results.table_files import Json, format_json
 
 
 def write_further_page(
@@ -30,18 +40,16 @@ def write_further_page(
     trials: Sequence[TrialResult],
     saved: SavedResult,
     verdict: Verdict,
-    earlier: Shown | None,
+    earlier: PageContent | None,
 ) -> None:
-    """Write scene, page_data and page of these trials into a folder, those of `earlier` before
-    them.
+    """Write scene, page data and page of these trials, after those of `earlier`.
 
-    Normal bands, and what is told of the model, are those of the result's own page, where it can be
-    read.
+    Normative data and the description of the model come from the page of the result, if readable.
     """
-    scene = person_scene(
+    scene = build_person_scene(
         saved.model,
         tuple(
-            trial_scene(
+            build_trial_scene(
                 saved.model,
                 t.name,
                 t.role.value,
@@ -53,34 +61,32 @@ def write_further_page(
         ),
         saved.uncertainty.standard_errors,
     )
-    origin = Origin(_sheet_of(saved.files.folder), edited=bool(saved.files.remarks))
+    origin = Origin(_load_result_page(saved.files.folder), edited=bool(saved.files.remarks))
     bands = origin.data.get("bands")
     page_data: Mapping[str, Any] = {
-        **further_page_data(saved.model, trials, verdict, saved.relative_to, origin),
+        **build_further_page_data(saved.model, trials, verdict, saved.relative_to, origin),
         "bands": bands if isinstance(bands, list) else [],
     }
     if (
         earlier is not None
         and earlier.data is not None
-        and (joined := after_trials(scene, earlier.scene)) is not None
+        and (joined := prepend_trials(scene, earlier.scene)) is not None
     ):
-        scene, page_data = joined, merged(earlier.data, page_data)
+        scene, page_data = joined, merge_page_data(earlier.data, page_data)
     write_page(out, scene, page_data)
 
 
-def earlier_page(
+def read_earlier_page(
     folder: Path, hashes: Mapping[str, str], kept: Iterable[str], stale: Iterable[str]
-) -> tuple[Shown | None, tuple[str, ...]]:
-    """The page of the trials `kept` of an earlier run, and a warning on each that cannot stay in
-    it.
+) -> tuple[PageContent | None, tuple[str, ...]]:
+    """Read the page of the trials `kept` of an earlier run, with warnings on those left out.
 
-    `hashes`: file -> SHA-256 as it was written.
-    `stale`: those that were made with another model.
+    `hashes`: file -> SHA-256 as it was written; `stale`: trials made with another model.
     """
     names = tuple(kept)
     if not names:
         return None, ()
-    fault = _fault(folder, hashes)
+    fault = _describe_page_damage(folder, hashes)
     shown = None
     if not fault:
         try:
@@ -88,23 +94,21 @@ def earlier_page(
         except InputError:
             fault = f"{SCENE} and {PAGE_DATA} cannot be read"
     if shown is None or shown.data is None:
-        return None, tuple(
-            f"{name}: {fault}: the page leaves this trial out; {AGAIN}" for name in names
-        )
+        return None, tuple(f"{name}: {fault}: the page omits this trial; {AGAIN}" for name in names)
     doubts = [(name, OTHER_MODEL, AGAIN) for name in stale]
-    return Shown(shown.scene, doubted(only(shown.data, names), doubts)), ()
+    return PageContent(shown.scene, add_doubts(select_trials(shown.data, names), doubts)), ()
 
 
-def _fault(folder: Path, hashes: Mapping[str, str]) -> str:
-    """What keeps an earlier page from being read; empty where nothing does."""
+def _describe_page_damage(folder: Path, hashes: Mapping[str, str]) -> str:
+    """Describe why an earlier page cannot be read; empty if it can."""
     for name in (SCENE, PAGE_DATA):
         if result_folder.sha256_of(folder / name) != hashes.get(name):
             return f"{name} is damaged, or was edited: not as gaitcal wrote it"
     return ""
 
 
-def _sheet_of(result: Path) -> Mapping[str, Any]:
-    """Of the calibration's page; empty where it cannot be read."""
+def _load_result_page(result: Path) -> Mapping[str, Any]:
+    """Load the page data of the calibration; empty if they cannot be read."""
     try:
         return read_page_data(result / PAGE_DATA)
     except InputError:
@@ -121,21 +125,32 @@ def write_trials(
     inputs: Sequence[Path],
     verdict: Verdict,
 ) -> tuple[str, ...]:
-    """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for
-    the same names.
+    """Write further trials, whole or not at all; trials of earlier runs with other names stay.
 
-    `saved`: what the trials were made with. Nothing is written where one of its files has changed
-    since; the model's hash tells later whether an earlier trial was made with it. `inputs`:
-    recordings and forces, which the folder must not hold. `verdict`: on these trials;
-    `summary.json` tells it for each, with its reasons among the warnings.
+    Parameters
+    ----------
+    trials
+        The new trials.
+    saved
+        The result that they were made with. Nothing is written if one of its files has changed
+        since. The hash of the model later shows whether a trial was made with it.
+    folder
+        Folder of further trials.
+    inputs
+        Recordings and forces, which the folder must not contain.
+    verdict
+        On these trials; `summary.json` records it for each, with its reasons among the warnings.
 
     Returns
     -------
-    Warnings on earlier trials that are kept: made with another model, or no longer as they were
-    written.
+    tuple of str
+        Warnings on earlier trials: made with another model, or changed since they were written.
 
-    Raises InputError: The folder cannot be written, or holds files that are not ours; the model has
-    changed; the earlier summary or manifest is damaged.
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or contains files of another program; the model has changed;
+        the earlier summary or manifest is damaged.
     """
     names = {trial.name for trial in trials}
     model, relative_to = saved.model, saved.relative_to
@@ -152,44 +167,46 @@ def write_trials(
         with atomic.disk_errors(folder):
             until_done.enter_context(result_folder.locked(folder))
         saved.files.require_unchanged()
-        earlier = _earlier(folder)
+        earlier = _read_earlier_hashes(folder)
         summary, manifest = (
             result_folder.read_object(folder / SUMMARY),
             result_folder.read_object(folder / result_folder.MANIFEST),
         )
-        digests = _others(table_of(manifest, "model_sha256"), names) | dict.fromkeys(
+        digests = _drop_names(get_table(manifest, "model_sha256"), names) | dict.fromkeys(
             sorted(names), digest
         )
-        kept = _others(table_of(summary, "trials"), names)
-        aged = [name for name in kept if digests.get(name) != digest]
-        page, unseen = earlier_page(folder, earlier, kept, aged)
-        stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in aged)
-        stale += (*_damaged(folder, earlier, kept), *unseen)
-        write_stride_files(out, model, trials, relative_to, earlier_strides(folder, earlier, kept))
+        kept = _drop_names(get_table(summary, "trials"), names)
+        old_model = [name for name in kept if digests.get(name) != digest]
+        page, page_warnings = read_earlier_page(folder, earlier, kept, old_model)
+        stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in old_model)
+        stale += (*_warn_of_damaged_files(folder, earlier, kept), *page_warnings)
+        write_stride_files(
+            out, model, trials, relative_to, read_earlier_strides(folder, earlier, kept)
+        )
         write_further_page(out, trials, saved, verdict, page)
         earlier_warnings = (
-            w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN)
+            w for w in _select_lines(kept, summary, "warnings") if not w.endswith(RUN_AGAIN)
         )
         reasons = (
-            r for r in entries_of(summary, "reasons") if set(r.get("trials") or []) & set(kept)
+            r for r in get_entries(summary, "reasons") if set(r.get("trials") or []) & set(kept)
         )
         new_summary: dict[str, Json] = {
-            "trials": {**kept, **{t.name: trial_summary(t, verdict) for t in trials}},
-            "reasons": [*reasons, *cast(list[Json], verdict_summary(verdict)["reasons"])],
+            "trials": {**kept, **{t.name: summarise_trial(t, verdict) for t in trials}},
+            "reasons": [*reasons, *cast(list[Json], summarise_verdict(verdict)["reasons"])],
             "notes": [
-                *_lines_about(kept, summary, "notes"),
+                *_select_lines(kept, summary, "notes"),
                 *(note for t in trials for note in t.notes),
             ],
             "warnings": [*earlier_warnings, *stale, *(reason.line for reason in verdict.reasons)],
         }
-        (out / SUMMARY).write_text(json_text(new_summary), encoding="utf-8")
+        (out / SUMMARY).write_text(format_json(new_summary), encoding="utf-8")
         new_manifest: dict[str, Json] = {
             "gaitcal": toml.package_version("gaitcal"),
             "subject": model.subject.name,
             "model_sha256": digests,
         }
-        (out / result_folder.MANIFEST).write_text(json_text(new_manifest), encoding="utf-8")
-        owners = _owners(kept)
+        (out / result_folder.MANIFEST).write_text(format_json(new_manifest), encoding="utf-8")
+        owners = _map_files_to_trials(kept)
         for path in sorted(folder.glob("*/*")):
             if path.is_file() and path.stem in owners:
                 name = path.relative_to(folder).as_posix()
@@ -200,8 +217,8 @@ def write_trials(
     return stale
 
 
-def _earlier(folder: Path) -> Mapping[str, str]:
-    """File -> SHA-256 of the earlier result; InputError where what is read of it is damaged."""
+def _read_earlier_hashes(folder: Path) -> Mapping[str, str]:
+    """Read file -> SHA-256 of the earlier result; raise InputError if its summary is damaged."""
     hashes = result_folder.listed(folder)
     if SUMMARY in hashes and result_folder.sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
         cure = "move the folder away and run its trials again"
@@ -210,14 +227,16 @@ def _earlier(folder: Path) -> Mapping[str, str]:
     return hashes
 
 
-def _owners(trials: Iterable[str]) -> dict[str, str]:
-    """Name of a trial's files, without folder and ending -> the trial."""
+def _map_files_to_trials(trials: Iterable[str]) -> dict[str, str]:
+    """Map the name of a trial's files, without folder and suffix, to the trial."""
     return {stem: trial for trial in trials for stem in (trial, safe_name(trial))}
 
 
-def _damaged(folder: Path, earlier: Mapping[str, str], kept: Iterable[str]) -> tuple[str, ...]:
-    """Warnings on files of kept trials that are not as they were written."""
-    owners = _owners(kept)
+def _warn_of_damaged_files(
+    folder: Path, earlier: Mapping[str, str], kept: Iterable[str]
+) -> tuple[str, ...]:
+    """Warn of files of kept trials that have changed since they were written."""
+    owners = _map_files_to_trials(kept)
     return tuple(
         f"{owners[stem]}: {file} is damaged, or was edited: not as gaitcal wrote it{RUN_AGAIN}"
         for file, digest in earlier.items()
@@ -230,12 +249,13 @@ def _damaged(folder: Path, earlier: Mapping[str, str], kept: Iterable[str]) -> t
     )
 
 
-def _others(table: Mapping[str, Json], names: set[str]) -> dict[str, Json]:
+def _drop_names(table: Mapping[str, Json], names: set[str]) -> dict[str, Json]:
     return {name: value for name, value in table.items() if name not in names}
 
 
-def _lines_about(trials: Mapping[str, Json], summary: Mapping[str, object], key: str) -> list[str]:
-    """Notes or warnings of an earlier summary that begin with the name of one of these trials."""
+def _select_lines(trials: Mapping[str, Json], summary: Mapping[str, object], key: str) -> list[str]:
+    """Select earlier notes or warnings that begin with the name of one of these trials."""
     stored = summary.get(key)
     lines = [line for line in stored if isinstance(line, str)] if isinstance(stored, list) else []
-    return [line for line in lines if any(line.startswith(f"{name}: ") for name in trials)]
+    prefixes = tuple(f"{name}: " for name in trials)
+    return [line for line in lines if line.startswith(prefixes)]

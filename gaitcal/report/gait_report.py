@@ -1,9 +1,7 @@
-"""What a printed gait report says of a result folder: read from its files, in the clinical
-convention.
+"""Read the content of a printed gait report from a result, in the clinical convention.
 
-Curves are means over straight strides of all walks with the standard error of `ensemble.csv`'s
-kind, from `cycles.csv` in clinical signs (`gait/conventions.py`); comments come from a file that
-the clinic writes.
+Curves are means over straight strides of all walks with the standard error of `ensemble.csv`, in
+clinical signs (`gait/conventions.py`). Comments come from a file of the clinic.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -43,22 +41,27 @@ from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.report.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
-from gaitcal.report.page.key_figures import WIDE_LIMITS, StrideUse, reason_words, usable_words
+from gaitcal.report.page.key_figures import (
+    WIDE_LIMITS,
+    StrideUse,
+    list_reasons,
+    summarise_usable_strides,
+)
 from gaitcal.report.page.page_data import (
     PAGE_DATA,
     SHOWN_MEASURES,
-    page_peaks,
-    page_toe_offs,
-    person_facts,
+    average_page_peaks,
+    average_toe_offs,
+    list_person_facts,
     read_page_data,
 )
 from gaitcal.results import cycle_tables, cycles_export, saved_result, stride_files
-from gaitcal.results.summary import SUMMARY, entries_of, table_of
+from gaitcal.results.summary import SUMMARY, get_entries, get_table
 
 CLINICAL: Final = conventions.Convention(
     signs=conventions.Signs.CLINICAL, unit=conventions.MomentUnit.NM_PER_KG
 )
-HINGE: Final = "{} is not told: the knee is a hinge in this model."
+HINGE: Final = "{} is not available: the knee is a hinge in this model."
 CLINICAL_SIGNS: Final = BAND_SIGNS["clinical"]
 KINEMATICS: Final = (
     *(
@@ -105,53 +108,63 @@ LEGS: Final = (
 )
 """Of each activity after the first, on one page."""
 MOST_REASONS = 6
-NOTHING: Final = "Nothing speaks against this result beyond its error bars."
-RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
+NOTHING: Final = "No check found an error larger than the error bars."
+RELATIVE: Final = "No Gait Profile Score: joint angles are relative to the static posture."
 
 
-def report_content(
+def read_report_content(
     folder: Path, named: tuple[Bands, str] | None, comments: Mapping[str, str]
 ) -> ReportContent:
-    """What the report of the result in `folder` says.
+    """Read the content of the report of a result.
 
     Parameters
     ----------
+    folder
+        A result of `gaitcal calibrate`.
     named
-        Bands of healthy people, and their name; None: those of the result, else what gaitcal
-        brings.
+        Normative data and their name; None: those of the result, else the built-in ones.
     comments
         Section -> text (`read_comments`).
 
-    Raises InputError: It is no result of `gaitcal calibrate`, or is damaged.
+    Returns
+    -------
+    ReportContent
+        Text, tables and curves.
+
+    Raises
+    ------
+    InputError
+        The folder is not a result, or is damaged.
     """
     page = read_page_data(folder / PAGE_DATA)
     model, _, _ = saved_result.load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
-    of = cycle_tables.read_cycles(folder)
-    strides = cycles_export.strides_in_convention(of, CLINICAL, model)
+    cycles = cycle_tables.read_cycles(folder)
+    strides = cycles_export.convert_strides(cycles, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
-    norm = _norm(page, named, model.subject, summary, manifest)
-    relative = table_of(manifest, "settings").get("angles") == "relative"
+    norm = _choose_norm(page, named, model.subject, summary, manifest)
+    relative = get_table(manifest, "settings").get("angles") == "relative"
     remark = " ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else "")))
-    uses = _uses(page)
-    activities = tuple(_activities(summary, page))
+    uses = _collect_stride_uses(page)
+    activities = tuple(_group_activities(summary, page))
     return ReportContent(
-        person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
+        person=(
+            *list_person_facts(model.subject),
+            ("Marker set", str(manifest.get("marker_set", ""))),
+        ),
         verdict=str(summary.get("verdict", "")),
-        sentence="What speaks against it, the worst first:"
-        if entries_of(summary, "reasons")
-        else NOTHING,
-        reasons=_reasons(summary),
-        fit=tuple(_fit(summary)),
+        sentence="Reasons, the most severe first:" if get_entries(summary, "reasons") else NOTHING,
+        reasons=_format_reasons(summary),
+        fit=tuple(_format_fit(summary)),
         walked=any(a.walks for a in activities),
-        walks=tuple(_walks(summary, uses)),
-        steps=tuple(_steps(summary, norm.steps)),
+        walks=tuple(_build_walk_rows(summary, uses)),
+        steps=tuple(_build_step_rows(summary, norm.steps)),
         steps_norm=f"norm: {FREE_WORDS}, mean ± SD" if norm.steps else "",
-        sheets=tuple(_sheets(strides, norm, model.subject, activities, uses, remark)),
+        sheets=tuple(_build_sheets(strides, norm, model.subject, activities, uses, remark)),
         peaks=tuple(
             (
                 f"Peaks of {a.name}, mean ± standard error over {a.one}s",
-                tuple(_peaks(page, a.name, model.subject)),
+                tuple(_build_peak_rows(page, a.name, model.subject)),
             )
             for a in activities
             if not a.walks
@@ -159,12 +172,12 @@ def report_content(
         norm=norm.words,
         norm_remark=remark,
         profile=profile_score.profile_scores(
-            {n: of[n].to_numpy() for n in of}, norm.bands, model.subject
+            {n: cycles[n].to_numpy() for n in cycles}, norm.bands, model.subject
         )
         if norm.bands and not relative
         else (),
-        joints=tuple(_joints(parameters)),
-        undetermined=_undetermined(parameters),
+        joints=tuple(_build_joint_rows(parameters)),
+        undetermined=_list_undetermined(parameters),
         comments=comments,
         footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in "
         f"{folder.resolve().name}",
@@ -172,9 +185,22 @@ def report_content(
 
 
 def read_comments(path: Path) -> dict[str, str]:
-    """Section -> text of a comments file: one line of TOML for each of `COMMENT_SECTIONS`.
+    """Read a comments file: one line of TOML for each of `COMMENT_SECTIONS`.
 
-    Raises InputError: It is not there, is no TOML, or has another section.
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    dict
+        Section -> text.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not TOML, or has an unknown section.
     """
     found = read_toml(path)
     for name, text in found.items():
@@ -190,9 +216,9 @@ def read_comments(path: Path) -> dict[str, str]:
     return {name: str(text) for name, text in found.items()}
 
 
-def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
+def _format_reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
     out = []
-    for r in entries_of(summary, "reasons"):
+    for r in get_entries(summary, "reasons"):
         where = ", ".join(r.get("trials") or ["study"])
         out.append(
             (
@@ -202,23 +228,23 @@ def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
         )
     if (more := len(out) - MOST_REASONS) > 0:
         out[MOST_REASONS:] = [
-            (f"and {counted(more, 'more reason')}", "summary.json and the page have them all")
+            (f"and {counted(more, 'more reason')}", "summary.json and the page list all of them")
         ]
     return tuple(out)
 
 
-def _fit(summary: Mapping[str, object]) -> Iterator[str]:
-    for name, trial in table_of(summary, "trials").items():
-        legs = table_of(trial, "pelvis_and_legs_mm")
-        rms = legs or table_of(trial, "rms_mm")
+def _format_fit(summary: Mapping[str, object]) -> Iterator[str]:
+    for name, trial in get_table(summary, "trials").items():
+        legs = get_table(trial, "pelvis_and_legs_mm")
+        rms = legs or get_table(trial, "rms_mm")
         best = rms.get("joint_floor") or rms.get("rigid_floor")
         clauses = []
         if rms.get("calibrated"):
-            of = "pelvis and legs" if legs else "the joint's segments"
-            clauses.append(f"marker fit of {of} {rms['calibrated']:.1f} mm")
+            fitted = "pelvis and legs" if legs else "the joint's segments"
+            clauses.append(f"marker fit of {fitted} {rms['calibrated']:.1f} mm")
             clauses[-1] += f" (best possible {best:.1f})" if best else ""
-        residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
-        limit = table_of(trial, "pelvis_residual_limit")
+        residual = next(reversed(get_table(trial, "pelvis_residual").values()), None)
+        limit = get_table(trial, "pelvis_residual_limit")
         if residual:
             units = (
                 ("force_N", "force at the pelvis {:.0f} N RMS", ".0f"),
@@ -251,26 +277,28 @@ class _Activity:
 
     @property
     def one(self) -> str:
-        """What one of them is called."""
+        """Name of a single one."""
         return "repetition" if self.repeats else "stride"
 
 
-def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> Iterator[_Activity]:
-    """Walking first; nothing of isolated trials."""
-    of: dict[str, list[Any]] = {}
+def _group_activities(
+    summary: Mapping[str, object], page: Mapping[str, Any]
+) -> Iterator[_Activity]:
+    """Group the whole-body trials by activity, walking first."""
+    by_name: dict[str, list[Any]] = {}
     for trial in sorted(page["trials"], key=lambda trial: trial["activity"] != WALKING):
-        if table_of(table_of(summary, "trials"), trial["name"]).get("role") != "joint":
-            of.setdefault(trial["activity"], []).append(trial)
-    for name, trials in of.items():
+        if get_table(get_table(summary, "trials"), trial["name"]).get("role") != "joint":
+            by_name.setdefault(trial["activity"], []).append(trial)
+    for name, trials in by_name.items():
         yield _Activity(
             name,
             tuple(t["name"] for t in trials),
             any(t["repeats"] for t in trials),
-            page_toe_offs(trials),
+            average_toe_offs(trials),
         )
 
 
-def _sheets(
+def _build_sheets(
     strides: pd.DataFrame,
     norm: Norm,
     subject: Subject,
@@ -278,47 +306,50 @@ def _sheets(
     uses: Mapping[str, Sequence[StrideUse]],
     remark: str,
 ) -> Iterator[Sheet]:
-    """Kinematics and kinetics of the first activity, with the comments, and the legs of each
-    further one.
-    """
+    """Build kinematics and kinetics of the first activity, and the legs of each other one."""
     kinetics = (
-        "Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only "
-        "where the foot "
-        "stands wholly on a plate."
+        "Internal moments: net moments of muscles and ligaments. Powers: generated above zero. "
+        "Both only while "
+        "the foot is entirely on a plate."
     )
     for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, toe_off={}),)):
         whose = "straight strides of all walks" if a.walks else f"strides of {a.name}"
         note = (
-            f"Joint angles over the stride, mean over {whose}. Pelvis against the line of "
-            "progression of each stride."
+            f"Joint angles over the stride, mean over {whose}. Pelvis angles are relative to the "
+            "line of progression of each stride."
         )
         if a.repeats:
             note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
-        of = {name: uses[name] for name in a.trials}
-        whole = (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics))
-        for title, variables, words in whole if k == 0 else (("Legs", LEGS, f"{note} {kinetics}"),):
+        uses_of_trials = {name: uses[name] for name in a.trials}
+        full_sheets = (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics))
+        for title, variables, text in (
+            full_sheets if k == 0 else (("Legs", LEGS, f"{note} {kinetics}"),)
+        ):
             yield Sheet(
                 title=title if a.walks else f"{title}, {a.name}",
                 panels=tuple(
-                    _panels(
+                    _build_panels(
                         strides[strides["activity"] == a.name],
                         variables,
                         norm.bands if a.walks else {},
                         subject,
                     )
                 ),
-                note=f"{words} {remark}" if a.walks and remark else words,
-                without=_no_curves(of, of_moments=variables is KINETICS),
+                note=f"{text} {remark}" if a.walks and remark else text,
+                without=_explain_missing_curves(uses_of_trials, of_moments=variables is KINETICS),
                 comment=title.lower() if k == 0 else "",
                 thin="thin: repetitions" if a.repeats else "thin: strides, vertical: toe-off",
                 toe_off=a.toe_off,
             )
 
 
-def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator[tuple[str, ...]]:
-    """Peaks by phase of one activity, in clinical signs and by body mass."""
-    found = [mean for mean in page_peaks(page["trials"]) if mean.activity == activity]
-    phases = [phase for phase in peaks.PHASES if any(m.peak.phase == phase for m in found)]
+def _build_peak_rows(
+    page: Mapping[str, Any], activity: str, subject: Subject
+) -> Iterator[tuple[str, ...]]:
+    """Build the rows of peaks by phase of one activity, in clinical signs and by body mass."""
+    found = [mean for mean in average_page_peaks(page["trials"]) if mean.activity == activity]
+    present = {mean.peak.phase for mean in found}
+    phases = [phase for phase in peaks.PHASES if phase in present]
     yield ("peak", "unit", "leg", *phases)
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
     for m in found:
@@ -332,25 +363,31 @@ def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator
             f"{value:.{digits}f}{bar}"
         )
     order = list(dict.fromkeys(title for title, _, _ in rows))
-    for head, cells in sorted(
-        rows.items(), key=lambda row: order.index(row[0][0])
-    ):  # both legs of a peak together
+    # rows of both legs of a peak follow each other
+    for head, cells in sorted(rows.items(), key=lambda row: order.index(row[0][0])):
         yield (*head, *(cells.get(phase, "–") for phase in phases))
 
 
-def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
-    """Whole-body trial -> its complete strides or repetitions, as the page counts them."""
-    kept = ("side", "number", "plate", "turns", "reason")
-    return {
-        trial["name"]: [
-            StrideUse(**{k: s[k] for k in kept}, whole=not s["reason"], repeats=trial["repeats"])
-            for s in trial["strides"]
+def _collect_stride_uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
+    """Collect the complete strides or repetitions of each whole-body trial."""
+    uses: dict[str, list[StrideUse]] = {}
+    for trial in page["trials"]:
+        uses[trial["name"]] = [
+            StrideUse(
+                side=stride["side"],
+                number=stride["number"],
+                plate=stride["plate"],
+                whole=not stride["reason"],
+                turns=stride["turns"],
+                reason=stride["reason"],
+                repeats=trial["repeats"],
+            )
+            for stride in trial["strides"]
         ]
-        for trial in page["trials"]
-    }
+    return uses
 
 
-def _walks(
+def _build_walk_rows(
     summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]]
 ) -> Iterator[tuple[str, ...]]:
     yield (
@@ -362,41 +399,43 @@ def _walks(
         "why others are not",
     )
     for name, of_walk in uses.items():
-        if table_of(table_of(summary, "trials"), name).get("role") == "joint":
+        if get_table(get_table(summary, "trials"), name).get("role") == "joint":
             continue
         for side in linkage.SIDES:
             of_leg = [use for use in of_walk if use.side == side]
             turning = sum(use.turns for use in of_leg)
-            bent = f"{counted(turning, 'stride')} turning: not in means" if turning else ""
+            turning_text = f"{counted(turning, 'stride')} turning: not in means" if turning else ""
             yield (
                 name,
                 SIDE_WORDS[side],
-                str(table_of(table_of(summary, "trials"), name).get(f"verdict_{side}", "")),
+                str(get_table(get_table(summary, "trials"), name).get(f"verdict_{side}", "")),
                 ", ".join(dict.fromkeys(use.plate for use in of_leg if use.plate)),
                 f"{sum(use.whole for use in of_leg)} of {len(of_leg)}",
-                "; ".join(filter(None, (reason_words(of_leg), bent)))
+                "; ".join(filter(None, (list_reasons(of_leg), turning_text)))
                 if of_leg
                 else "no complete stride or repetition",
             )
 
 
-def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = False) -> str:
-    """Why a sheet has no curves, where it has none."""
+def _explain_missing_curves(
+    uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = False
+) -> str:
+    """Explain why a sheet has no curves."""
     every = [use for of_walk in uses.values() for use in of_walk]
     if not uses:
-        return "No curves: the study has isolated trials alone; result.html has what was recorded."
+        return "No curves: the study has functional (single-joint) trials only; see result.html."
     if not every:
         return "No curves: there is no complete stride or repetition."
     if all(use.turns for use in every):
-        return "No curves: every stride turns, and takes no part in means."
+        return "No curves: every stride turns, and means include straight strides only."
     return (
-        f"No curves. {usable_words(every)}"
+        f"No curves. {summarise_usable_strides(every)}"
         if of_moments
         else "No curves: no angle of a straight stride is known."
     )
 
 
-def _steps(
+def _build_step_rows(
     summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]
 ) -> Iterator[tuple[str, ...]]:
     yield (
@@ -407,15 +446,15 @@ def _steps(
         "asymmetry, % ± SE",
         *(["norm"] if norms else []),
     )
-    found = table_of(summary, "spatiotemporal")
+    found = get_table(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
-        measure = table_of(found, name)
+        measure = get_table(found, name)
         if measure:
-            cells = (_average(table_of(measure, side), digits) for side in linkage.SIDES)
+            cells = (_format_average(get_table(measure, side), digits) for side in linkage.SIDES)
             asymmetry, error = (
                 measure.get(f"symmetry_{name}") for name in ("percent", "se_percent")
             )
-            apart = (
+            asymmetry_text = (
                 ""
                 if asymmetry is None
                 else f"{asymmetry:.1f}" + ("" if error is None else f" ± {error:.1f}")
@@ -423,10 +462,10 @@ def _steps(
             norm = (
                 [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
             )
-            yield (title, str(measure.get("unit", "")), *cells, apart, *norm)
+            yield (title, str(measure.get("unit", "")), *cells, asymmetry_text, *norm)
 
 
-def _average(of_side: Mapping[str, object], digits: int) -> str:
+def _format_average(of_side: Mapping[str, object], digits: int) -> str:
     mean, sd = of_side.get("mean"), of_side.get("sd")
     if not isinstance(mean, int | float):
         return "–"
@@ -434,7 +473,7 @@ def _average(of_side: Mapping[str, object], digits: int) -> str:
     return f"{mean:.{digits}f}{spread} (n = {of_side.get('strides')})"
 
 
-def _panels(
+def _build_panels(
     strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject
 ) -> Iterator[CurvePanel | str]:
     straight = strides[~(strides["turn"].abs() > TURNING)]
@@ -488,24 +527,26 @@ def _panels(
         )
 
 
-def _norm(
+def _choose_norm(
     page: Mapping[str, Any],
     named: tuple[Bands, str] | None,
     subject: Subject,
     summary: Mapping[str, object],
     manifest: Mapping[str, object],
 ) -> Norm:
-    """That of the user; else of the bands that the result was made with; else what gaitcal brings."""
+    """Choose normative data: of the user, else of the result, else built-in."""
     if named is not None:
         return own_norm(*named, subject)
     made_with, stored = (
-        str(table_of(manifest, "settings").get("normal", "")),
-        table_of(summary, "norm"),
+        str(get_table(manifest, "settings").get("normal", "")),
+        get_table(summary, "norm"),
     )
     if stored and not stored.get("words"):
         return Norm(remark=str(stored.get("remark", "")))
     if not made_with:
-        return norm_for(subject, stride_files.mean_speed(table_of(summary, "spatiotemporal")))
+        return norm_for(
+            subject, stride_files.compute_mean_speed(get_table(summary, "spatiotemporal"))
+        )
     bands = {}
     for band in page["bands"]:
         kind = next(kind for kind in CurveKind if kind.words == band["kind"])
@@ -525,9 +566,9 @@ def _norm(
     return own_norm(bands, made_with, subject)
 
 
-def _joints(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
-    """How far each joint was moved, with the largest standard error of its fitted parameters."""
-    yield ("joint", "moved, mm", "standard error, mm", "turned, deg", "standard error, deg")
+def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+    """Build rows of joint changes with the largest standard error of fitted parameters."""
+    yield ("joint", "moved, mm", "standard error, mm", "rotated, deg", "standard error, deg")
     fitted = table[table["kind"].str.startswith("joint ") & (table["status"] != "fixed")]
     for joint, rows in fitted.groupby("joint", sort=False):
         cells: list[str] = []
@@ -543,10 +584,10 @@ def _joints(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
         yield (joint_words(str(joint)).capitalize(), *cells)
 
 
-def _undetermined(table: pd.DataFrame) -> tuple[str, ...]:
+def _list_undetermined(table: pd.DataFrame) -> tuple[str, ...]:
     rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
-    return tuple(
-        f"{joint_words(str(joint)).capitalize()}: "
-        f"{'; '.join(parameter_words(name) for name in of_joint['name'])}"
-        for joint, of_joint in rows.groupby("joint", sort=False)
-    )
+    lines = []
+    for joint, rows_of_joint in rows.groupby("joint", sort=False):
+        names = "; ".join(map(parameter_words, rows_of_joint["name"]))
+        lines.append(f"{joint_words(str(joint)).capitalize()}: {names}")
+    return tuple(lines)

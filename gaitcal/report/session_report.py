@@ -1,4 +1,4 @@
-"""Two result folders of one person, read for `gaitcal compare A B`."""
+"""Read two results of one subject and write their comparison (`gaitcal compare A B`)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -18,14 +18,18 @@ from gaitcal.io.toml import package_version
 from gaitcal.model import coordinates, linkage, model_file
 from gaitcal.report import gait_report
 from gaitcal.report.figures import document, report_sheets
-from gaitcal.report.figures.comparison_sheets import comparison_page, figure_rows, paper_panels
-from gaitcal.report.page.page_data import SHOWN_MEASURES, person_facts
+from gaitcal.report.figures.comparison_sheets import (
+    build_figure_rows,
+    build_paper_panels,
+    render_comparison_page,
+)
+from gaitcal.report.page.page_data import SHOWN_MEASURES, list_person_facts
 from gaitcal.results import cycles_export, session_difference, stride_files, stride_sets
 from gaitcal.results.cycle_tables import CYCLES, read_cycles
-from gaitcal.results.saved_result import MODEL, UNCERTAINTY, load_uncertainty, settings_of
+from gaitcal.results.saved_result import MODEL, UNCERTAINTY, load_settings, load_uncertainty
 from gaitcal.results.session_comparison import CURVE_HEADER, SessionComparison, compare_sessions
-from gaitcal.results.summary import SUMMARY, entries_of, table_of
-from gaitcal.results.table_files import Json, json_text, read_csv, write_csv
+from gaitcal.results.summary import SUMMARY, get_entries, get_table
+from gaitcal.results.table_files import Json, format_json, read_csv, write_csv
 from gaitcal.runtime import with_one_blas_thread
 
 DIFFERENCES, CURVES, WORDS, PAGE = (
@@ -40,17 +44,32 @@ SHEETS = {"Kinematics": gait_report.KINEMATICS, "Kinetics": gait_report.KINETICS
 
 
 def write_comparison(comparison: SessionComparison, folder: Path, results: Sequence[Path]) -> Path:
-    """Write the tables and the words of a comparison of two `results`, whole or not at all. Returns
-    the folder.
+    """Write tables, sentences and page of a comparison, whole or not at all.
 
-    Raises InputError: The folder cannot be written, or holds something else than an earlier
-    comparison.
+    Parameters
+    ----------
+    comparison
+        From `compare_results`.
+    folder
+        The output folder.
+    results
+        Folders of A and B.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or contains something other than an earlier comparison.
     """
-    told = tuple(one_line(f"warning: {text}") for text in comparison.warnings)
+    warnings = tuple(make_one_line(f"warning: {text}") for text in comparison.warnings)
     with atomic_directory(
         folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]
     ) as out:
-        names = tuple(map(one_line, comparison.names))
+        names = tuple(map(make_one_line, comparison.names))
         sessions = {f"session_{key}": name for key, name in zip("ab", names, strict=True)}
         hashes = {
             f"manifest_{key}_sha256": sha256_of(path / MANIFEST)
@@ -62,44 +81,72 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
             **hashes,
             "common": comparison.common.name.lower(),
         }
-        (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
-        head = (*told, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
+        (out / MANIFEST).write_text(format_json(content), encoding="utf-8")
+        head = (*warnings, f"a: {names[0]}; b: {names[1]}; {comparison.common.description}")
         write_csv(
             comparison.differences,
             out / DIFFERENCES,
             (*head, *session_difference.DIFFERENCES_HEADER),
         )
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
-        (out / PAGE).write_text(comparison_html(comparison, results), encoding="utf-8")
+        (out / PAGE).write_text(render_comparison_html(comparison, results), encoding="utf-8")
         (out / WORDS).write_text(
-            "".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8"
+            "".join(f"{make_one_line(line)}\n" for line in comparison.lines), encoding="utf-8"
         )
     return folder
 
 
-def comparison_html(comparison: SessionComparison, results: Sequence[Path]) -> str:
-    """The page of a comparison of two `results`: `comparison.html`."""
-    norms, scores = _scores(results)
-    return comparison_page(
-        comparison, gait_report.CLINICAL, SHEETS, _people(comparison, results), scores, norms
+def render_comparison_html(comparison: SessionComparison, results: Sequence[Path]) -> str:
+    """Render the page of a comparison.
+
+    Parameters
+    ----------
+    comparison
+        From `compare_results`.
+    results
+        Folders of A and B.
+
+    Returns
+    -------
+    str
+        The content of `comparison.html`.
+    """
+    norms, scores = _collect_scores(results)
+    return render_comparison_page(
+        comparison, gait_report.CLINICAL, SHEETS, _list_people(comparison, results), scores, norms
     )
 
 
-def comparison_content(
+def build_comparison_content(
     comparison: SessionComparison, results: Sequence[Path], comments: Mapping[str, str]
 ) -> document.ComparisonContent:
-    """The report on paper of two `results`; `comments` as of `report_content`."""
-    norms, scores = _scores(results)
-    names, people = comparison.names, [dict(known) for known in _people(comparison, results)]
+    """Build the content of the printed report of two sessions.
+
+    Parameters
+    ----------
+    comparison
+        From `compare_results`.
+    results
+        Folders of A and B.
+    comments
+        Section -> text (`gait_report.read_comments`).
+
+    Returns
+    -------
+    ComparisonContent
+        Text, tables and curves.
+    """
+    norms, scores = _collect_scores(results)
+    names, people = comparison.names, [dict(known) for known in _list_people(comparison, results)]
     labels = dict.fromkeys(label for known in people for label in known)
     head = ("figure", "unit", *names, "difference", "missed below", "times")
     steps = [d for d in comparison.found if d.kind == "spatiotemporal" and d.name in SHOWN_MEASURES]
     others = [d for d in comparison.found if d.kind != "spatiotemporal"]
     against = (f"{name}, against {norm}" for name, norm in zip(names, norms, strict=True))
     note = (
-        f"Means over the stride of each foot: {names[0]} thin, {names[1]} thick in the band within "
-        "which a difference "
-        "could have been missed (95 %). Moments and powers by each session's own body mass."
+        f"Means over the stride of each foot: {names[0]} thin, {names[1]} thick with the band of "
+        "the minimal "
+        "detectable change (95 %). Moments and powers divided by the body mass of each session."
     )
     return document.ComparisonContent(
         title=f"Gait report  ·  {comparison.subjects[1].name}: {names[1]} against {names[0]}",
@@ -107,14 +154,14 @@ def comparison_content(
             ("", *names),
             *((label, *(known.get(label, "–") for known in people)) for label in labels),
         ),
-        words=comparison.lines,
+        sentences=comparison.lines,
         scores=(("deg, ± standard error", *against, "difference"), *scores),
-        steps=(head, *figure_rows(steps)),
-        others=(head, *figure_rows(others[:PRINTED])),
+        steps=(head, *build_figure_rows(steps)),
+        others=(head, *build_figure_rows(others[:PRINTED])),
         sheets=tuple(
             report_sheets.Sheet(
                 title=title,
-                panels=tuple(paper_panels(comparison, gait_report.CLINICAL, variables)),
+                panels=tuple(build_paper_panels(comparison, gait_report.CLINICAL, variables)),
                 note=note,
                 without="No curves: the sessions share none.",
                 comment=title.lower(),
@@ -129,49 +176,48 @@ def comparison_content(
     )
 
 
-def _people(
+def _list_people(
     comparison: SessionComparison, results: Sequence[Path]
 ) -> list[tuple[tuple[str, str], ...]]:
-    """Of each session, label and value of what is known of person and day, and the verdict of its
-    result.
-    """
+    """List for each session what is known of subject and session, and the verdict."""
     verdicts = [
-        str(read_object(result / SUMMARY).get("verdict") or "not told") for result in results
+        str(read_object(result / SUMMARY).get("verdict") or "not recorded") for result in results
     ]
     return [
-        (*person_facts(p), ("Verdict", v))
+        (*list_person_facts(p), ("Verdict", v))
         for p, v in zip(comparison.subjects, verdicts, strict=True)
     ]
 
 
-def _scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Whom both results are held against, and the rows of scores; without a difference where these
-    are not the same.
+def _collect_scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Collect the normative data of both results and the rows of scores.
+
+    Rows have no difference if the normative data differ.
     """
     summaries = [read_object(result / SUMMARY) for result in results]
     norms = tuple(
-        str(table_of(summary, "norm").get("words") or "not told whom") for summary in summaries
+        str(get_table(summary, "norm").get("words") or "a norm not recorded")
+        for summary in summaries
     )
     same = norms[0] == norms[1] and all(
-        table_of(summary, "norm").get("words") for summary in summaries
+        get_table(summary, "norm").get("words") for summary in summaries
     )
     return norms, tuple(
-        _score_rows(*(table_of(summary, "gait_profile") for summary in summaries), same=same)
+        _build_score_rows(*(get_table(summary, "gait_profile") for summary in summaries), same=same)
     )
 
 
-def _score_rows(
+def _build_score_rows(
     a: Mapping[str, Any], b: Mapping[str, Any], *, same: bool
 ) -> Iterator[tuple[str, ...]]:
-    """Gait Profile Scores and their angles, where both have them; errors as if independent."""
+    """Build the rows of scores that both sessions have; errors are taken as independent."""
     for side in ("both", *linkage.SIDES):
-        of_a, of_b = table_of(a, side), table_of(b, side)
+        of_a, of_b = get_table(a, side), get_table(b, side)
         for name in sorted(
             of_a.keys() & of_b.keys(), key=lambda n: (n != profile_score.GPS, list(of_a).index(n))
         ):
-            score, se = (
-                [float(of[name].get(key, np.nan)) for of in (of_a, of_b)] for key in ("score", "se")
-            )
+            score = [float(scores[name].get("score", np.nan)) for scores in (of_a, of_b)]
+            se = [float(scores[name].get("se", np.nan)) for scores in (of_a, of_b)]
             title = (
                 "Gait Profile Score"
                 if name == profile_score.GPS
@@ -192,8 +238,8 @@ def _score_rows(
             )
 
 
-def one_line(text: str) -> str:
-    """Names are data: what would begin a new line of a file, or moves a cursor, becomes a blank."""
+def make_one_line(text: str) -> str:
+    """Replace line breaks and control characters, as names are data."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
@@ -204,30 +250,35 @@ FURTHER = (
 
 @with_one_blas_thread
 def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
-    """Set two results of one person side by side: before and after, or test and retest.
+    """Compare two results of one subject: before and after, or test and retest.
 
     Parameters
     ----------
-    a, b : result folders of `gaitcal calibrate`, or the `dynamics` folders in them.
+    a, b
+        Result folders of `gaitcal calibrate`, or the `dynamics` folders in them.
 
     Returns
     -------
-    Differences b - a of angles, moments, powers, spatiotemporal measures and joint parameters with
-    their error bars, as tables (`differences`, `curves`), and in words (`lines`).
+    SessionComparison
+        Differences b - a of angles, moments, powers, spatiotemporal measures and joint parameters
+        with their errors, as tables (`differences`, `curves`) and in sentences (`lines`).
 
     Raises
     ------
     InputError
-        One is no result, damaged, or of another person by the lengths of its legs.
+        One is not a result, is damaged, or is of another subject by the lengths of its legs.
     """
     one, other = (load_session(Path(folder))[0] for folder in (a, b))
-    return compare_sessions(*named_apart(one, other))
+    return compare_sessions(*rename_equal_sessions(one, other))
 
 
 def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snapshot, ...]]:
-    """Read one result folder, or one of further trials; and what was read.
+    """Load one result, or one folder of further trials, and the snapshots of its files.
 
-    Raises InputError: It is none, or damaged.
+    Raises
+    ------
+    InputError
+        The folder is not a result, or is damaged.
     """
     manifest = read_object(folder / MANIFEST)
     if not manifest:
@@ -237,13 +288,13 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
             else "not found"
         )
         raise InputError(message, source=folder, code=Code.NO_RESULT)
-    whole = folder.resolve()
+    resolved = folder.resolve()
     calibrated = folder / ".." if FURTHER in manifest else folder
     tables = (CYCLES, stride_files.SPATIOTEMPORAL, SUMMARY)
     (strides, measures, summary), read = read_whole(
         folder,
         tables,
-        lambda: (read_cycles(folder), _measures(folder), read_object(folder / SUMMARY)),
+        lambda: (read_cycles(folder), _read_measures(folder), read_object(folder / SUMMARY)),
     )
     needed = (MODEL, UNCERTAINTY, SUMMARY)
     (model, uncertainty), of_model = read_whole(
@@ -255,45 +306,47 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
         ),
         (MODEL,),
     )
-    settings = settings_of(calibrated)
+    settings = load_settings(calibrated)
     stale = (
         ()
         if calibrated is folder
-        else cycles_export.made_with_another_model(folder, of_model.sha256[MODEL])
+        else cycles_export.list_stale_trials(folder, of_model.sha256[MODEL])
     )
     other = (
-        (f"made with another model than lies there now: {', '.join(stale)}; run dynamics again",)
+        (f"made with another model than the present one: {', '.join(stale)}; run dynamics again",)
         if stale
         else ()
     )
     session = stride_sets.RecordedSession(
-        name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
+        name=resolved.name if calibrated is folder else f"{resolved.parent.name}/{resolved.name}",
         model=model,
         model_key=str(of_model.sha256[MODEL]),
-        statics=_recordings(calibrated, moving=False),
-        recordings=frozenset(_recordings(calibrated, moving=True) if calibrated is folder else ()),
+        statics=_list_recordings(calibrated, moving=False),
+        recordings=frozenset(
+            _list_recordings(calibrated, moving=True) if calibrated is folder else ()
+        ),
         influence=uncertainty.joint,
         strides=cycles.typed(strides, folder / CYCLES),
         measures=measures,
         verdict=str(summary.get("verdict") or ""),
-        reasons=_reasons(summary),
+        reasons=_list_reasons(summary),
         remarks=(*of_model.remarks, *other),
         axis_deviations=axis_deviations(settings, model),
-        error_shares=_shares(summary),
+        error_shares=_average_shares(summary),
         prior=make_study_prior(settings.joint_prior, noise=model.noise),
         relative=settings.angles == "relative",
     )
     return session, (read, of_model)
 
 
-def named_apart(
+def rename_equal_sessions(
     a: stride_sets.RecordedSession, b: stride_sets.RecordedSession
 ) -> tuple[stride_sets.RecordedSession, stride_sets.RecordedSession]:
-    """Both, with other names where their folders have one name."""
+    """Rename two sessions to A and B if their folders have the same name."""
     return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
 
 
-def _measures(folder: Path) -> pd.DataFrame:
+def _read_measures(folder: Path) -> pd.DataFrame:
     source = folder / stride_files.SPATIOTEMPORAL
     try:
         table, _ = read_csv(source)
@@ -312,37 +365,38 @@ def _measures(folder: Path) -> pd.DataFrame:
     ]
 
 
-def _recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
-    """SHA-256 of the files of the trials that its summary tells of, or of the others: static ones."""
-    told, hashes = (
-        table_of(read_object(folder / n), key)
+def _list_recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
+    """List the SHA-256 of the files of moving trials, or of static ones."""
+    moving_trials, hashes = (
+        get_table(read_object(folder / n), key)
         for n, key in ((SUMMARY, "trials"), (MANIFEST, "inputs_sha256"))
     )
     files = (
         files.get("file", "")
-        for trial, files in cycles_export.trial_files(folder).items()
-        if (trial in told) is moving
+        for trial, files in cycles_export.read_trial_files(folder).items()
+        if (trial in moving_trials) is moving
     )
     return tuple(sorted(str(hashes[file]) for file in files if file in hashes))
 
 
-def _reasons(summary: Mapping[str, object]) -> tuple[str, ...]:
-    found = entries_of(summary, "reasons")
+def _list_reasons(summary: Mapping[str, object]) -> tuple[str, ...]:
+    found = get_entries(summary, "reasons")
     return tuple(
         f"{', '.join(map(str, r.get('trials') or ['study']))}: {r.get('cause')}" for r in found
     )
 
 
-def _shares(summary: Mapping[str, object]) -> dict[str, dict[str, float]]:
-    """Torque -> source -> part of its variance, the mean over trials."""
+def _average_shares(summary: Mapping[str, object]) -> dict[str, dict[str, float]]:
+    """Average torque -> source -> part of its variance over trials."""
     found: dict[str, list[dict[str, float]]] = {}
-    for entry in table_of(summary, "trials").values():
-        for torque, shares in table_of(entry, "torque_error_sources").items():
+    for entry in get_table(summary, "trials").values():
+        for torque, shares in get_table(entry, "torque_error_sources").items():
             found.setdefault(torque, []).append(shares)
-    out = {}
-    for torque, listed in found.items():
-        sources = dict.fromkeys(source for shares in listed for source in shares)
-        out[torque] = {
-            s: float(np.mean([shares.get(s, 0.0) for shares in listed])) for s in sources
-        }
+    out: dict[str, dict[str, float]] = {}
+    for torque, shares_of_trials in found.items():
+        out[torque] = {}
+        for source in dict.fromkeys(source for shares in shares_of_trials for source in shares):
+            # a source that a trial does not list has no part there
+            parts = [shares.get(source, 0.0) for shares in shares_of_trials]
+            out[torque][source] = float(np.mean(parts))
     return out

@@ -1,8 +1,6 @@
-"""CSV files of a result: comment lines above the header, first of them what the verdict says of the
-numbers.
+"""Build, write and read `cycles.csv`: every complete stride over 0 to 100 %, in long form.
 
-Above all the table of strides, `cycles.csv`: angles and torques of each complete one over 0 to 100
-%, in long form.
+The comment lines above its header begin with the verdict on the numbers.
 """
 
 from __future__ import annotations
@@ -31,9 +29,13 @@ from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results.table_files import Column, Table, read_csv, refused_lines, write_csv
-from gaitcal.results.trial_curves import Curve, curves_of, joint_of
-from gaitcal.results.trial_tables import foot_in_stride, pelvis_in_stride, relative_header
+from gaitcal.results.table_files import Column, Table, format_refused_lines, read_csv, write_csv
+from gaitcal.results.trial_curves import Curve, build_curves, find_joint
+from gaitcal.results.trial_tables import (
+    express_foot_in_stride,
+    express_pelvis_in_stride,
+    format_relative_header,
+)
 from gaitcal.runtime import with_one_blas_thread
 
 if TYPE_CHECKING:
@@ -58,29 +60,28 @@ CYCLE_HEADER = (
     "several coordinates of a joint (hip_flexion_power), positive: generated; "
     "ground_reaction_vertical: upward force",
     "on that foot, N",
-    "angles of the pelvis: against a laboratory turned into the line of progression of each "
-    "stride, from strike to",
-    "next strike (where that foot is not seen then: of the nearest stride, else the room's forward "
-    "axis), so that they",
-    "mean the same in any direction of the room; motion/TRIAL.csv has them against the room",
-    "foot_progression: how far the foot's long axis, heel to toe, points out of the vertical plane "
-    "along that line;",
-    "toes in is positive",
-    "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers "
-    "make, and that",
-    "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in "
-    "all strides",
-    "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; "
-    "angles of a leg",
-    "where markers show the segments that they are between; nothing of a refused leg, nor of the "
-    "trunk with it,",
-    f"nor pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
-    "turn: deg to the left by which the pelvis turns over the stride of a walk",
-    "activity: gait of strides of walks; of a trial of any other activity its name: its strides, "
-    "or what the pelvis",
-    "repeats from rest to rest; means never mix activities",
-    "phase: stance or swing of a stride; of a repetition lowering, rising, flight as the pelvis "
-    "does, push-off: rising",
+    "angles of the pelvis: relative to the line of progression of each stride, from strike to next "
+    "strike (if that foot",
+    "is not visible then: of the nearest stride, else the laboratory's forward axis), so that they "
+    "have the same meaning",
+    "in any walking direction; motion/TRIAL.csv has them relative to the laboratory",
+    "foot_progression: angle of the foot's long axis, heel to toe, to the vertical plane along "
+    "that line; toe-in is",
+    "positive",
+    "se: standard error, empty if unknown; se_stride: its part due to the markers of the trial, "
+    "which differs between",
+    "strides; the rest, sqrt(se^2 - se_stride^2), is the same error in all strides",
+    "valid: 1 where the value may be used: moments of a leg require its foot on plates, moments of "
+    "the trunk both feet;",
+    "angles of a leg require visible markers on both segments; 0 for a refused leg and, with it, "
+    "the trunk, and for",
+    f"pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
+    "turn: rotation of the pelvis to the left over the stride of a walk, deg",
+    "activity: gait for strides of walks; else the name of the trial, with its strides, or with "
+    "repetitions of the",
+    "pelvis motion from rest to rest; means never mix activities",
+    "phase: stance or swing of a stride; for a repetition lowering, rising and flight of the "
+    "pelvis, push-off: rising",
     "before a flight, landing: lowering after one",
 )
 """Comment lines above the header."""
@@ -97,15 +98,33 @@ def write_cycles(
     earlier: pd.DataFrame | None = None,
     earlier_lines: Iterable[str] = (),
 ) -> Table:
-    """Write `cycle_table` with its comment lines, after the rows and the lines of `earlier` trials,
-    as text.
+    """Write `cycles.csv`: the rows of earlier trials as text, then those of `trials`.
 
-    Returns the table that is written: columns by name, or a data frame where there are earlier
-    rows.
+    Parameters
+    ----------
+    path
+        The file.
+    model
+        The calibrated subject.
+    trials
+        Trials with strides; single-joint ones have none.
+    relative_to
+        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+    earlier
+        Rows of earlier trials, as text.
+    earlier_lines
+        Comment lines about these trials.
+
+    Returns
+    -------
+    Table
+        What was written: columns by name, or a data frame if there are earlier rows.
     """
-    refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
-    relative = () if relative_to is None else relative_header(relative_to)
-    table: Table = cycle_columns(model, trials, relative_to)
+    refused = (
+        f"{t.name}: {line}" for t in trials if t.joint is None for line in format_refused_lines(t)
+    )
+    relative = () if relative_to is None else format_relative_header(relative_to)
+    table: Table = build_cycle_columns(model, trials, relative_to)
     if earlier is not None and not earlier.empty:
         import pandas as pd
 
@@ -120,28 +139,43 @@ def write_cycles(
 
 @with_one_blas_thread
 def cycles(calibration: Calibration) -> pd.DataFrame:
-    """Angles, moments and vertical ground reaction of every stride of a calibration's walks, 0 to
-    100 %, in long form.
+    """Return angles, moments and ground reactions of every stride, 0 to 100 %, in long form.
 
     Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent,
-    variable (units: `gaitcal/gait/cycles.py`), value, se, valid (1: may be used), se_stride (the
-    part of se that differs from stride to stride), turn (deg to the left over the stride), activity
-    (`gait`, or the name of a trial of another activity, whose repetitions these are), phase
-    (`CYCLE_HEADER`). Pelvis angles are against each stride's line of progression.
+    variable (units: `gaitcal/gait/cycles.py`), value, se, valid (1: usable), se_stride (the part
+    of se that differs between strides), turn (deg to the left over the stride), activity (`gait`,
+    or the name of a trial of another activity with its repetitions), phase (`CYCLE_HEADER`).
+
+    Parameters
+    ----------
+    calibration
+        From `gaitcal.calibrate`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Pelvis angles are relative to the line of progression of each stride.
     """
-    return cycle_table(calibration.model, calibration.trials, calibration.relative_to)
+    return build_cycle_table(calibration.model, calibration.trials, calibration.relative_to)
 
 
 def read_cycles(path: Path | str) -> pd.DataFrame:
-    """The table of strides of a result: `cycles.csv`, or the folder that holds it; columns as of
-    `gaitcal.cycles`.
+    """Read the table of strides of a result.
 
-    One that `gaitcal export` wrote has `unit` and `positive` beside them.
+    Parameters
+    ----------
+    path
+        `cycles.csv`, or the result folder that contains it.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns as of `gaitcal.cycles`; a table of `gaitcal export` also has `unit` and `positive`.
 
     Raises
     ------
     InputError
-        It is not there, or is no such table.
+        The file is missing or is not a table of strides.
     """
     source = Path(path)
     source = source / CYCLES if source.is_dir() else source
@@ -153,91 +187,104 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
     return typed(table, source)
 
 
-def cycle_table(
+def build_cycle_table(
     model: SubjectModel,
     trials: Sequence[TrialResult],
     relative_to: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """`cycle_columns` as a data frame."""
+    """Return `build_cycle_columns` as a data frame."""
     import pandas as pd
 
-    return pd.DataFrame(cycle_columns(model, trials, relative_to))
+    return pd.DataFrame(build_cycle_columns(model, trials, relative_to))
 
 
-def cycle_columns(
+def build_cycle_columns(
     model: SubjectModel,
     trials: Sequence[TrialResult],
     relative_to: Mapping[str, float] | None = None,
 ) -> dict[str, Column]:
-    """Every variable of every complete stride of the gait trials, with `CYCLE_COLUMNS`; no row
-    where there is none.
+    """Build the columns of `cycles.csv`: every variable of every complete stride.
 
-    `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they
-    are anatomical.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    trials
+        Trials with strides; single-joint ones have none.
+    relative_to
+        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+
+    Returns
+    -------
+    dict
+        `CYCLE_COLUMNS` by name; empty columns if there is no complete stride.
     """
     parts = []
     for trial in trials:
         if trial.joint is None:
-            curves = curves_of(model, trial, relative_to, None)
+            curves = build_curves(model, trial, relative_to, None)
             for side, cycles in strides_of(trial.events).items():
-                shown = _shown(curves, side)
+                shown = _select_curves(curves, side)
                 measured = {s.number: s for s in trial.strides if s.side == side}
                 for number, cycle in enumerate(cycles, start=1):
                     stride = measured.get(number)
-                    of_stride = _against_line(trial, side, cycle, stride, shown)
+                    of_stride = _express_along_line(trial, side, cycle, stride, shown)
                     parts.append(
-                        _rows(model.subject, trial, side, number, cycle, of_stride, stride)
+                        _build_rows(model.subject, trial, side, number, cycle, of_stride, stride)
                     )
-    return {name: _joined([part[name] for part in parts]) for name in CYCLE_COLUMNS}
+    columns = {}
+    for name in CYCLE_COLUMNS:
+        columns[name] = _join_columns([part[name] for part in parts])
+    return columns
 
 
-def _joined(parts: Sequence[Column]) -> Column:
+def _join_columns(parts: Sequence[Column]) -> Column:
     if all(isinstance(part, np.ndarray) for part in parts):
         return np.concatenate(parts) if parts else np.empty(0)
     return [value for part in parts for value in part]
 
 
-def _shown(curves: Iterable[Curve], side: str) -> list[Curve]:
-    """Of the leg of one side, and of what belongs to neither; arms, residuals and the other forces
-    are left out.
-    """
+def _select_curves(curves: Iterable[Curve], side: str) -> list[Curve]:
+    """Select the curves of one leg, pelvis and trunk; no arms, residuals or other forces."""
     return [
         c
         for c in curves
         if c.side in (side, "")
         and (c.kind in ("angle", "moment", "power") or c.base == GROUND_REACTION)
-        and (joint_of(c.base) != "arm" and (c.kind != "moment" or not c.base.startswith("pelvis")))
+        and (
+            find_joint(c.base) != "arm" and (c.kind != "moment" or not c.base.startswith("pelvis"))
+        )
     ]
 
 
-def _against_line(
+def _express_along_line(
     trial: TrialResult,
     side: str,
     cycle: GaitCycle,
     stride: spatiotemporal.Stride | None,
     curves: Sequence[Curve],
 ) -> list[Curve]:
-    """The curves of one stride: angles of the pelvis and the foot against its line of progression."""
+    """Express the pelvis and foot angles of one stride along its line of progression."""
     straight = stride is None or not turns(stride.turn)
-    turned = dict(
+    along_line = dict(
         zip(
             PELVIS_ANGLES,
-            pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T,
+            express_pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T,
             strict=True,
         )
     )
-    turned |= (
-        {FOOT_PROGRESSION: foot}
-        if (foot := foot_in_stride(trial, side, cycle, stride)) is not None
-        else {}
-    )
+    foot = express_foot_in_stride(trial, side, cycle, stride)
+    if foot is not None:
+        along_line[FOOT_PROGRESSION] = foot
     return [
-        replace(c, value=turned[c.base], valid=c.valid & straight) if c.variable in turned else c
+        replace(c, value=along_line[c.base], valid=c.valid & straight)
+        if c.variable in along_line
+        else c
         for c in curves
     ]
 
 
-def _rows(
+def _build_rows(
     subject: Subject,
     trial: TrialResult,
     side: str,
@@ -249,12 +296,12 @@ def _rows(
     time, count = trial.body.time, len(curves)
     rows = count * POINTS
 
-    def laid(values: Sequence[Array]) -> Array:
+    def normalise_all(values: Sequence[Array]) -> Array:
         out: Array = normalise(time, np.stack(values, axis=1), cycle).T.ravel()
         return out
 
     unknown = np.full(len(time), np.nan)
-    usable = laid([np.where(c.valid, 1.0, np.nan) for c in curves])
+    usable = normalise_all([np.where(c.valid, 1.0, np.nan) for c in curves])
     turn = (
         np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS)
     )
@@ -266,35 +313,48 @@ def _rows(
         "stride": np.full(rows, stride),
         "percent": np.tile(np.arange(POINTS), count),
         "variable": [c.variable for c in curves for _ in range(POINTS)],
-        "value": _short(laid([c.value for c in curves])),
-        "se": _short(laid([unknown if c.error is None else c.error for c in curves])),
+        "value": _round_values(normalise_all([c.value for c in curves])),
+        "se": _round_values(
+            normalise_all([unknown if c.error is None else c.error for c in curves])
+        ),
         "valid": np.isfinite(usable).astype(int),
-        "se_stride": _short(laid([unknown if c.own is None else c.own for c in curves])),
+        "se_stride": _round_values(
+            normalise_all([unknown if c.stride_error is None else c.stride_error for c in curves])
+        ),
         "turn": np.full(rows, turn, dtype=np.float64),
         "activity": [trial.activity] * rows,
         "phase": cycle.phases * count,
     }
 
 
-def _short(values: Array) -> Array:
-    """Rounded to a millionth of a degree or newton metre."""
+def _round_values(values: Array) -> Array:
+    """Round to a millionth of a degree or newton metre."""
     out: Array = np.round(values, DIGITS)
     return out
 
 
 def cycles_to_xarray(strides: pd.DataFrame) -> Any:
-    """A `xarray.Dataset` of strides as `gaitcal.cycles` and `gaitcal.read_cycles` give them.
+    """Convert a table of strides to an `xarray.Dataset`.
 
-    Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are
-    several. Data variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid`
-    (1: may be used), with `units` as attribute, and with `positive` (what a positive value means)
-    where the table says it, as exports do; NaN where a trial has no such stride. Without any stride
-    it is empty.
+    Dimensions are `trial`, `side`, `stride`, `percent`, and `person` and `session` if there are
+    several. Data variables are `hip_flexion`, `hip_flexion_se` (standard error) and
+    `hip_flexion_valid` (1: usable), with the attribute `units`. The attribute `positive` describes
+    positive values if the table has it, as exports do. Values are NaN if a trial lacks a stride.
+
+    Parameters
+    ----------
+    strides
+        From `gaitcal.cycles` or `gaitcal.read_cycles`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Empty if there is no stride.
 
     Raises
     ------
     InputError
-        xarray is not installed, a stride is there twice, or a variable in two conventions.
+        xarray is not installed, a stride occurs twice, or a variable has two conventions.
     """
     import pandas as pd
 

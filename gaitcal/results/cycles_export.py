@@ -1,13 +1,12 @@
-"""The strides of a result in a convention of the user's choice: one table, each row with its unit
-and what is positive; and the manifest of the folder that exports lie in.
+"""Export the strides of a result in another convention, and write the manifest of an export folder.
 
-Angles, powers, moments of the coordinates and which of them count are those of `cycles.csv`;
-moments in the frames of segments or of the joint coordinate system come from
-`moment_vectors/TRIAL.csv`, over the same strides.
+Angles, powers, moments about the coordinates and their validity are those of `cycles.csv`. Moments
+in segment frames or in the joint coordinate system come from `moment_vectors/TRIAL.csv`, over the
+same strides.
 
-A result does not say in which folder its study was, as it may be given away. Recordings are looked
-for beside it, in the folder of the command, where the study that was drafted for it has them, or
-where the user says; whatever is found must have the SHA-256 of what was read then.
+A result does not contain the folder of its study, as it may be given away. Recordings are searched
+for beside the result, in the working folder, where its drafted study has them, or in the folder
+that the user gives. A file that is found must have the SHA-256 that the manifest records.
 """
 
 from collections.abc import Iterator, Mapping
@@ -37,9 +36,9 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results import saved_result
 from gaitcal.results.cycle_tables import CYCLES, DIGITS
-from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vectors, table_of
-from gaitcal.results.table_files import VERDICT, Json, json_text, read_csv, write_csv
-from gaitcal.results.trial_tables import told_components
+from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, get_entries, get_table, read_vectors
+from gaitcal.results.table_files import VERDICT, Json, format_json, read_csv, write_csv
+from gaitcal.results.trial_tables import select_free_components
 
 MOMENT = CurveKind.MOMENT.ending
 NUMBERS = ("value", "se", "se_stride")
@@ -57,8 +56,8 @@ RELATIVE = ("joint angles are relative", "static trial, deg")
 
 
 @dataclass(frozen=True)
-class _Result:
-    """What is read of a result."""
+class _StrideTables:
+    """The tables of a result that a conversion needs."""
 
     model: SubjectModel
     table: pd.DataFrame  # `cycles.csv`, as text
@@ -67,31 +66,65 @@ class _Result:
     vectors: Mapping[str, pd.DataFrame]  # Trial -> table of moment vectors
 
 
-def strides_in_convention(
+def convert_strides(
     strides: pd.DataFrame, convention: Convention, model: SubjectModel
 ) -> pd.DataFrame:
-    """Strides, as `read_cycles` gives them, in another convention about the axes of coordinates."""
-    return in_convention(_Result(model, strides, (), {}, {}), convention)
+    """Convert a table of strides to another convention about the axes of the coordinates.
+
+    Parameters
+    ----------
+    strides
+        As `read_cycles` returns them.
+    convention
+        Signs, moment unit, acting body and frame.
+    model
+        The calibrated subject.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The same rows with `unit` and `positive` at the end.
+    """
+    return apply_convention(_StrideTables(model, strides, (), {}, {}), convention)
 
 
 def write_cycles_export(
     folder: Path, convention: Convention, target: Path, model: SubjectModel
 ) -> tuple[int, Snapshot]:
-    """Write the strides of the result in `folder` to `target`; returns how many rows, and what was
-    read.
+    """Write the strides of a result in another convention.
 
-    `model`: of the result, or of that which further trials in `folder` (`gaitcal dynamics`) were
-    made with.
+    Parameters
+    ----------
+    folder
+        The result, or its folder of further trials (`gaitcal dynamics`).
+    convention
+        Signs, moment unit, acting body and frame.
+    target
+        The CSV file to write.
+    model
+        The model with which the trials were made.
 
-    Raises InputError: The result is damaged, or has no strides.
+    Returns
+    -------
+    int
+        Number of rows.
+    Snapshot
+        The files that were read.
+
+    Raises
+    ------
+    InputError
+        The result is damaged, or has no strides.
     """
     found, snapshot = _read_whole(folder, convention.frame, model)
-    table = in_convention(found, convention)
+    table = apply_convention(found, convention)
     write_csv(table, target, (*found.comments, *HEADER, *convention.lines))
     return len(table), snapshot
 
 
-def _read_whole(folder: Path, frame: MomentFrame, model: SubjectModel) -> tuple[_Result, Snapshot]:
+def _read_whole(
+    folder: Path, frame: MomentFrame, model: SubjectModel
+) -> tuple[_StrideTables, Snapshot]:
     names = [CYCLES, SUMMARY]
     if frame is not MomentFrame.COORDINATES:
         names += sorted(
@@ -102,19 +135,32 @@ def _read_whole(folder: Path, frame: MomentFrame, model: SubjectModel) -> tuple[
     return read_whole(folder, names, lambda: _read(folder, frame, model))
 
 
-def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]:
-    """Further trials in `folder` that were made with another model than that of this SHA-256."""
-    made = table_of(result_folder.read_object(folder / result_folder.MANIFEST), "model_sha256")
-    return tuple(trial for trial, of in made.items() if of != digest)
+def list_stale_trials(folder: Path, digest: str | None) -> tuple[str, ...]:
+    """List the further trials that were made with another model.
+
+    Parameters
+    ----------
+    folder
+        Folder of further trials.
+    digest
+        SHA-256 of the present model.
+
+    Returns
+    -------
+    tuple of str
+        Names of trials.
+    """
+    made = get_table(result_folder.read_object(folder / result_folder.MANIFEST), "model_sha256")
+    return tuple(trial for trial, model_digest in made.items() if model_digest != digest)
 
 
-def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
+def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _StrideTables:
     table, comments = read_csv(folder / CYCLES)
-    trials = table_of(result_folder.read_object(folder / SUMMARY), "trials")
+    trials = get_table(result_folder.read_object(folder / SUMMARY), "trials")
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
     for name in dict.fromkeys(table["trial"]):
-        events = saved_result.saved_events(table_of(trials, name))
+        events = saved_result.parse_events(get_table(trials, name))
         right, left = (
             FootEvents(
                 np.array(labels.times_of(events, side, labels.FootMoment.STRIKE)),
@@ -125,7 +171,7 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
         strides |= {(name, "r"): gait_cycles(right, left), (name, "l"): gait_cycles(left, right)}
         repeats = tuple(
             GaitCycle(c["start"], c["stop"], None)
-            for c in entries_of(table_of(trials, name), "repetitions")
+            for c in get_entries(get_table(trials, name), "repetitions")
         )
         strides |= {(name, side): repeats for side in SIDES if repeats}
         of_trial = None if frame is MomentFrame.COORDINATES else read_vectors(folder, name)
@@ -140,29 +186,28 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
                 "again"
             )
             raise InputError(message, source=folder, code=Code.DAMAGED_RESULT)
-    # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer
-    # true
+    # keep comment lines on verdicts and relative angles, not those on the former convention
     kept_starts = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
     kept = tuple(line for line in comments if line.startswith(kept_starts))
-    return _Result(model, table, kept, strides, vectors)
+    return _StrideTables(model, table, kept, strides, vectors)
 
 
-def in_convention(found: _Result, convention: Convention) -> pd.DataFrame:
-    """The rows of `cycles.csv` in another convention, with `unit` and `positive` at the end."""
+def apply_convention(found: _StrideTables, convention: Convention) -> pd.DataFrame:
+    """Convert the rows of `cycles.csv`, with `unit` and `positive` at the end."""
     numbers = [name for name in NUMBERS if name in found.table]
     table = found.table.assign(**{name: pd.to_numeric(found.table[name]) for name in numbers})
     if convention.frame is not MomentFrame.COORDINATES:
         kept = table[~table["variable"].str.endswith(MOMENT)]
-        table = pd.concat([kept, *_vector_rows(found, convention.frame)], ignore_index=True)
+        table = pd.concat([kept, *_build_vector_rows(found, convention.frame)], ignore_index=True)
     subject, parts = found.model.subject, []
     for (variable, side), rows in table.groupby(["variable", "side"], sort=False):
-        parts.append(_converted(rows, str(variable), str(side), convention, subject, numbers))
+        parts.append(_convert_rows(rows, str(variable), str(side), convention, subject, numbers))
     whole = pd.concat(parts).sort_index() if parts else table.assign(unit="", positive="")
     whole[numbers] = whole[numbers].round(DIGITS)
     return whole
 
 
-def _converted(
+def _convert_rows(
     rows: pd.DataFrame,
     variable: str,
     side: str,
@@ -170,7 +215,7 @@ def _converted(
     subject: Subject,
     numbers: list[str],
 ) -> pd.DataFrame:
-    """Rows of one variable of strides of one side."""
+    """Convert the rows of one variable of one side."""
     changed = {
         name: convention.values(variable, rows[name].to_numpy(dtype=np.float64), side, subject)
         for name in numbers
@@ -183,10 +228,8 @@ def _converted(
     return rows.assign(**changed, unit=units.get(kind, kind.unit), positive=positive)
 
 
-def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
-    """Rows of the moments in a frame of segments or of the joint coordinate system, stride by
-    stride.
-    """
+def _build_vector_rows(found: _StrideTables, frame: MomentFrame) -> list[pd.DataFrame]:
+    """Build the rows of moments in segment frames or in the joint coordinate system."""
     parts = []
     for (trial, side), cycles in found.strides.items():
         table = found.vectors.get(trial)
@@ -197,13 +240,17 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
             message = f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again"
             raise InputError(message, code=Code.DAMAGED_RESULT)
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
-        names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
+        names = [
+            name
+            for name in select_free_components(found.model.frozen)
+            if leg_of(name) in (side, "")
+        ]
         for stride, cycle in enumerate(cycles, start=1):
-            told_of_stride = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
+            template = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
             for name in names:
                 leg = leg_of(name)
-                column, counts = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
-                usable = np.where(table[counts].to_numpy() == 1, 1.0, np.nan)
+                column, validity = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
+                usable = np.where(table[validity].to_numpy() == 1, 1.0, np.nan)
                 signals = (
                     table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride")
                 )
@@ -212,7 +259,7 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
                     for values in (*signals, usable)
                 )
                 parts.append(
-                    told_of_stride.assign(
+                    template.assign(
                         variable=f"{name[:-2] if leg else name}{MOMENT}",
                         value=value,
                         se=error,
@@ -230,24 +277,25 @@ def write_export_manifest(
     subject: str,
     written: Mapping[str, Mapping[str, Json]],
 ) -> None:
-    """Put a manifest into `stage` that lists its files and those of earlier exports that still lie
-    in `folder`.
+    """Write a manifest of the new files and of those of earlier exports in the same folder.
 
     Parameters
     ----------
     stage
-        Holds the files that will join `folder`.
+        Contains the files that will join `folder`.
     folder
-        May hold an earlier export, and a manifest of it; a manifest of another kind of result is
-        left alone.
+        May contain an earlier export and its manifest; a manifest of another kind of result stays.
     read
-        File of the result that these were made of -> SHA-256.
+        File of the result that was read -> SHA-256.
     subject
-        The person's name.
+        Name of the subject.
     written
-        File -> what is to be said of it: format, source, notes.
+        File -> its entry: format, source, notes.
 
-    Raises InputError: The earlier manifest is damaged.
+    Raises
+    ------
+    InputError
+        The earlier manifest is damaged.
     """
     earlier = result_folder.read_object(folder / result_folder.MANIFEST)
     if earlier and earlier.get("kind") != result_folder.ResultKind.EXPORT.value:
@@ -265,7 +313,7 @@ def write_export_manifest(
     }
     about = {
         **cast(dict[str, Json], earlier.get("written", {})),
-        **{name: dict(words) for name, words in written.items()},
+        **{name: dict(entry) for name, entry in written.items()},
     }
     result: dict[str, Json] = {"subject": subject, "sha256": dict(read)}
     for name in written:
@@ -278,16 +326,29 @@ def write_export_manifest(
         result_folder.HASHES: dict[str, Json](sorted(hashes.items())),
     }
     manifest[result_folder.SELF] = result_folder.self_hash(manifest)
-    (stage / result_folder.MANIFEST).write_text(json_text(manifest), encoding="utf-8")
+    (stage / result_folder.MANIFEST).write_text(format_json(manifest), encoding="utf-8")
 
 
 STUDY = "study.toml"
 
 
-def trial_files(folder: Path) -> dict[str, dict[str, str]]:
-    """Trial -> `file` and, where there is one, `forces`, as the manifest of a result names them.
+def read_trial_files(folder: Path) -> dict[str, dict[str, str]]:
+    """Read the input files of each trial from the manifest of a result.
 
-    Raises InputError: It is no result.
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Returns
+    -------
+    dict
+        Trial -> `file` and, if there is one, `forces`.
+
+    Raises
+    ------
+    InputError
+        The folder is not a result.
     """
     trials = result_folder.read_object(folder / result_folder.MANIFEST).get("trials")
     if not isinstance(trials, dict):
@@ -295,23 +356,39 @@ def trial_files(folder: Path) -> dict[str, dict[str, str]]:
         raise InputError(
             message, source=folder / result_folder.MANIFEST, field="trials", code=Code.CHANGED_FILE
         )
-    return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
+    files: dict[str, dict[str, str]] = {}
+    for trial, named in trials.items():
+        files[str(trial)] = {str(kind): str(name) for kind, name in named.items()}
+    return files
 
 
 def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
-    """The input `name` (as the manifest of the result in `folder` has it), unchanged since it was
-    read.
+    """Find an input of a result, unchanged since it was read.
 
-    `inputs`: where the user says that recordings lie; it and its subfolders are looked through.
-    Else they are looked for beside the result, in it, in the working folder, where its `study.toml`
-    says, and in the folders there.
+    Parameters
+    ----------
+    folder
+        The result.
+    name
+        The input, as the manifest names it.
+    inputs
+        Folder of recordings, searched with its subfolders. None: search beside the result, in it,
+        in the working folder, in the places of its `study.toml`, and in the folders there.
 
-    Raises InputError: There is none, or it has changed.
+    Returns
+    -------
+    Path
+        A file with the recorded SHA-256.
+
+    Raises
+    ------
+    InputError
+        There is none, or it has changed.
     """
     hashes = result_folder.read_object(folder / result_folder.MANIFEST).get("inputs_sha256")
     wanted = hashes.get(name) if isinstance(hashes, Mapping) else None
     changed: Path | None = None
-    for path, is_its_place in _places(folder, name, inputs):
+    for path, is_its_place in _list_candidates(folder, name, inputs):
         if not path.is_file():
             continue
         if wanted is not None and result_folder.sha256_of(path) == wanted:
@@ -321,7 +398,7 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
         message = "is not the file that the result was made from (another SHA-256); calibrate again"
         raise InputError(message, source=changed, code=Code.CHANGED_FILE)
     where = inputs or folder.resolve().parent
-    cure = "" if inputs else "; say with --inputs FOLDER where the recordings lie"
+    cure = "" if inputs else "; name the folder of the recordings with --inputs FOLDER"
     raise InputError(
         f"found no '{name}', which the result was made from{cure}",
         source=where,
@@ -329,16 +406,17 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     )
 
 
-def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path, bool]]:
-    """Where it may lie, and whether a file of that name there must be it: elsewhere others may
-    share the name.
+def _list_candidates(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path, bool]]:
+    """Yield candidate paths, and whether a changed file there is an error.
+
+    Elsewhere another file may have the same name.
     """
     roots = [inputs] if inputs else [folder.resolve().parent, folder, Path.cwd()]
     last = PurePosixPath(name).name
     for root in roots:
         yield root / name, True
         yield root / last, True
-    for path in () if inputs else _of_study(folder):
+    for path in () if inputs else _list_study_files(folder):
         if path.name == last:
             yield path, False
     for root in roots:
@@ -346,12 +424,12 @@ def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path
             yield path, False
 
 
-def _of_study(folder: Path) -> Iterator[Path]:
-    """Files of the trials of the study that was drafted into a result; none where it says nothing."""
+def _list_study_files(folder: Path) -> Iterator[Path]:
+    """Yield the files of the drafted study in a result; none if it cannot be read."""
     try:
         content = toml.read_toml(folder / STUDY)
     except InputError:
         return
-    for trial in entries_of(content, "trial"):
+    for trial in get_entries(content, "trial"):
         named = (trial.get(key) for key in ("file", "forces"))
         yield from (folder / name for name in named if isinstance(name, str))

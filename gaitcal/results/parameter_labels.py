@@ -1,6 +1,4 @@
-"""A person's parameters in words: which were fitted, how far they moved, how sure they are, which
-could not be seen.
-"""
+"""Describe the parameters of a subject: fitted values, changes, errors, unidentifiable ones."""
 
 import math
 from collections.abc import Sequence
@@ -25,11 +23,11 @@ SHORTER_UNITS = {"kg*mm^2": ("kg·cm²", 0.01)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class LabelledParameter:
     """One parameter."""
 
     name: str  # As in `parameters.csv`
-    words: str  # Place and direction in one
+    title: str  # Position and direction in one
     place: str  # What the value is of; rows of one place stand together. Nothing for a mass.
     direction: str
     unit: str
@@ -50,7 +48,7 @@ class Row:
 
     @property
     def digits(self) -> int:
-        """Decimals that make sense."""
+        """Number of meaningful decimals."""
         if self.unit == "kg":
             return 2
         return 0 if self.unit == "kg·cm²" and abs(self.nominal) >= 100.0 else 1
@@ -66,14 +64,25 @@ class ParameterGroup:
     """The parameters of one joint or one segment."""
 
     title: str
-    right: tuple[Row, ...]  # Or the only rows, where there are no sides
-    left: tuple[Row, ...]
+    right: tuple[LabelledParameter, ...]  # Or the only rows, where there are no sides
+    left: tuple[LabelledParameter, ...]
     kept: int  # Parameters of this joint that no trial was to fit
 
 
-def joint_groups(calibration: Calibration) -> tuple[ParameterGroup, ...]:
-    """Joint parameters that were to be fitted, joint by joint; joints without any are left out."""
-    rows = _rows(calibration, joints=True)
+def group_joint_parameters(calibration: Calibration) -> tuple[ParameterGroup, ...]:
+    """Group the joint parameters that were to be fitted by joint.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    tuple of ParameterGroup
+        Joints without such parameters are omitted.
+    """
+    rows = _label_parameters(calibration, joints=True)
     groups = []
     for joint in GROUPS:
         of_joint = [row for row in rows if row.part == joint]
@@ -81,53 +90,90 @@ def joint_groups(calibration: Calibration) -> tuple[ParameterGroup, ...]:
         if shown:
             groups.append(
                 ParameterGroup(
-                    moments.joint_words(joint), *_sides(shown), len(of_joint) - len(shown)
+                    moments.joint_words(joint), *_split_sides(shown), len(of_joint) - len(shown)
                 )
             )
     return tuple(groups)
 
 
-def inertial_groups(calibration: Calibration) -> tuple[ParameterGroup, ...]:
-    """Inertial parameters that were fitted, segment by segment; one set where left equals right."""
-    rows = [row for row in _rows(calibration, joints=False) if row.status != "fixed"]
+def group_inertial_parameters(calibration: Calibration) -> tuple[ParameterGroup, ...]:
+    """Group the fitted inertial parameters by segment.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    tuple of ParameterGroup
+        One set of rows per segment if left equals right.
+    """
+    rows = [row for row in _label_parameters(calibration, joints=False) if row.status != "fixed"]
     groups = []
     for segment in dict.fromkeys(row.part for row in rows):
-        right, left = _sides([row for row in rows if row.part == segment])
+        right, left = _split_sides([row for row in rows if row.part == segment])
         title = moments.capitalised(moments.segment_words(segment))
-        if left and _mirrored(right, left):
+        if left and _are_mirrored(right, left):
             title, left = f"{title} (right and left alike)", ()
         groups.append(ParameterGroup(title, right, left, 0))
     return tuple(groups)
 
 
-def _sides(rows: list[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
-    """Those of the right side, or without a side, and those of the left."""
+def _split_sides(
+    rows: list[LabelledParameter],
+) -> tuple[tuple[LabelledParameter, ...], tuple[LabelledParameter, ...]]:
+    """Split rows into those of the right side (or no side) and those of the left."""
     return tuple(row for row in rows if row.side != "l"), tuple(
         row for row in rows if row.side == "l"
     )
 
 
-def fixed_joints(calibration: Calibration) -> str:
-    """Which joints kept all their nominal parameters, in words; empty for none."""
-    moved = {row.part for row in _rows(calibration, joints=True) if row.status != "fixed"}
+def list_fixed_joints(calibration: Calibration) -> str:
+    """List the joints that kept all nominal parameters.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    str
+        A list for a sentence; empty if there are none.
+    """
+    moved = {
+        row.part for row in _label_parameters(calibration, joints=True) if row.status != "fixed"
+    }
     titles = [moments.joint_words(joint) for joint in GROUPS if joint not in moved]
     return moments.listed([title[0].lower() + title[1:] for title in titles])
 
 
-def blind_spots(calibration: Calibration) -> tuple[str, ...]:
-    """One sentence for each joint with parameters that the trials cannot see."""
+def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
+    """Describe, joint by joint, the parameters that the trials do not determine.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    tuple of str
+        One sentence for each joint.
+    """
     joints: dict[str, list[str]] = {}
     for name in calibration.unidentifiable:
         joints.setdefault(name.split(".")[0], []).append(name)
     out = []
     for joint, names in joints.items():
         if joint not in {j.name for j in JOINTS}:
-            words = moments.listed([moments.parameter_words(n) for n in names])
-            out.append(f"{moments.segment_words(joint).capitalize()}: {words}.")
+            parameters = moments.listed([moments.parameter_words(n) for n in names])
+            out.append(f"{moments.segment_words(joint).capitalize()}: {parameters}.")
             continue
-        moved = range_of_motion(calibration, joint)
-        words = moments.listed([moments.parameter_words(n) for n in names])
-        text = f"{moments.joint_words(joint).capitalize()}: {words}; {_kept(calibration, names)}."
+        moved = compute_range_of_motion(calibration, joint)
+        parameters = moments.listed([moments.parameter_words(n) for n in names])
+        text = f"{moments.joint_words(joint).capitalize()}: {parameters}; {_describe_kept(calibration, names)}."
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (
@@ -139,8 +185,8 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _kept(calibration: Calibration, names: Sequence[str]) -> str:
-    """What becomes of joint parameters that the trials cannot see."""
+def _describe_kept(calibration: Calibration, names: Sequence[str]) -> str:
+    """Describe the value that undetermined joint parameters keep."""
     several, study = len(names) > 1, calibration.study
     if near := make_study_prior(study.settings.joint_prior, study.joint_prior).held_near(names):
         return f"{'they stay' if several else 'it stays'} near {near}"
@@ -151,9 +197,20 @@ def _kept(calibration: Calibration, names: Sequence[str]) -> str:
     return "they keep their nominal values" if several else "it keeps its nominal value"
 
 
-def range_of_motion(calibration: Calibration, joint: str) -> float | None:
-    """Degrees that the joint's most mobile coordinate moves, in the trial that moves it most; None
-    if in no trial.
+def compute_range_of_motion(calibration: Calibration, joint: str) -> float | None:
+    """Compute the largest range of a joint's coordinates over all trials.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+    joint
+        Name with side: `knee_r`.
+
+    Returns
+    -------
+    float or None
+        Degrees, in the trial that moves the joint most; None if no trial has its coordinates.
     """
     names = [
         e.name
@@ -172,26 +229,41 @@ def range_of_motion(calibration: Calibration, joint: str) -> float | None:
     return best
 
 
-def counts(calibration: Calibration) -> tuple[int, int]:
-    """How many joint parameters and how many independent inertial ones were fitted."""
-    joint = sum(r.status in ("fitted", "at bound") for r in _rows(calibration, joints=True))
+def count_fitted(calibration: Calibration) -> tuple[int, int]:
+    """Count the fitted joint parameters and the independent fitted inertial parameters."""
+    joint = sum(
+        r.status in ("fitted", "at bound") for r in _label_parameters(calibration, joints=True)
+    )
     return joint, len(
         calibration.inertial.names
     ) if calibration.inertial and calibration.inertial.moved else 0
 
 
-def counts_sentence(calibration: Calibration) -> str:
-    """How many parameters were fitted, in words."""
-    joint, inertial = counts(calibration)
+def summarise_fitted(calibration: Calibration) -> str:
+    """Summarise in sentences how many parameters were fitted.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    str
+        One or two sentences for the page.
+    """
+    joint, inertial = count_fitted(calibration)
     parts = []
     if joint:
         parts.append(f"{moments.counted(joint, 'joint parameter')} (where the joints lie)")
     if inertial:
-        alike = inertial < sum(r.status == "fitted" for r in _rows(calibration, joints=False))
-        what = "masses, mass centres, moments of inertia" + (
-            ", alike for right and left" if alike else ""
+        is_symmetric = inertial < sum(
+            r.status == "fitted" for r in _label_parameters(calibration, joints=False)
         )
-        parts.append(f"{moments.counted(inertial, 'inertial parameter')} ({what})")
+        description = "masses, mass centres, moments of inertia" + (
+            ", alike for right and left" if is_symmetric else ""
+        )
+        parts.append(f"{moments.counted(inertial, 'inertial parameter')} ({description})")
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
@@ -204,7 +276,7 @@ def counts_sentence(calibration: Calibration) -> str:
     return f"Fitted: {moments.listed(parts) or 'nothing'}. {kept}"
 
 
-def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
+def _label_parameters(calibration: Calibration, *, joints: bool) -> list[LabelledParameter]:
     bound = set(calibration.joint.at_bound if calibration.joint else ())
     rows = []
     for entry in parameter_rows(calibration):
@@ -213,9 +285,9 @@ def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
         name, status, error = str(entry["name"]), str(entry["status"]), entry["standard_error"]
         unit, scale = SHORTER_UNITS.get(str(entry["unit"]), (str(entry["unit"]), 1.0))
         rows.append(
-            Row(
+            LabelledParameter(
                 name=name,
-                words=moments.parameter_words(name),
+                title=moments.parameter_words(name),
                 place=moments.parameter_place(name),
                 direction=moments.parameter_direction(name),
                 unit=unit,
@@ -228,9 +300,11 @@ def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
     return rows
 
 
-def _mirrored(right: tuple[Row, ...], left: tuple[Row, ...]) -> bool:
-    def key(rows: tuple[Row, ...]) -> dict[str, tuple[float, float]]:
-        return {r.words: (abs(r.nominal), abs(r.fitted)) for r in rows}
+def _are_mirrored(
+    right: tuple[LabelledParameter, ...], left: tuple[LabelledParameter, ...]
+) -> bool:
+    def index_values(rows: tuple[LabelledParameter, ...]) -> dict[str, tuple[float, float]]:
+        return {r.title: (abs(r.nominal), abs(r.fitted)) for r in rows}
 
-    a, b = key(right), key(left)
+    a, b = index_values(right), index_values(left)
     return a.keys() == b.keys() and all(np.allclose(a[k], b[k], rtol=EQUAL, atol=0.0) for k in a)

@@ -1,13 +1,12 @@
-"""The recordings of a result with angles, moments, powers, events and joint centres in them, as C3D
-files.
+"""Write the recordings of a result as C3D files with angles, moments, powers, events and centres.
 
-A C3D recording keeps all that ezc3d can write (`io/c3d/writer.py`); what it cannot is reported. One
-of another format becomes a C3D of its markers and, where its forces can be laid on the markers'
-clock, its plates. Torques are there in the frames that count; of a trial that is refused there are
-none.
+A C3D recording keeps all that ezc3d can write (`io/c3d/writer.py`); the rest is reported. A
+recording of another format becomes a C3D of its markers and, if its forces can be synchronised with
+the markers, its plates. Torques are written in valid frames only, and not for refused trials.
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -34,8 +33,8 @@ from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.quality.verdict import Judgement
-from gaitcal.results.cycles_export import find_original, trial_files
-from gaitcal.results.saved_result import MODEL, SPLINES, SavedWalk, load_trial, moving_trials
+from gaitcal.results.cycles_export import find_original, read_trial_files
+from gaitcal.results.saved_result import MODEL, SPLINES, SavedWalk, list_moving_trials, load_trial
 from gaitcal.results.summary import SUMMARY
 
 PREFIX = "gc"  # Before our names where the file has points of such names already
@@ -48,18 +47,33 @@ SAME_PLACE = 1e-6
 def write_recordings(
     folder: Path, inputs: Path | None, out: Path, *, instead: bool = False
 ) -> tuple[dict[str, tuple[str, str, tuple[str, ...]]], Snapshot]:
-    """Write a C3D file `TRIAL.c3d` for every moving trial of the result in `folder` into the folder
-    `out`.
+    """Write a C3D file `TRIAL.c3d` for every moving trial of a result.
 
-    Returns trial -> input that it is a copy of, as the manifest names it, its SHA-256, and notes.
+    Parameters
+    ----------
+    folder
+        The result.
+    inputs
+        Folder of the recordings, if they are not beside the result.
+    out
+        Folder of the new files.
+    instead
+        Replace points of the same names by another program; else our points get other names.
 
-    `inputs`: where the recordings lie, if not beside the result. `instead`: what another program
-    computed under our names makes room for ours; else ours have names of their own beside it.
+    Returns
+    -------
+    dict
+        Trial -> its input as the manifest names it, the SHA-256 of the input, and notes.
+    Snapshot
+        The files of the result that were read.
 
-    Raises InputError: The result or a recording is damaged, missing or changed.
+    Raises
+    ------
+    InputError
+        The result or a recording is damaged, missing or changed.
     """
-    files = trial_files(folder)
-    names = moving_trials(folder)
+    files = read_trial_files(folder)
+    names = list_moving_trials(folder)
     tables = [
         table
         for name in names
@@ -82,7 +96,7 @@ def write_recordings(
         paths = {
             kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()
         }
-        notes = _write(
+        notes = _write_trial(
             trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead
         )
         source = files[trial.name]["file"]
@@ -90,32 +104,30 @@ def write_recordings(
     return written, snapshot
 
 
-def _write(
+def _write_trial(
     trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: Path, *, instead: bool
 ) -> tuple[str, ...]:
-    """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns
-    what to tell.
-    """
+    """Write the C3D of one trial and return notes; `between` is a temporary file, removed again."""
     recording = formats.read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
-    made = segment_poses.holds_poses(recording.labels)
-    if made and paths["file"].suffix.lower() == ".c3d":
+    is_synthetic = segment_poses.holds_poses(recording.labels)
+    if is_synthetic and paths["file"].suffix.lower() == ".c3d":
         notes = (
             "written anew: without poses and events of the file, with the points that stand for "
             "its body",
         )
-    if paths["file"].suffix.lower() == ".c3d" and not made:
+    if paths["file"].suffix.lower() == ".c3d" and not is_synthetic:
         source, same = paths["file"], formats.read_recording(paths["file"])
     else:
-        notes += _as_c3d(recording, between)
+        notes += _convert_to_c3d(recording, between)
         source, same = between, formats.read_recording(between)
     original = c3d_original(source, len(recording.time))
-    rows = _rows(recording.time, trial.motion.time, paths["file"])
+    rows = _match_frames(recording.time, trial.motion.time, paths["file"])
     per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
-    turn = _turn_to_file(trial.markers, original.places()[rows] / per_metre, paths["file"])
+    turn = _find_file_axes(trial.markers, original.places()[rows] / per_metre, paths["file"])
     kept = set(same.labels) if instead else set(original.labels)
-    points, named = _points(trial, original, rows, turn, per_metre, kept)
-    events, event_notes = _new_events(trial, recording, corrected="events" in paths)
+    points, named = _build_points(trial, original, rows, turn, per_metre, kept)
+    events, event_notes = _select_new_events(trial, recording, corrected="events" in paths)
     group = {
         "VERSION": [f"gaitcal {toml.package_version('gaitcal')}"],
         "TRIAL": [trial.name],
@@ -134,20 +146,18 @@ def _write(
     if named:
         hint = "" if instead else ", --replace writes them in place of the file's"
         notes += (f"the file has points of such names; ours begin with {named}{hint}",)
-    if gone := [point.name for point in points if point.name in original.labels]:
-        rest = "what else it holds of another program's, also in other frames, is not ours"
+    if replaced := [point.name for point in points if point.name in original.labels]:
+        other_points = "what else it holds of another program's, also in other frames, is not ours"
         notes += (
-            f"{moments.counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); "
-            f"{rest}",
+            f"{moments.counted(len(replaced), 'point')} of the file replaced ({', '.join(replaced)}); "
+            f"{other_points}",
         )
-    return (*_said(trial, points), *notes, *event_notes)
+    return (*_summarise_points(trial, points), *notes, *event_notes)
 
 
-def _as_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
-    """Write markers and plates of a recording that was no C3D; the plates are left out where a C3D
-    cannot hold them.
-    """
-    filled, notes = _whole_frames(recording)
+def _convert_to_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
+    """Write markers and plates of a recording as C3D, without plates that a C3D cannot contain."""
+    filled, notes = _fill_last_frame(recording)
     try:
         write_c3d(target, filled)
     except InputError as fault:
@@ -159,10 +169,8 @@ def _as_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
     return notes
 
 
-def _whole_frames(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
-    """Plates that end with the last frame go on for the rest of it: a C3D has as many samples in
-    every frame.
-    """
+def _fill_last_frame(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
+    """Repeat the last plate samples to fill the last frame of the C3D."""
     frames = len(recording.time)
     plates, longest = [], 0
     for plate in recording.plates:
@@ -173,9 +181,9 @@ def _whole_frames(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
             replace(
                 plate,
                 time=np.concatenate([plate.time, plate.time[-1] + step * np.arange(1, more + 1)]),
-                force=_prolonged(plate.force, more),
-                point=_prolonged(plate.point, more),
-                moment=_prolonged(plate.moment, more),
+                force=_repeat_last(plate.force, more),
+                point=_repeat_last(plate.point, more),
+                moment=_repeat_last(plate.moment, more),
             )
         )
         longest = max(longest, more)
@@ -183,13 +191,13 @@ def _whole_frames(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
     return replace(recording, plates=tuple(plates)), (note,) if longest else ()
 
 
-def _prolonged(values: Array, more: int) -> Array:
+def _repeat_last(values: Array, more: int) -> Array:
     """(ns + more, 3): the last row repeated."""
     return np.concatenate([values, np.repeat(values[-1:], more, axis=0)])
 
 
-def _rows(file: Array, trial: Array, source: Path) -> IntArray:
-    """(nf,) frames of the file at the times of the trial."""
+def _match_frames(file: Array, trial: Array, source: Path) -> IntArray:
+    """Return the (nf,) frames of the file at the times of the trial."""
     rows = np.clip(np.searchsorted(file, trial - SAME_TIME), 0, len(file) - 1)
     if np.abs(file[rows] - trial).max() > SAME_TIME:
         message = "its frames are at other times than those of the result"
@@ -197,15 +205,15 @@ def _rows(file: Array, trial: Array, source: Path) -> IntArray:
     return np.asarray(rows, dtype=np.intp)
 
 
-def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
-    """The turn by quarters from the result's axes to those of the file, of which `places` (nf, np,
-    3) m are the points.
+def _find_file_axes(markers: Recording, places: Array, source: Path) -> Turn:
+    """Find the permutation of axes from the result to the file by comparing marker coordinates.
 
-    Told by the markers themselves: each has the same numbers in both, in another order and with
-    other signs.
+    Each marker has the same numbers in both, in another order and with other signs. `places`: (nf,
+    np, 3) m, the points of the file.
     """
     visible = seen_mask(markers.markers)
     frames = np.flatnonzero(visible.sum(axis=1) >= min(3, visible.sum(axis=1).max()))
+    # a few frames are enough, as marker positions must agree exactly
     frames = frames[:: max(1, len(frames) // 5)]
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1, -1), repeat=3):
@@ -213,23 +221,23 @@ def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
             matrix[range(3), order] = signs
             if np.linalg.det(matrix) < 0:
                 continue
-            turn = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
+            axes = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
             if len(frames) and all(
-                _found(turn.apply(markers.markers[i, visible[i]]), places[i]) for i in frames
+                _are_among(axes.apply(markers.markers[i, visible[i]]), places[i]) for i in frames
             ):
-                return turn
+                return axes
     raise InputError(
         "its markers are not those of the result", source=source, code=Code.CHANGED_FILE
     )
 
 
-def _found(wanted: Array, among: Array) -> bool:
-    """Whether every point (n, 3) is one of the others (m, 3)."""
+def _are_among(wanted: Array, among: Array) -> bool:
+    """Return whether every point (n, 3) equals one of the others (m, 3)."""
     gaps = np.abs(wanted[:, None] - among[None]).max(axis=2)
     return bool((np.nanmin(gaps, axis=1) < SAME_PLACE).all())
 
 
-def _points(
+def _build_points(
     trial: SavedWalk,
     original: C3DOriginal,
     rows: IntArray,
@@ -237,8 +245,9 @@ def _points(
     per_metre: float,
     kept: set[str],
 ) -> tuple[list[AddedPoint], str]:
-    """Our points in every frame, axes and units of the file; and the start of their names, so that
-    none is `kept`.
+    """Build our points in the frames, axes and units of the file, and the prefix of their names.
+
+    The prefix keeps names of `kept` points free.
     """
     motion = SavedMotion(
         q=trial.motion.q,
@@ -255,8 +264,12 @@ def _points(
     points = plug_in_gait_points(motion, angle, moment)
     heads = {label.partition(":")[0] for label in original.labels if ":" in label}
     head = f"{heads.pop()}:" if len(heads) == 1 else ""
-    starts = ("", PREFIX, *(f"{PREFIX}{n}" for n in range(2, 100)))
-    start = next(s for s in starts if not kept & {f"{head}{s}{point.name}" for point in points})
+
+    def is_free(prefix: str) -> bool:
+        return kept.isdisjoint(f"{head}{prefix}{point.name}" for point in points)
+
+    # the first prefix with which no name of the file is taken
+    start = next(filter(is_free, ("", PREFIX, *(f"{PREFIX}{n}" for n in range(2, 100)))))
     out = []
     for point in points:
         values = np.full((original.frames, 3), np.nan)
@@ -266,11 +279,12 @@ def _points(
     return out, start
 
 
-def _new_events(
+def _select_new_events(
     trial: SavedWalk, recording: Recording, *, corrected: bool
 ) -> tuple[list[FootEvent], tuple[str, ...]]:
-    """Events of a walk that the file does not tell itself, in order of time; none where they
-    contradict the file's.
+    """Select the events of a walk that the file lacks, in order of time.
+
+    None are added if the events of the file were corrected.
     """
     if not trial.events:
         return [], ()
@@ -280,7 +294,7 @@ def _new_events(
             f"{EVENTS}",
         )
 
-    def known(event: FootEvent) -> bool:
+    def is_known(event: FootEvent) -> bool:
         return any(
             e.side == event.side
             and e.moment is event.moment
@@ -288,7 +302,7 @@ def _new_events(
             for e in recording.events
         )
 
-    new = [event for event in trial.events if not known(event)]
+    new = [event for event in trial.events if not is_known(event)]
     kept = f"{len(recording.events)} events of the file kept, " if recording.events else ""
     return new, (f"{kept}{len(new)} events added",)
 
@@ -307,26 +321,26 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
         raise InputError(message, source=target, code=Code.INTERNAL)
 
 
-def _said(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
-    """Which kinds of points there are, and why others are not."""
-    counts = [
-        f"{sum(p.kind is kind for p in points)} {words}"
-        for kind, words in (
-            (PointKind.ANGLE, "angles"),
-            (PointKind.PLACE, "joint centres"),
-            (PointKind.MOMENT, "moments"),
-            (PointKind.POWER, "powers"),
-            (PointKind.FORCE, "ground reactions"),
-        )
-        if any(p.kind is kind for p in points)
-    ]
-    said = (f"{', '.join(counts)}",)
+POINT_TITLES = {
+    PointKind.ANGLE: "angles",
+    PointKind.PLACE: "joint centres",
+    PointKind.MOMENT: "moments",
+    PointKind.POWER: "powers",
+    PointKind.FORCE: "ground reactions",
+}
+
+
+def _summarise_points(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
+    """List the kinds of points that were added, and why others are missing."""
+    counts = Counter(point.kind for point in points)
+    parts = [f"{counts[kind]} {title}" for kind, title in POINT_TITLES.items() if counts[kind]]
+    summary = (", ".join(parts),)
     if Judgement.REFUSED.value in trial.facts.values() and trial.torques is None:
-        return (*said, "the trial is refused: no moments and no powers")
+        return (*summary, "the trial is refused: no moments and no powers")
     if trial.torques is None:
-        return (*said, "no force plates, so no moments and no powers")
+        return (*summary, "no force plates, so no moments and no powers")
     shares = ", ".join(
-        f"{word} leg {100 * trial.valid[s].mean():.0f} %"
-        for s, word in (("r", "right"), ("l", "left"))
+        f"{side} leg {100 * trial.valid[s].mean():.0f} %"
+        for s, side in (("r", "right"), ("l", "left"))
     )
-    return (*said, f"moments and powers in the frames that count: {shares}")
+    return (*summary, f"moments and powers in valid frames: {shares}")

@@ -1,6 +1,4 @@
-"""A result folder of `gaitcal calibrate` read back: the person for further trials (model, labels,
-settings, uncertainty), and single moving trials for other programs.
-"""
+"""Read a result of `gaitcal calibrate`: model and settings for further trials; single trials."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +23,13 @@ from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import Judgement
-from gaitcal.results.summary import STATIC_ANGLES, SUMMARY, entries_of, of_the_model, table_of
+from gaitcal.results.summary import (
+    STATIC_ANGLES,
+    SUMMARY,
+    find_model_doubts,
+    get_entries,
+    get_table,
+)
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from gaitcal.tracking.spline import spline_basis
@@ -38,7 +42,7 @@ DYNAMICS: Final = "dynamics"  # Folder of a result that `gaitcal dynamics` write
 
 @dataclass(frozen=True, kw_only=True)
 class SavedResult:
-    """A calibrated person, and how the labels of their recordings are read."""
+    """A calibrated subject, and how the labels of its recordings are read."""
 
     model: SubjectModel
     files: Snapshot  # What was read, to be compared when the work is done
@@ -46,15 +50,28 @@ class SavedResult:
     rename: Mapping[str, str]  # Label in the files -> label in the marker set
     settings: CalibrationSettings
     uncertainty: Uncertainty
-    doubts: tuple[Finding, ...] = ()  # What its verdict says of every further trial
+    doubts: tuple[Finding, ...] = ()  # Findings of its verdict that concern every further trial
     relative_to: Mapping[str, float] | None = None
     """Coordinate -> rad in the static posture, where joint angles are counted from it."""
 
 
 def load_result(folder: Path) -> SavedResult:
-    """Read a result folder. Model and marker set may have been edited, which `files.remarks` tells.
+    """Read a result; model and marker set may have been edited, which `files.remarks` reports.
 
-    Raises InputError: It is none, or one of its files is damaged, missing, or cannot be read.
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Returns
+    -------
+    SavedResult
+        What further trials need.
+
+    Raises
+    ------
+    InputError
+        The folder is not a result, or one of its files is damaged, missing or unreadable.
     """
     editable = (MODEL, MARKER_SET)
     saved, files = read_whole(
@@ -64,24 +81,54 @@ def load_result(folder: Path) -> SavedResult:
 
 
 def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Finding, ...]]:
-    """The model of a result folder alone, which may have been edited, and what speaks against it.
+    """Read the model of a result, which may have been edited.
 
-    Raises InputError: As of `load_result`.
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Returns
+    -------
+    SubjectModel
+        The model.
+    Snapshot
+        The files that were read.
+    tuple of Finding
+        Findings of the calibration that concern the model.
+
+    Raises
+    ------
+    InputError
+        As of `load_result`.
     """
 
     def read() -> tuple[SubjectModel, tuple[Finding, ...]]:
-        return load_model(folder / MODEL), of_the_model(read_object(folder / SUMMARY))
+        return load_model(folder / MODEL), find_model_doubts(read_object(folder / SUMMARY))
 
     (model, doubts), files = read_whole(folder, (MODEL, SUMMARY), read, (MODEL,))
     return model, files, doubts
 
 
-def settings_of(folder: Path) -> CalibrationSettings:
-    """The settings of the study that a result was made from.
+def load_settings(folder: Path) -> CalibrationSettings:
+    """Read the settings of the study of a result.
 
-    Raises InputError: It is no result.
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Returns
+    -------
+    CalibrationSettings
+        Unknown entries of another version are ignored.
+
+    Raises
+    ------
+    InputError
+        The folder is not a result.
     """
-    settings = table_of(read_object(folder / MANIFEST), "settings")
+    settings = get_table(read_object(folder / MANIFEST), "settings")
     if not settings:
         message = "no result of 'gaitcal calibrate': its manifest.json cannot be read"
         raise InputError(message, source=folder, code=Code.NO_RESULT)
@@ -92,22 +139,22 @@ def settings_of(folder: Path) -> CalibrationSettings:
 def _read(folder: Path) -> SavedResult:
     model = load_model(folder / MODEL)
     manifest = read_object(folder / MANIFEST)
-    summary, settings = read_object(folder / SUMMARY), settings_of(folder)
+    summary, settings = read_object(folder / SUMMARY), load_settings(folder)
     return SavedResult(
         model=model,
         files=Snapshot(folder, {}),
         marker_set=load_marker_set(folder / MARKER_SET).with_weights(
             dict(zip(model.markers.labels, map(float, model.markers.weight), strict=True))
         ),
-        rename={k: str(v) for k, v in table_of(manifest, "rename").items()},
+        rename={k: str(v) for k, v in get_table(manifest, "rename").items()},
         settings=settings,
         uncertainty=load_uncertainty(folder / UNCERTAINTY),
-        doubts=of_the_model(summary),
-        relative_to=_static_angles(summary, folder) if settings.angles == "relative" else None,
+        doubts=find_model_doubts(summary),
+        relative_to=_read_static_angles(summary, folder) if settings.angles == "relative" else None,
     )
 
 
-def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, float]:
+def _read_static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, float]:
     angles = summary.get(STATIC_ANGLES)
     if not isinstance(angles, dict) or not angles:
         message = "found none; angles = 'relative' needs them: calibrate again"
@@ -116,8 +163,14 @@ def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, flo
 
 
 def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
-    """What further trials need: influences on the joint parameters, spread of the inertial, the
-    artefact found.
+    """Write `uncertainty.npz`: joint error sources, inertial covariance root, soft tissue artefact.
+
+    Parameters
+    ----------
+    uncertainty
+        Of a finished calibration.
+    path
+        The file.
     """
     arrays: dict[str, np.ndarray] = {}
     if uncertainty.joint is not None:
@@ -141,7 +194,23 @@ def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
-    """Read back what `save_uncertainty` wrote."""
+    """Read `uncertainty.npz`.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Uncertainty
+        As `save_uncertainty` wrote it.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged.
+    """
     try:
         with np.load(path, allow_pickle=False) as stored:
             joint = None
@@ -174,7 +243,7 @@ SPLINES = "splines.npz"
 
 @dataclass(frozen=True, kw_only=True)
 class SavedWalk:
-    """One moving trial of a result folder: its motion, torques and verdict."""
+    """One moving trial of a result: its motion, torques and verdict."""
 
     name: str
     model: SubjectModel
@@ -193,8 +262,14 @@ class SavedWalk:
     events: tuple[FootEvent, ...]  # Of a walk, in order of time; those of the file too
 
 
-def moving_trials(folder: Path) -> list[str]:
-    """Names of the trials whose motion a result holds, in the order of its `splines.npz`."""
+def list_moving_trials(folder: Path) -> list[str]:
+    """List the trials of a result with a motion, in the order of `splines.npz`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
     try:
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
             return [str(name) for name in stored["trials"]]
@@ -203,33 +278,66 @@ def moving_trials(folder: Path) -> list[str]:
         raise InputError(message, source=folder / SPLINES, code=Code.DAMAGED_RESULT) from None
 
 
-def recorded_coordinates(folder: Path) -> dict[str, Array]:
-    """Coordinate -> its values (m, rad) in the frames of the moving trials in which it moves: over
-    half of its largest range in any of them.
+def load_recorded_coordinates(folder: Path) -> dict[str, Array]:
+    """Load the coordinates in the trials that move them.
+
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Returns
+    -------
+    dict
+        Coordinate -> values (m, rad) in the frames of `select_moving_frames`; empty without
+        motions.
     """
     found = []
-    for k, _ in enumerate(moving_trials(folder)):
+    for k, _ in enumerate(list_moving_trials(folder)):
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
             time, coefficients = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
         found.append(spline_basis(time, len(coefficients)).evaluate(coefficients))
-    return where_they_move(found) if found else {}
+    return select_moving_frames(found) if found else {}
 
 
-def where_they_move(motions: Sequence[Array]) -> dict[str, Array]:
-    """The same of motions (nf, 27), m and rad."""
+def select_moving_frames(motions: Sequence[Array]) -> dict[str, Array]:
+    """Select, for each coordinate, the trials with at least half of its largest range.
+
+    Parameters
+    ----------
+    motions
+        (nf, 27) of each trial, m and rad.
+
+    Returns
+    -------
+    dict
+        Coordinate -> values (m, rad) in the frames of these trials.
+    """
     ranges = np.array([np.ptp(q, axis=0) for q in motions])
     moves = ranges >= 0.5 * ranges.max(axis=0)
-    return {
-        name: np.concatenate(
-            [q[:, k] for q, moved in zip(motions, moves[:, k], strict=True) if moved]
-        )
-        for k, name in enumerate(COORDINATES)
-    }
+    out = {}
+    for k, name in enumerate(COORDINATES):
+        moving = [q[:, k] for q, moved in zip(motions, moves[:, k], strict=True) if moved]
+        out[name] = np.concatenate(moving)
+    return out
 
 
 def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
-    """The trial `name`, the `k`-th of `moving_trials`; the caller sees to it that files are whole
-    (`read_whole`).
+    """Load one moving trial; the caller ensures that its files are unchanged (`read_whole`).
+
+    Parameters
+    ----------
+    folder
+        A result folder.
+    k
+        Position of the trial in `list_moving_trials`.
+    name
+        Its name.
+
+    Returns
+    -------
+    SavedWalk
+        Motion, markers, torques and verdict.
     """
     model = load_model(folder / MODEL)
     with np.load(folder / SPLINES, allow_pickle=False) as stored:
@@ -243,12 +351,12 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
         converged=True,
     )
     summary = read_object(folder / SUMMARY)
-    of_trial = table_of(table_of(summary, "trials"), name)
+    of_trial = get_table(get_table(summary, "trials"), name)
     facts: dict[str, str] = {
         key: str(of_trial[key]) for key in ("verdict", "verdict_r", "verdict_l") if key in of_trial
     }
     facts.setdefault("verdict", str(summary.get("verdict", "")))
-    torques, valid = _torques(folder / "moments" / f"{name}.csv", len(time))
+    torques, valid = _read_torques(folder / "moments" / f"{name}.csv", len(time))
     refused = Judgement.REFUSED.value in (facts["verdict"], summary.get("verdict"))
     return SavedWalk(
         name=name,
@@ -257,39 +365,40 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
         markers=parse_trc(folder / "markers" / f"{name}.trc"),
         torques=None if refused else torques,
         valid=valid,
-        reactions=_reactions(folder / "forces" / f"{name}.mot"),
+        reactions=_read_reactions(folder / "forces" / f"{name}.mot"),
         facts=facts,
-        reasons=_reasons(summary, name),
-        events=saved_events(of_trial),
+        reasons=_list_reasons(summary, name),
+        events=parse_events(of_trial),
     )
 
 
-def saved_events(of_trial: Mapping[str, object]) -> tuple[FootEvent, ...]:
-    """Foot strikes and offs of a trial's entry in the summary."""
+def parse_events(of_trial: Mapping[str, object]) -> tuple[FootEvent, ...]:
+    """Parse foot strikes and foot offs from the entry of a trial in `summary.json`."""
     known = {moment.value: moment for moment in FootMoment}
     return tuple(
         FootEvent(known[e["event"]], e["side"], float(e["time"]))
-        for e in entries_of(of_trial, "events")
+        for e in get_entries(of_trial, "events")
         if e.get("event") in known
         and e.get("side") in SIDES
         and isinstance(e.get("time"), int | float)
     )
 
 
-def _reactions(path: Path) -> dict[str, Array]:
+def _read_reactions(path: Path) -> dict[str, Array]:
     if not path.exists():
         return {}
     table = read_table(path)
-    return {
-        s: np.stack([table.column(f"ground_force_{s}_v{axis}") for axis in "xyz"], axis=1)
-        for s in SIDES
-    }
+    out = {}
+    for side in SIDES:
+        parts = [table.column(f"ground_force_{side}_v{axis}") for axis in "xyz"]
+        out[side] = np.stack(parts, axis=1)
+    return out
 
 
-def _torques(path: Path, frames: int) -> tuple[Mapping[str, Array] | None, Mapping[str, BoolArray]]:
-    """Torques of a trial (N·m) and the frames in which they count, by side; None without force
-    plates.
-    """
+def _read_torques(
+    path: Path, frames: int
+) -> tuple[Mapping[str, Array] | None, Mapping[str, BoolArray]]:
+    """Read torques of a trial (N·m) and valid frames by side; None without force plates."""
     if not path.exists():
         return None, {side: np.zeros(frames, dtype=bool) for side in SIDES}
     import pandas as pd
@@ -302,16 +411,29 @@ def _torques(path: Path, frames: int) -> tuple[Mapping[str, Array] | None, Mappi
     return {name: table[name].to_numpy(dtype=np.float64) for name in names if name in table}, valid
 
 
-def _reasons(summary: Mapping[str, object], trial: str) -> tuple[str, ...]:
+def _list_reasons(summary: Mapping[str, object], trial: str) -> tuple[str, ...]:
     concern = [
-        e for e in entries_of(summary, "reasons") if not e.get("trials") or trial in e["trials"]
+        e for e in get_entries(summary, "reasons") if not e.get("trials") or trial in e["trials"]
     ]
     return tuple(f"{entry.get('cause')}: {entry.get('evidence')}" for entry in concern)
 
 
-def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
-    """Those of these trials in a folder of further trials that were made with another model than
-    that of `digest`.
+def select_stale_trials(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
+    """Select the trials that were made with another model.
+
+    Parameters
+    ----------
+    folder
+        Folder of further trials.
+    trials
+        Names.
+    digest
+        SHA-256 of the present model.
+
+    Returns
+    -------
+    tuple of str
+        Names.
     """
-    digests = table_of(read_object(folder / MANIFEST), "model_sha256")
+    digests = get_table(read_object(folder / MANIFEST), "model_sha256")
     return tuple(name for name in trials if digests.get(name) != digest)

@@ -1,13 +1,9 @@
-"""Two sessions of one person side by side: what differs, and whether the recordings could have
-missed it.
+"""Compare two sessions of one subject: curves at every percent, peaks, ranges and stride measures.
 
-Curves and steps of two sessions: how far apart they are at every percent, in peaks and ranges, and
-in means of steps.
-
-A peak is that of a phase (`gait/peaks.py`), found in every stride by itself and averaged: the peak
-of a mean curve is flatter than those of its strides. The error that strides share is taken where
-each has its peak. Strikes are known to a frame or so, heels to some millimetres: strides vary by at
-least `LEAST_SD`, however alike a few of them happen to be.
+A peak is that of a phase (`gait/peaks.py`), found in every stride and averaged. The peak of a mean
+curve would be lower than those of its strides. The error that strides share is taken at the peak of
+each stride. Strikes have an error of about a frame, heels of some millimetres. Strides therefore
+vary by at least `LEAST_SD`, even if a few of them agree better.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +23,7 @@ from gaitcal.results import stride_sets as measured
 
 @dataclass(frozen=True, kw_only=True)
 class SessionComparison:
-    """What two sessions differ in."""
+    """Differences between two sessions."""
 
     names: tuple[str, str]  # Of A and B
     subjects: tuple[Subject, Subject]
@@ -42,65 +38,81 @@ class SessionComparison:
 
     @property
     def differences(self) -> pd.DataFrame:
-        """`differences.csv`: one row a figure."""
-        return session_difference.difference_table(self.found)
+        """`differences.csv`: one row for each figure."""
+        return session_difference.build_difference_table(self.found)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The comparison in words, warnings first."""
-        return (*(f"warning: {text}" for text in self.warnings), *self.words)
+        """The comparison in sentences, warnings first."""
+        return (*(f"warning: {text}" for text in self.warnings), *self.sentences)
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """The same without warnings."""
-        return session_difference.lines_of(self.names, self.common, self.found)
+        return session_difference.describe_differences(self.names, self.common, self.found)
 
 
 def compare_sessions(a: measured.RecordedSession, b: measured.RecordedSession) -> SessionComparison:
-    """Set two sessions side by side.
+    """Compare two sessions of one subject.
 
-    Raises InputError: Their thighs or shanks are of lengths that no two results of one person have.
+    Parameters
+    ----------
+    a, b
+        Sessions A and B.
+
+    Returns
+    -------
+    SessionComparison
+        Differences b - a with their standard errors.
+
+    Raises
+    ------
+    InputError
+        The lengths of thighs or shanks differ by more than two results of one subject can.
     """
-    person = measured.identity(a, b)
+    person = measured.check_identity(a, b)
     if person.denied:
         message = f"these are not two results of one person: {'; '.join(person.denied)}"
         raise measured.NotComparableError(message, source=f"{a.name}, {b.name}")
-    common = measured.common_to(a, b)
-    curves = measured.stride_sets(a), measured.stride_sets(b)
+    common = measured.find_common(a, b)
+    curves = measured.collect_stride_sets(a), measured.collect_stride_sets(b)
     found = (
-        *curve_figures(*curves, common),
-        *measure_differences(a, b),
-        *session_difference.parameter_differences(a, b, common),
+        *compare_curve_figures(*curves, common),
+        *compare_measures(a, b),
+        *session_difference.compare_parameters(a, b, common),
     )
     return SessionComparison(
         names=(a.name, b.name),
         subjects=(a.model.subject, b.model.subject),
         common=common,
         warnings=(
-            *_verdicts(a, b),
+            *_warn_of_verdicts(a, b),
             *(f"of one person? {doubt}" for doubt in person.doubts),
-            *_kinds(a, b, curves),
+            *_warn_of_mismatches(a, b, curves),
         ),
-        found=session_difference.ranked(found),
-        curves=curve_table(*curves, common),
+        found=session_difference.rank_differences(found),
+        curves=build_curve_table(*curves, common),
     )
 
 
-def _verdicts(*sessions: measured.RecordedSession) -> tuple[str, ...]:
-    """Of sessions that are not trustworthy, the worst first."""
+def _warn_of_verdicts(*sessions: measured.RecordedSession) -> tuple[str, ...]:
+    """Describe refused and doubtful sessions, the worst first."""
     order = {"refused": 0, "doubtful": 1}
-    told = sorted((s for s in sessions if s.verdict in order), key=lambda s: order[s.verdict])
+    sessions_in_doubt = sorted(
+        (s for s in sessions if s.verdict in order), key=lambda s: order[s.verdict]
+    )
     return tuple(
-        f"{s.name} is {s.verdict}: {'; '.join(s.reasons) or 'see its report'}" for s in told
+        f"{s.name} is {s.verdict}: {'; '.join(s.reasons) or 'see its report'}"
+        for s in sessions_in_doubt
     )
 
 
-def _kinds(
+def _warn_of_mismatches(
     a: measured.RecordedSession,
     b: measured.RecordedSession,
     curves: Sequence[Mapping[measured.Key, measured.StrideSet]],
 ) -> tuple[str, ...]:
-    """Where angles do not mean the same, and where there is nothing to compare."""
+    """Describe angles of different meaning, common recordings, and sessions without strides."""
     out = [f"{s.name}: {remark}" for s in (a, b) for remark in s.remarks]
     if twice := len(a.recordings & b.recordings):
         out.append(
@@ -146,35 +158,34 @@ CURVE_HEADER = (
 
 @dataclass(frozen=True)
 class ComparedFigure:
-    """A figure of n strides, and the errors at the place where each stride has it."""
+    """A figure of n strides, and the errors at its instant in each stride."""
 
     values: Array  # (n,); NaN where not known
     shared: Array  # (n,)
     frames: Array  # (n,)
 
 
-def curve_table(
+def build_curve_table(
     a: Mapping[measured.Key, measured.StrideSet],
     b: Mapping[measured.Key, measured.StrideSet],
     common: measured.Common,
 ) -> pd.DataFrame:
-    """`curve_differences.csv`: every percent of every variable that both sessions have, with
-    `CURVE_COLUMNS`.
-    """
+    """Build `curve_differences.csv` with `CURVE_COLUMNS`: all percents of all common variables."""
     parts = []
+    values = [_get_values(a), _get_values(b)]
     for key in (key for key in a if key in b):
         both = a[key], b[key]
         n_a, n_b = (np.isfinite(s.values).sum(axis=0) for s in both)
-        mean_a, mean_b = (measured.mean_over(s.values) for s in both)
-        spread = session_difference.spread_of(
-            [s.values for s in both],
-            _beside(key, [{k: s.values for k, s in c.items()} for c in (a, b)]),
+        mean_a, mean_b = (measured.average_known(s.values) for s in both)
+        spread = session_difference.estimate_spread(
+            [s.values for s in both], _get_other_leg(key, values)
         )
-        by_strides = session_difference.stride_part(spread, n_a, n_b)
-        shared = _shared(common, *both)
+        # errors of the strides and errors that they share are independent
+        by_strides = session_difference.compute_stride_variance(spread, n_a, n_b)
+        shared = _compute_shared(common, *both)
         se = np.sqrt(np.nan_to_num(by_strides) + np.nan_to_num(shared))
-        apart = mean_b - mean_a
-        known = np.isfinite(by_strides) & np.isfinite(apart)
+        difference = mean_b - mean_a
+        is_known = np.isfinite(by_strides) & np.isfinite(difference)
         part = {
             "kind": kind_of(key[1]).words,
             "side": key[0],
@@ -183,10 +194,10 @@ def curve_table(
             "unit": unit_of(key[1]),
             "a": mean_a,
             "b": mean_b,
-            "difference": apart,
-            "se": np.where(np.isfinite(apart), se, np.nan),
-            "mdc95": np.where(np.isfinite(apart), session_difference.MDC * se, np.nan),
-            "exceeds": (known & (np.abs(apart) > session_difference.MDC * se)).astype(int),
+            "difference": difference,
+            "se": np.where(np.isfinite(difference), se, np.nan),
+            "mdc95": np.where(np.isfinite(difference), session_difference.MDC * se, np.nan),
+            "exceeds": (is_known & (np.abs(difference) > session_difference.MDC * se)).astype(int),
             "strides_a": n_a,
             "strides_b": n_b,
         }
@@ -199,46 +210,54 @@ def curve_table(
     )
 
 
-def curve_figures(
+def compare_curve_figures(
     a: Mapping[measured.Key, measured.StrideSet],
     b: Mapping[measured.Key, measured.StrideSet],
     common: measured.Common,
 ) -> Iterator[session_difference.Difference]:
-    """Peaks, ranges and means of every variable that both sessions have."""
-    figures = [{key: _figures(key[1], found) for key, found in sets.items()} for sets in (a, b)]
+    """Compare peaks, ranges and means of every common variable."""
+    figures = [_compute_all_figures(a), _compute_all_figures(b)]
     for key in (key for key in a if key in b):
         for measure in figures[0][key]:
             both = figures[0][key][measure], figures[1][key][measure]
             if not all(np.isfinite(f.values).any() for f in both):
                 continue
-            beside = [
-                {k: of[measure].values for k, of in sets.items() if measure in of}
+            by_key = [
+                {
+                    k: figures_of[measure].values
+                    for k, figures_of in sets.items()
+                    if measure in figures_of
+                }
                 for sets in figures
             ]
-            values, shared = [f.values for f in both], _shared(common, *both)
-            yield _difference(
-                kind_of(key[1]).words, key, measure, unit_of(key[1]), values, beside, shared=shared
+            values, shared = [f.values for f in both], _compute_shared(common, *both)
+            yield _build_difference(
+                kind_of(key[1]).words, key, measure, unit_of(key[1]), values, by_key, shared=shared
             )
 
 
-def _shared(
+def _compute_shared(
     common: measured.Common,
     a: measured.StrideSet | ComparedFigure,
     b: measured.StrideSet | ComparedFigure,
 ) -> Array:
-    """c^2 of the means over strides that count."""
-    return session_difference.shared_variance(
-        common, (_mean(a, a.shared), _mean(b, b.shared)), (_mean(a, a.frames), _mean(b, b.frames))
+    """Compute c^2 of the means over valid strides."""
+    return session_difference.compute_shared_variance(
+        common,
+        (_average_errors(a, a.shared), _average_errors(b, b.shared)),
+        (_average_errors(a, a.frames), _average_errors(b, b.frames)),
     )
 
 
-def _beside(key: measured.Key, sessions: Sequence[Mapping[measured.Key, Array]]) -> list[Array]:
-    """The values of the other leg, in the sessions that have them."""
+def _get_other_leg(
+    key: measured.Key, sessions: Sequence[Mapping[measured.Key, Array]]
+) -> list[Array]:
+    """Get the values of the other leg, in the sessions that have them."""
     other = ("l" if key[0] == "r" else "r", key[1])
     return [values[other] for values in sessions if other in values]
 
 
-def _difference(
+def _build_difference(
     kind: str,
     key: measured.Key,
     measure: str,
@@ -249,11 +268,14 @@ def _difference(
     shared: Array | float = 0.0,
     least: float = 0.0,
 ) -> session_difference.Difference:
-    """Of figures of strides (n,) in A and in B; `shared`: variance; `least`: standard deviation of
-    strides at least.
+    """Build the difference of figures of strides (n,) in A and B.
+
+    `shared`: variance of errors that all strides share; `least`: least standard deviation of
+    strides.
     """
-    spread = session_difference.spread_of(
-        [values[:, None] for values in both], [values[:, None] for values in _beside(key, sessions)]
+    spread = session_difference.estimate_spread(
+        [values[:, None] for values in both],
+        [values[:, None] for values in _get_other_leg(key, sessions)],
     )
     spread = session_difference.StrideSpread(
         variance=np.maximum(spread.variance, least**2), freedom=spread.freedom
@@ -268,7 +290,9 @@ def _difference(
         a=float(np.nanmean(both[0])),
         b=float(np.nanmean(both[1])),
         se_strides=float(
-            np.sqrt(session_difference.stride_part(spread, np.array([n_a]), np.array([n_b])))[0]
+            np.sqrt(
+                session_difference.compute_stride_variance(spread, np.array([n_a]), np.array([n_b]))
+            )[0]
         ),
         se_shared=float(np.sqrt(np.nan_to_num(shared))),
         strides_a=n_a,
@@ -276,33 +300,41 @@ def _difference(
     )
 
 
-def _mean(found: measured.StrideSet | ComparedFigure, errors: Array) -> Array:
-    """(m,) of curves, () of figures: mean of errors over strides whose value counts."""
+def _average_errors(found: measured.StrideSet | ComparedFigure, errors: Array) -> Array:
+    """Average errors over strides with a value: (m,) for curves, () for figures."""
     wide = np.where(np.isfinite(found.values), errors, np.nan)
     return (
-        measured.mean_over(wide)
+        measured.average_known(wide)
         if wide.ndim == 2
-        else np.asarray(measured.mean_over(wide[:, None])[0])
+        else np.asarray(measured.average_known(wide[:, None])[0])
     )
 
 
-def _figures(variable: str, found: measured.StrideSet) -> dict[str, ComparedFigure]:
-    """Measure -> the figure of every stride: `highest in swing`, `at initial contact`."""
-    own, out = np.zeros(POINTS), {}
-    of_strides = [
-        [
-            stride_peaks({variable: (value, error, own)}, None if np.isnan(off) else float(off))
-            for error in errors
-        ]
-        for value, *errors, off in zip(
-            found.values, found.shared, found.frames, found.stance, strict=True
-        )
-    ]
+def _get_values(sets: Mapping[measured.Key, measured.StrideSet]) -> dict[measured.Key, Array]:
+    return {key: strides_of_key.values for key, strides_of_key in sets.items()}
+
+
+def _compute_all_figures(
+    sets: Mapping[measured.Key, measured.StrideSet],
+) -> dict[measured.Key, dict[str, ComparedFigure]]:
+    return {key: _compute_figures(key[1], found) for key, found in sets.items()}
+
+
+def _compute_figures(variable: str, found: measured.StrideSet) -> dict[str, ComparedFigure]:
+    """Compute the figures of every stride: `highest in swing`, `at initial contact`."""
+    zeros, out = np.zeros(POINTS), {}
+    # the peaks of every stride, with the shared error and with its part due to segment axes
+    with_shared, with_frames = [], []
+    for value, shared, frames, off in zip(
+        found.values, found.shared, found.frames, found.stance, strict=True
+    ):
+        toe_off = None if np.isnan(off) else float(off)
+        with_shared.append(stride_peaks({variable: (value, shared, zeros)}, toe_off))
+        with_frames.append(stride_peaks({variable: (value, frames, zeros)}, toe_off))
     for peak in (peak for peak in PEAKS.values() if peak.variable == variable):
-        rows = [[peaks.get(peak.name, UNKNOWN)[:2] for peaks in both] for both in of_strides]
-        (values, shared), (_, frames) = np.array(rows).transpose(1, 2, 0)
-        # errors of a range cancel by what both ends share, and may leave more of a part than of the
-        # whole
+        values, shared = np.array([p.get(peak.name, UNKNOWN)[:2] for p in with_shared]).T
+        _, frames = np.array([p.get(peak.name, UNKNOWN)[:2] for p in with_frames]).T
+        # errors common to both ends of a range cancel: a part may exceed the remaining whole
         out[peak.measure] = ComparedFigure(values, shared, np.minimum(frames, shared))
     return out
 
@@ -310,21 +342,21 @@ def _figures(variable: str, found: measured.StrideSet) -> dict[str, ComparedFigu
 UNKNOWN = (np.nan,) * 4  # Peak of a stride that has none
 
 
-def measure_differences(
+def compare_measures(
     a: measured.RecordedSession, b: measured.RecordedSession
 ) -> Iterator[session_difference.Difference]:
-    """Every measure of each leg that both sessions have."""
-    sets = [_values(session.measures) for session in (a, b)]
+    """Compare every spatiotemporal measure of each leg that both sessions have."""
+    sets = [_collect_values(session.measures) for session in (a, b)]
     for key in (key for key in sets[0] if key in sets[1]):
         unit = spatiotemporal.MEASURES[key[1]]
         both = [values[key] for values in sets]
-        yield _difference(
+        yield _build_difference(
             "spatiotemporal", key, "mean", unit, both, sets, least=spatiotemporal.LEAST_SD[unit]
         )
 
 
-def _values(table: pd.DataFrame) -> dict[measured.Key, Array]:
-    """Side and measure -> the values of its strides that count."""
+def _collect_values(table: pd.DataFrame) -> dict[measured.Key, Array]:
+    """Collect the values of valid strides for each side and measure."""
     counting = (
         (table["valid"] == 1.0) & table["value"].notna() & ~(table["turn"].abs() > strides.TURNING)
     )

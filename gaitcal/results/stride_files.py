@@ -1,5 +1,6 @@
-"""The files of strides in a result folder: `cycles.csv`, its mean curves `ensemble.csv` and
-`peaks.csv`, and `spatiotemporal.csv` in long form, with its means for `summary.json`.
+"""Write the stride files of a result and the means of `spatiotemporal.csv` for `summary.json`.
+
+The files are `cycles.csv`, its mean curves `ensemble.csv`, `peaks.csv` and `spatiotemporal.csv`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,38 +44,36 @@ SPATIOTEMPORAL_COLUMNS: Final = (
     "turn",
 )
 SPATIOTEMPORAL_HEADER: Final = (
-    "strides of each foot, numbered as in cycles.csv; without a number: the recording holds a part "
-    "of it alone",
-    "start, stop: s, the strikes of that foot; source: what told them (file, plates, motion)",
+    "strides of each foot, numbered as in cycles.csv; without a number: the recording has only a "
+    "part of the stride",
+    "start, stop: s, the strikes of that foot; source: where they come from (file, plates, motion)",
     "lengths between heels at strikes on the ground, or on a treadmill's belt, along the line from "
     "the strike of that",
     "foot to its next one (Huxham et al. 2006), width across it; the step is the one that ends the "
     "stride",
     "speed: stride length / stride time; cadence: 120 / stride time; _percent: of the stride",
-    "valid: 0 of a leg that is refused, and of steps and supports beside one; turn: deg to the "
-    "left by which the",
-    "pelvis turns over the stride, empty where not known; means in summary.json are of what is "
-    "valid, without strides",
-    f"that turn by more than {TURNING:g} deg",
+    "valid: 0 for a refused leg, and for steps and supports that include one; turn: rotation of "
+    "the pelvis to the",
+    "left over the stride, deg, empty if unknown; means in summary.json are of valid values, "
+    "without strides that",
+    f"turn by more than {TURNING:g} deg",
 )
 """Comment lines above the header."""
 TIME_DIGITS: Final = 6
 TURN_DIGITS: Final = 1
 
 
-def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> "pd.DataFrame":
-    """`spatiotemporal_columns` as a data frame."""
+def build_spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> "pd.DataFrame":
+    """Return `build_spatiotemporal_columns` as a data frame."""
     import pandas as pd
 
-    return pd.DataFrame(spatiotemporal_columns(subject, trials)).astype({"stride": "Int64"})
+    return pd.DataFrame(build_spatiotemporal_columns(subject, trials)).astype({"stride": "Int64"})
 
 
-def spatiotemporal_columns(
+def build_spatiotemporal_columns(
     subject: Subject, trials: Sequence[TrialResult]
 ) -> dict[str, table_files.Column]:
-    """Every measure of every stride of the gait trials, with `SPATIOTEMPORAL_COLUMNS`; strides
-    without number: None.
-    """
+    """Build `SPATIOTEMPORAL_COLUMNS` of every stride; incomplete ones have no number."""
     rows = [
         {
             "person": subject.name,
@@ -96,47 +95,61 @@ def spatiotemporal_columns(
         for stride in trial.strides
         for name, value in stride.measures.items()
     ]
-    columns: dict[str, table_files.Column] = {
-        name: [row[name] for row in rows] for name in SPATIOTEMPORAL_COLUMNS
-    }
-    for name, digits in {
-        "start": TIME_DIGITS,
-        "stop": TIME_DIGITS,
-        "value": TIME_DIGITS,
-        "turn": TURN_DIGITS,
-    }.items():
+    columns: dict[str, table_files.Column] = {}
+    for name in SPATIOTEMPORAL_COLUMNS:
+        columns[name] = [row[name] for row in rows]
+    digits_of = dict.fromkeys(("start", "stop", "value"), TIME_DIGITS) | {"turn": TURN_DIGITS}
+    for name, digits in digits_of.items():
         columns[name] = np.round(np.array(columns[name], dtype=np.float64), digits)
     return columns | {"valid": np.array(columns["valid"], dtype=int)}
 
 
 @with_one_blas_thread
 def spatiotemporal(calibration: Calibration) -> "pd.DataFrame":
-    """Speed, cadence, steps, stance, swing and support of every stride of a calibration's walks, in
-    long form.
+    """Return speed, cadence, steps, stance, swing and support of every stride, in long form.
 
-    Columns as in `spatiotemporal.csv`: person, session, trial, side, stride (none where the
-    recording holds only a part of it), start and stop (s), source, variable, unit, value, valid (1:
-    may be used), turn (deg). Definitions: `gaitcal/gait/spatiotemporal.py`.
+    Columns as in `spatiotemporal.csv`: person, session, trial, side, stride (none if the recording
+    has only a part of it), start and stop (s), source, variable, unit, value, valid (1: usable),
+    turn (deg). Definitions: `gaitcal/gait/spatiotemporal.py`.
+
+    Parameters
+    ----------
+    calibration
+        From `gaitcal.calibrate`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each measure of each stride.
     """
-    return spatiotemporal_table(calibration.model.subject, calibration.trials)
+    return build_spatiotemporal_table(calibration.model.subject, calibration.trials)
 
 
-def means_summary(trials: Sequence[TrialResult]) -> dict[str, table_files.Json]:
-    """Measure -> unit; of each leg mean, SD and number of strides; symmetry index (%) and its
-    error.
+def summarise_means(trials: Sequence[TrialResult]) -> dict[str, table_files.Json]:
+    """Summarise the spatiotemporal measures over strides and trials.
 
-    Over strides and trials, without strides that turn and legs that are refused.
+    Turning strides and refused legs are excluded.
+
+    Parameters
+    ----------
+    trials
+        One trial, or all; of several only walks count.
+
+    Returns
+    -------
+    dict
+        Measure -> unit, mean, SD and number of strides of each leg, symmetry index (%) and its
+        error.
     """
     out: dict[str, table_files.Json] = {}
-    walks = (
-        trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]
-    )  # one trial tells of itself
+    # the summary of one trial is that of its activity, whatever it is
+    walks = trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]
     for found in measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks}):
         entry: dict[str, table_files.Json] = {"unit": found.unit}
         entry |= {
-            side: _entry(of)
-            for side, of in (("r", found.right), ("l", found.left))
-            if of is not None
+            side: _summarise_average(average)
+            for side, average in (("r", found.right), ("l", found.left))
+            if average is not None
         }
         if found.symmetry is not None and found.symmetry_error is not None:
             entry["symmetry_percent"] = round(found.symmetry, TIME_DIGITS)
@@ -145,7 +158,7 @@ def means_summary(trials: Sequence[TrialResult]) -> dict[str, table_files.Json]:
     return out
 
 
-def _entry(average: Average) -> dict[str, table_files.Json]:
+def _summarise_average(average: Average) -> dict[str, table_files.Json]:
     known = {
         "mean": average.mean,
         "sd": average.sd,
@@ -166,8 +179,8 @@ ENSEMBLE_HEADER: Final = (
     "valid; units as there",
     "n strides of so many trials at that percent; sd over strides; sd_within strides of a trial, "
     "sd_between trials",
-    "(empty where no trial has two strides); sd_error: what of sd and sd_within is measurement "
-    "error, at most",
+    "(empty if no trial has two strides); sd_error: upper limit of the measurement error in sd and "
+    "sd_within",
     "se: standard error of the mean, with the errors that all strides share",
 )
 """Comment lines above the header."""
@@ -187,8 +200,8 @@ PEAKS_HEADER: Final = (
 
 
 EarlierStrides: TypeAlias = "Mapping[str, tuple[pd.DataFrame | None, tuple[str, ...]]]"
-"""File of `STRIDE_FILES` -> rows of trials that a folder holds already, as text (None: none), and
-comment lines about them."""
+"""File of `STRIDE_FILES` -> rows of earlier trials in a folder, as text (None: none), and comment
+lines about them."""
 NO_STRIDES: Final[EarlierStrides] = dict.fromkeys(STRIDE_FILES, (None, ()))
 
 
@@ -199,20 +212,37 @@ def write_stride_files(
     relative_to: Mapping[str, float] | None = None,
     earlier: EarlierStrides = NO_STRIDES,
 ) -> Mapping[str, table_files.Column]:
-    """Write all files of strides of gait trials, those of earlier ones before them; returns columns
-    of `cycles.csv`.
+    """Write all files of strides, the rows of earlier trials first.
 
-    `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted.
+    Parameters
+    ----------
+    folder
+        The result folder that is being written.
+    model
+        The calibrated subject.
+    trials
+        Trials with strides.
+    relative_to
+        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+    earlier
+        From `read_earlier_strides`.
+
+    Returns
+    -------
+    dict
+        The columns of `cycles.csv`.
     """
     cycles = cycle_tables.write_cycles(
         folder / cycle_tables.CYCLES, model, trials, relative_to, *earlier[cycle_tables.CYCLES]
     )
     rows, lines = earlier[SPATIOTEMPORAL]
-    strides = cycles if isinstance(cycles, Mapping) else _numbers(cycles)
+    strides = cycles if isinstance(cycles, Mapping) else _convert_to_numbers(cycles)
     table_files.write_csv(
-        _mean_curves(strides), folder / ENSEMBLE, (*_turning_lines(strides), *ENSEMBLE_HEADER)
+        _compute_mean_curves(strides),
+        folder / ENSEMBLE,
+        (*_list_turning_strides(strides), *ENSEMBLE_HEADER),
     )
-    table: table_files.Table = spatiotemporal_columns(model.subject, trials)
+    table: table_files.Table = build_spatiotemporal_columns(model.subject, trials)
     if rows is not None and len(rows):
         import pandas as pd
 
@@ -221,12 +251,12 @@ def write_stride_files(
         f"{t.name}: {line}"
         for t in trials
         if t.joint is None
-        for line in table_files.refused_lines(t)
+        for line in table_files.format_refused_lines(t)
     )
     table_files.write_csv(
-        peak_columns(_peaks(strides, table)),
+        peak_columns(_compute_peaks(strides, table)),
         folder / PEAKS,
-        (*_turning_lines(strides), *PEAKS_HEADER),
+        (*_list_turning_strides(strides), *PEAKS_HEADER),
     )
     table_files.write_csv(
         table, folder / SPATIOTEMPORAL, (*lines, *refused, *SPATIOTEMPORAL_HEADER)
@@ -237,12 +267,12 @@ def write_stride_files(
 PROFILE: Final = "gait_profile.csv"
 PROFILE_HEADER: Final = (
     "Gait Variable Scores of nine angles and Gait Profile Score (gps), deg, as Baker et al. 2009: "
-    "RMS distance of",
-    "straight strides from healthy people's mean; side both: the pelvis once, of left strides, and "
+    "RMS difference of",
+    "straight strides from the normative mean; side both: the pelvis once, of left strides, and "
     "the other angles of",
     "both sides",
-    "se: standard error, by strides and by what all strides share; norm: what healthy people have, "
-    "RMS",
+    "se: standard error, from strides and from errors that all strides share; norm: score of the "
+    "normative group, RMS",
 )
 """Comment lines above the header."""
 
@@ -250,7 +280,17 @@ PROFILE_HEADER: Final = (
 def write_profile(
     folder: Path, norm: normal_bands.Norm, scores: Sequence[profile_score.Score]
 ) -> None:
-    """Write `gait_profile.csv`; nothing where no norm fits or an angle is missing."""
+    """Write `gait_profile.csv`; nothing if there are no scores.
+
+    Parameters
+    ----------
+    folder
+        The result folder that is being written.
+    norm
+        Normative data.
+    scores
+        Gait Variable Scores and Gait Profile Scores, deg.
+    """
     if not scores:
         return
     table: dict[str, table_files.Column] = {
@@ -265,14 +305,27 @@ def write_profile(
     table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
 
 
-def profile_summary(
+def summarise_profile(
     norm: normal_bands.Norm, scores: Sequence[profile_score.Score]
 ) -> dict[str, table_files.Json]:
-    """Whom the person is held against, and the scores, as `summary.json` has them."""
-    told: dict[str, table_files.Json] = {
+    """Summarise normative data and scores for `summary.json`.
+
+    Parameters
+    ----------
+    norm
+        Normative data.
+    scores
+        Gait Variable Scores and Gait Profile Scores, deg.
+
+    Returns
+    -------
+    dict
+        `norm`, and `gait_profile` if there are scores.
+    """
+    described: dict[str, table_files.Json] = {
         k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v
     }
-    out: dict[str, table_files.Json] = {"norm": told}
+    out: dict[str, table_files.Json] = {"norm": described}
     sides: dict[str, dict[str, table_files.Json]] = {}
     for s in scores:
         known = {"score": s.score, "se": s.error, "norm": s.norm}
@@ -283,20 +336,31 @@ def profile_summary(
     return out | ({"gait_profile": dict(sides)} if sides else {})
 
 
-def mean_speed(means: Mapping[str, Any]) -> float | None:
-    """m/s, over both legs, of the means of `summary.json`; None where no stride tells it."""
+def compute_mean_speed(means: Mapping[str, Any]) -> float | None:
+    """Compute the mean speed over both legs.
+
+    Parameters
+    ----------
+    means
+        From `summarise_means`.
+
+    Returns
+    -------
+    float or None
+        m/s; None if no stride has a speed.
+    """
     of_legs = [side["mean"] for key in "rl" if (side := means.get("speed", {}).get(key))]
     return float(np.mean(of_legs)) if of_legs else None
 
 
-def _numbers(strides: "pd.DataFrame") -> dict[str, table_files.Column]:
-    """The columns of a table of strides that may hold text, each stride once."""
+def _convert_to_numbers(strides: "pd.DataFrame") -> dict[str, table_files.Column]:
+    """Convert the text columns of a table of strides, in which each stride occurs once."""
     table = typed(strides)
     ensemble.require_once(table)
     return {name: table[name].to_numpy() for name in CYCLE_COLUMNS}
 
 
-def _mean_curves(strides: Mapping[str, table_files.Column]) -> dict[str, NDArray[Any]]:
+def _compute_mean_curves(strides: Mapping[str, table_files.Column]) -> dict[str, NDArray[Any]]:
     if not len(strides["value"]):
         return {name: np.empty(0) for name in ensemble.ENSEMBLE_COLUMNS}
     curves = ensemble.mean_curves(strides)
@@ -306,11 +370,12 @@ def _mean_curves(strides: Mapping[str, table_files.Column]) -> dict[str, NDArray
     }
 
 
-def _peaks(
+def _compute_peaks(
     strides: Mapping[str, table_files.Column], measures: table_files.Table
 ) -> tuple[PeakMean, ...]:
-    """Of straight strides, and of repetitions; `measures`: of `spatiotemporal.csv`, which know
-    where stance ends.
+    """Compute mean peaks over straight strides and repetitions.
+
+    `measures`: `spatiotemporal.csv`, which gives the end of stance.
     """
     rows = zip(
         *(measures[name] for name in ("trial", "side", "stride", "variable", "value")), strict=True
@@ -320,12 +385,13 @@ def _peaks(
         for t, s, n, name, v in rows
         if name == "stance_percent" and n not in ("", None)
     }
-    values, se, own = (
+    values, se, stride_error = (
         np.asarray(strides[name], dtype=np.float64) for name in ("value", "se", "se_stride")
     )
     values = np.where(np.asarray(strides["valid"]) == 1, values, np.nan)
     curves: dict[tuple[str, str, str, int], dict[str, tuple[Array, Array, Array]]] = {}
     phases: dict[tuple[str, str, str, int], Sequence[str]] = {}
+    # each variable of each stride is a block of rows, one for each percent
     for k in range(0, len(values), POINTS):
         if not abs(strides["turn"][k]) > TURNING:
             key = (
@@ -337,7 +403,7 @@ def _peaks(
             of_stride[strides["variable"][k]] = (
                 values[k : k + POINTS],
                 se[k : k + POINTS],
-                own[k : k + POINTS],
+                stride_error[k : k + POINTS],
             )
     return peak_means(
         (
@@ -350,38 +416,47 @@ def _peaks(
     )
 
 
-def _turning_lines(strides: Mapping[str, table_files.Column]) -> tuple[str, ...]:
-    """A comment line that names the strides that turn; none where all go straight."""
+def _list_turning_strides(strides: Mapping[str, table_files.Column]) -> tuple[str, ...]:
+    """List the turning strides in a comment line; none if all are straight."""
     turning = np.flatnonzero(np.abs(np.asarray(strides["turn"], dtype=np.float64)) > TURNING)
     named = dict.fromkeys(
         (strides["trial"][k], strides["side"][k], strides["stride"][k]) for k in turning
     )
     if not named:
         return ()
-    words = ", ".join(f"{trial} {side} {stride}" for trial, side, stride in named)
+    names = ", ".join(f"{trial} {side} {stride}" for trial, side, stride in named)
     return (
-        f"left out, strides that turn by more than {TURNING:g} deg (trial, side, stride): {words}",
+        f"left out, strides that turn by more than {TURNING:g} deg (trial, side, stride): {names}",
     )
 
 
-def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]) -> EarlierStrides:
-    """Rows of the trials `kept`, with the comment lines about them; none of a file that is not as
-    it was written.
+def read_earlier_strides(
+    folder: Path, hashes: Mapping[str, str], kept: Iterable[str]
+) -> EarlierStrides:
+    """Read the rows of earlier trials and their comment lines.
 
-    `hashes`: file -> SHA-256 as it was written.
+    Parameters
+    ----------
+    folder
+        Folder of further trials.
+    hashes
+        File -> SHA-256 as it was written.
+    kept
+        Names of the trials that stay.
+
+    Returns
+    -------
+    dict
+        File -> rows as text and comment lines; None for a file that has changed.
     """
     names, out = tuple(kept), {}
+    # the whole prefix, as a trial may have a name that begins another line, such as `se`
+    prefixes = tuple(f"{name}: {table_files.VERDICT}" for name in names)
     for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
             table, comments = table_files.read_csv(folder / file)
-            # with the word that follows: a trial may be called `se`, of which the head speaks as
-            # well
-            lines = tuple(
-                line
-                for line in comments
-                if line.startswith(tuple(f"{name}: {table_files.VERDICT}" for name in names))
-            )
+            lines = tuple(line for line in comments if line.startswith(prefixes))
             table = table[table["trial"].isin(names)]
         out[file] = table, lines
     return out

@@ -1,8 +1,7 @@
-"""What a result folder says of its trials: the figures of `summary.json` (one that does not exist
-is absent, never 0), the tables of joint powers and moment vectors, and, where it is known, the
-truth (`truth/`).
+"""Write `summary.json`, joint powers, moment vectors and errors against declared truth.
 
-The verdict in `summary.json`: written with a result, read back for what stands on its model.
+A figure that does not exist is absent, never 0. The verdict in `summary.json` is read again for
+further trials that use the model.
 """
 
 from collections.abc import Mapping
@@ -15,16 +14,23 @@ from gaitcal.analysis.fit_findings import is_trunk_unmeasured
 from gaitcal.analysis.result import Calibration, Loads, TrialResult
 from gaitcal.analysis.truth_errors import CurveTruth, FeatureTruth, TruthErrors
 from gaitcal.arrays import Array
+from gaitcal.calibration.joint_phases import Phase
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
+from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.result_folder import read_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict, touches_model
-from gaitcal.results.stride_files import means_summary
-from gaitcal.results.table_files import Json, columns_of, refused_lines, write_csv
-from gaitcal.results.trial_tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
+from gaitcal.results.stride_files import summarise_means
+from gaitcal.results.table_files import Json, convert_to_columns, format_refused_lines, write_csv
+from gaitcal.results.trial_tables import (
+    POWER_HEADER,
+    VECTOR_HEADER,
+    build_power_table,
+    build_vector_table,
+)
 from gaitcal.study.declared_truth import MOMENTS, MOTION
 
 if TYPE_CHECKING:
@@ -32,23 +38,28 @@ if TYPE_CHECKING:
 
 FOLDER = "truth"
 PARAMETERS_HEADER = (
-    "what is known to be true beside what was calibrated, told in the same segment frames; error: "
-    "fitted minus truth",
+    "true and calibrated parameters in the same segment frames; error: fitted minus truth",
     "z: error in standard errors; of honest ones 95 of 100 are below 1.96",
 )
 MOTION_HEADER = (
     "true coordinates in degrees and m at the frames of motion/TRIAL.csv, from the anatomical zero",
-    "_error: calibrated minus true; empty: the truth has no such instant",
+    "_error: calibrated minus true; empty: the truth has no value at this instant",
 )
 MOMENTS_HEADER = (
     "true generalised forces in N m (pelvis_tx, _ty, _tz: N) at the frames of moments/TRIAL.csv",
-    "_error: calibrated minus true, empty in frames that do not count (valid_r, valid_l, valid)",
+    "_error: calibrated minus true, empty in frames that are not valid (valid_r, valid_l, valid)",
 )
 
 
 def write_truth(truth: TruthErrors | None, out: Path) -> None:
-    """Write `truth/parameters.csv`, `truth/TRIAL_motion.csv` and `truth/TRIAL_moments.csv`; nothing
-    if None.
+    """Write `truth/parameters.csv`, `truth/TRIAL_motion.csv` and `truth/TRIAL_moments.csv`.
+
+    Parameters
+    ----------
+    truth
+        Errors against the declared truth; None: nothing is written.
+    out
+        The result folder that is being written.
     """
     if truth is None:
         return
@@ -69,17 +80,17 @@ def write_truth(truth: TruthErrors | None, out: Path) -> None:
         }
         for p in truth.parameters
     ]
-    write_csv(columns_of(rows), folder / "parameters.csv", PARAMETERS_HEADER)
+    write_csv(convert_to_columns(rows), folder / "parameters.csv", PARAMETERS_HEADER)
     for name, trial in truth.trials.items():
         for curves, time, ending, header in (
             (trial.coordinates, trial.time, MOTION, MOTION_HEADER),
             (trial.forces, trial.time, MOMENTS, MOMENTS_HEADER),
         ):
             if curves:
-                write_csv(_curve_table(time, curves), folder / (name + ending), header)
+                write_csv(_build_curve_table(time, curves), folder / (name + ending), header)
 
 
-def _curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> dict[str, Array]:
+def _build_curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> dict[str, Array]:
     columns = {"time": time}
     for name, curve in curves.items():
         columns[name] = curve.truth
@@ -87,13 +98,14 @@ def _curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> dict[str, Arr
     return columns
 
 
-def truth_summary(truth: TruthErrors) -> dict[str, Json]:
-    """Fitted parameters, joint centres and axes, and curves of each trial; units as in the files of
-    the result.
-    """
+def summarise_truth(truth: TruthErrors) -> dict[str, Json]:
+    """Summarise errors of parameters, joint centres, axes and curves, in the units of the files."""
+    joints: dict[str, dict[str, Json]] = {}
+    for feature in truth.features:
+        joints.setdefault(feature.joint, {})[feature.part] = _summarise_feature(feature)
     return {
         "parameters": {
-            p.name: _known(
+            p.name: _drop_unknown(
                 unit=p.unit,
                 nominal_error=p.nominal_error,
                 error=p.error,
@@ -105,33 +117,40 @@ def truth_summary(truth: TruthErrors) -> dict[str, Json]:
         },
         "undetermined": [p.name for p in truth.parameters if p.status == "unidentifiable"],
         "not_compared": dict(truth.not_compared),
-        "joints": {
-            joint: {f.part: _feature(f) for f in truth.features if f.joint == joint}
-            for joint in dict.fromkeys(f.joint for f in truth.features)
-        },
+        "joints": {**joints},
         "trials": {
-            name: {"coordinates": _curves(trial.coordinates), "forces": _curves(trial.forces)}
+            name: {
+                "coordinates": _summarise_curves(trial.coordinates),
+                "forces": _summarise_curves(trial.forces),
+            }
             for name, trial in truth.trials.items()
         },
     }
 
 
-def _feature(f: FeatureTruth) -> dict[str, Json]:
-    """`within`: how many `of` its parameters with standard errors hold the truth."""
+def _summarise_feature(f: FeatureTruth) -> dict[str, Json]:
+    """Summarise a centre or axis.
+
+    `within` counts those `of` its parameters whose 95 % interval contains the truth.
+    """
     held = (sum(f.within), len(f.within)) if f.within else (None, None)
-    return _known(unit=f.unit, nominal_error=f.nominal, error=f.fitted, within=held[0], of=held[1])
+    return _drop_unknown(
+        unit=f.unit, nominal_error=f.nominal, error=f.fitted, within=held[0], of=held[1]
+    )
 
 
-def _curves(curves: Mapping[str, CurveTruth]) -> dict[str, Json]:
+def _summarise_curves(curves: Mapping[str, CurveTruth]) -> dict[str, Json]:
     return {
-        name: _known(rms_error=c.rms, nominal_rms_error=c.nominal_rms, share_within=c.share_within)
+        name: _drop_unknown(
+            rms_error=c.rms, nominal_rms_error=c.nominal_rms, share_within=c.share_within
+        )
         for name, c in curves.items()
         if c.rms is not None
     }
 
 
-def _known(**figures: Json) -> dict[str, Json]:
-    """Figures that exist; the others are absent."""
+def _drop_unknown(**figures: Json) -> dict[str, Json]:
+    """Drop figures that are None and round the others."""
     return {
         key: round(v, 6) if isinstance(v, float) else v
         for key, v in figures.items()
@@ -150,52 +169,72 @@ JOINT_PRIOR = (
 STATIC_ANGLES = "static_angles_deg"
 
 
-def summary(calibration: Calibration) -> dict[str, Json]:
-    """The content of `summary.json` (mm, N, N·m, s)."""
+def summarise_calibration(calibration: Calibration) -> dict[str, Json]:
+    """Build the content of `summary.json`.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    dict
+        Lengths in mm, forces in N, torques in N·m, times in s.
+    """
+    means = summarise_means(calibration.trials)
     return {
         "status": "converged" if calibration.converged else "not converged",
-        **verdict_summary(calibration.verdict),
+        **summarise_verdict(calibration.verdict),
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
-        "subject": subject_summary(calibration.model.subject),
-        **_joint_prior(calibration),
+        "subject": summarise_subject(calibration.model.subject),
+        **_summarise_joint_prior(calibration),
         "trials": {
-            trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials
+            trial.name: summarise_trial(trial, calibration.verdict) for trial in calibration.trials
         },
-        **({"spatiotemporal": means} if (means := means_summary(calibration.trials)) else {}),
+        **({"spatiotemporal": means} if means else {}),
         STATIC_ANGLES: {
             name: round(float(np.rad2deg(value)), 4) + 0.0  # no negative zeros
             for name, value in calibration.static_angles.items()
             if not is_translation(name)
         },
-        "phases": [
-            {
-                "name": phase.name,
-                "trials": list(phase.trials),
-                "parameters": phase.parameters,
-                "iterations": phase.iterations,
-                "seconds": round(phase.seconds, 4),
-                "status": phase.status,
-                "message": phase.message,
-                **(
-                    {}
-                    if phase.marker_noise is None
-                    else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}
-                ),
-                **(
-                    {"noise_mm": {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}}
-                    if phase.noise
-                    else {}
-                ),
-            }
-            for phase in calibration.phases
-        ],
-        **({} if calibration.truth is None else {"truth": truth_summary(calibration.truth)}),
+        "phases": [_summarise_phase(phase) for phase in calibration.phases],
+        **({} if calibration.truth is None else {"truth": summarise_truth(calibration.truth)}),
     }
 
 
-def subject_summary(subject: Subject) -> dict[str, Json]:
-    """Who it is, and what a clinic wrote down; what nobody says is absent."""
+def _summarise_phase(phase: Phase) -> dict[str, Json]:
+    """Summarise one phase of the calibration; marker noise in mm, if it was estimated."""
+    out: dict[str, Json] = {
+        "name": phase.name,
+        "trials": list(phase.trials),
+        "parameters": phase.parameters,
+        "iterations": phase.iterations,
+        "seconds": round(phase.seconds, 4),
+        "status": phase.status,
+        "message": phase.message,
+    }
+    if phase.marker_noise is not None:
+        out["marker_noise_mm"] = round(1e3 * phase.marker_noise, 4)
+    if phase.noise:
+        out["noise_mm"] = {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}
+    return out
+
+
+def summarise_subject(subject: Subject) -> dict[str, Json]:
+    """Summarise the subject and its clinical record; unknown entries are absent.
+
+    Parameters
+    ----------
+    subject
+        The subject.
+
+    Returns
+    -------
+    dict
+        `name`, `mass_kg`, `height_m` and what else is known.
+    """
     out: dict[str, Json] = {
         "name": subject.name,
         "mass_kg": subject.mass,
@@ -210,24 +249,49 @@ def subject_summary(subject: Subject) -> dict[str, Json]:
     )
 
 
-def _joint_prior(calibration: Calibration) -> dict[str, Json]:
+def _summarise_joint_prior(calibration: Calibration) -> dict[str, Json]:
     prior = calibration.study.joint_prior
     if prior is None:
         return {}
     return {JOINT_PRIOR: {"file": prior.file, "people": prior.people, "left_out": prior.left_out}}
 
 
-def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
-    """One trial's entry: verdict, markers, segments, residuals, torque changes."""
-    errors = trial.calibrated.errors
+def summarise_trial(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
+    """Summarise one trial: verdict, markers, segments, residuals, torque changes.
+
+    Parameters
+    ----------
+    trial
+        A trial of a calibration, or a further trial.
+    verdict
+        Contains the verdict on this trial.
+
+    Returns
+    -------
+    dict
+        Its entry in `summary.json`.
+    """
     out: dict[str, Json] = {
         "role": trial.role.value,
-        **walk_summary(verdict, trial.name),
+        **summarise_walk(verdict, trial.name),
+        **_summarise_markers(trial),
+    }
+    if trial.joint is None:
+        out |= _summarise_events(trial)
+    if trial.loads is not None:
+        out |= _summarise_loads(trial, trial.loads)
+    return out
+
+
+def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
+    """Summarise the motion and its marker errors: all markers, segments, floors, hold-out."""
+    errors = trial.calibrated.errors
+    out: dict[str, Json] = {
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
         "weighted_markers": int(errors.kept().sum()),
         "nodes": trial.calibrated.basis.nodes,
-        "rms_mm": _rms(trial),
+        "rms_mm": _summarise_rms(trial),
     }
     if trial.bandwidth:
         out["bandwidth_hz"] = round(trial.bandwidth.motion_hz, 3)
@@ -235,7 +299,7 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
     if trial.joint:
         out["joint"] = trial.joint
     else:
-        out["pelvis_and_legs_mm"] = _rms(trial, *LOWER_BODY)
+        out["pelvis_and_legs_mm"] = _summarise_rms(trial, *LOWER_BODY)
     if trial.held_out:
         held = trial.held_out
         out["hold_out_mm"] = {
@@ -256,66 +320,78 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
             "marker": calibrated[1],
         }
     out["segments"] = {
-        segment: {"markers": int(errors.kept(segment).sum()), "rms_mm": _rms(trial, segment)}
+        segment: {
+            "markers": int(errors.kept(segment).sum()),
+            "rms_mm": _summarise_rms(trial, segment),
+        }
         for segment in SEGMENTS
         if errors.kept(segment).any()
     }
     if trial.joint_floor is not None:
-        out["joint_floor_mm"] = {
-            joint: 1e3 * value for joint, value in trial.joint_floor.joints.items()
-        }
-    if trial.joint is None:
-        out["events"] = [
-            {
-                "side": e.side,
-                "event": e.moment.value,
-                "time": round(e.time, TIME_DIGITS),
-                "source": e.source.value,
-            }
-            for e in trial.events.events
-        ]
-        if trial.events.repeats:
-            out["repetitions"] = [
-                {
-                    "start": round(c.start, TIME_DIGITS),
-                    "stop": round(c.stop, TIME_DIGITS),
-                    "phases": [
-                        {"phase": name, "stop": round(until, TIME_DIGITS)}
-                        for name, until in c.parts
-                    ],
-                }
-                for c in trial.events.repeats
-            ]
-        if trial.strides:
-            out["spatiotemporal"] = means_summary([trial])
-    if trial.loads is not None:
-        reactions = trial.loads.reactions
-        out["valid_frames"] = int(reactions.valid.sum())
-        out["valid_frames_r"], out["valid_frames_l"] = (
-            int(reactions.valid_r.sum()),
-            int(reactions.valid_l.sum()),
-        )
-        if reactions.valid.any():
-            out["pelvis_residual"] = _pelvis_residual(trial.loads)
-            if (due := trial.loads.expected) is not None:
-                out["pelvis_residual_expected"] = {
-                    "force_N": due.force.expected,
-                    "torque_Nm": due.moment.expected,
-                }
-                out["pelvis_residual_limit"] = {
-                    "force_N": due.force.limit,
-                    "torque_Nm": due.moment.limit,
-                }
-                if is_trunk_unmeasured(trial.body):
-                    out["trunk_measured"] = False
-        if reactions.has_torques:
-            out["torque_change_bwh"] = _torque_change(trial.loads)
-            if sources := _error_sources(trial.loads):
-                out["torque_error_sources"] = sources
+        floors = trial.joint_floor.joints
+        out["joint_floor_mm"] = {joint: 1e3 * value for joint, value in floors.items()}
     return out
 
 
-def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
+def _summarise_events(trial: TrialResult) -> dict[str, Json]:
+    """Summarise foot events, repetitions and spatiotemporal means of a whole-body trial."""
+    out: dict[str, Json] = {}
+    out["events"] = [
+        {
+            "side": e.side,
+            "event": e.moment.value,
+            "time": round(e.time, TIME_DIGITS),
+            "source": e.source.value,
+        }
+        for e in trial.events.events
+    ]
+    if trial.events.repeats:
+        out["repetitions"] = [_summarise_repetition(cycle) for cycle in trial.events.repeats]
+    if trial.strides:
+        out["spatiotemporal"] = summarise_means([trial])
+    return out
+
+
+def _summarise_repetition(cycle: GaitCycle) -> dict[str, Json]:
+    phases: list[Json] = [
+        {"phase": name, "stop": round(until, TIME_DIGITS)} for name, until in cycle.parts
+    ]
+    return {
+        "start": round(cycle.start, TIME_DIGITS),
+        "stop": round(cycle.stop, TIME_DIGITS),
+        "phases": phases,
+    }
+
+
+def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
+    """Summarise valid frames, pelvis residuals, and changes and errors of the torques."""
+    reactions = loads.reactions
+    out: dict[str, Json] = {
+        "valid_frames": int(reactions.valid.sum()),
+        "valid_frames_r": int(reactions.valid_r.sum()),
+        "valid_frames_l": int(reactions.valid_l.sum()),
+    }
+    if reactions.valid.any():
+        out["pelvis_residual"] = _summarise_pelvis_residual(loads)
+        if (expected := loads.expected) is not None:
+            out["pelvis_residual_expected"] = {
+                "force_N": expected.force.expected,
+                "torque_Nm": expected.moment.expected,
+            }
+            out["pelvis_residual_limit"] = {
+                "force_N": expected.force.limit,
+                "torque_Nm": expected.moment.limit,
+            }
+            if is_trunk_unmeasured(trial.body):
+                out["trunk_measured"] = False
+    if reactions.has_torques:
+        out["torque_change_bwh"] = _compute_torque_change(loads)
+        if sources := _summarise_error_sources(loads):
+            out["torque_error_sources"] = sources
+    return out
+
+
+def _summarise_rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
     nominal, calibrated, floor = trial.rms_mm(*segments)
     joint_floor = trial.joint_floor_mm(*segments)
     out: dict[str, Json] = {"nominal": nominal, "calibrated": calibrated, "rigid_floor": floor}
@@ -330,8 +406,8 @@ def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
     return out
 
 
-def _torque_change(loads: Loads) -> dict[str, Json]:
-    """RMS over valid frames of final minus nominal torque, percent of body weight times height."""
+def _compute_torque_change(loads: Loads) -> dict[str, Json]:
+    """Compute the RMS change of torques over valid frames, % of body weight times height."""
     out: dict[str, Json] = {}
     for name in (*COORDINATES, *REACTIONS):
         valid = loads.reactions.valid_for(name)
@@ -345,10 +421,8 @@ def _torque_change(loads: Loads) -> dict[str, Json]:
     return out
 
 
-def _error_sources(loads: Loads) -> dict[str, Json]:
-    """Part of the variance of each torque that each source of error makes, over valid frames; they
-    sum to 1.
-    """
+def _summarise_error_sources(loads: Loads) -> dict[str, Json]:
+    """Summarise the part of each source in the variance of each torque; the parts sum to 1."""
     out: dict[str, Json] = {}
     for column, name in enumerate(FORCES):
         shares = (
@@ -359,7 +433,7 @@ def _error_sources(loads: Loads) -> dict[str, Json]:
     return out
 
 
-def _pelvis_residual(loads: Loads) -> dict[str, Json]:
+def _summarise_pelvis_residual(loads: Loads) -> dict[str, Json]:
     out: dict[str, Json] = {}
     for stage, moments in loads.moments.items():
         force, torque = moments.residual_rms(loads.reactions.valid)
@@ -372,21 +446,33 @@ DIGITS = 6  # A millionth of a watt or newton metre
 
 
 def write_kinetics(trial: TrialResult, model: SubjectModel, out: Path) -> None:
-    """`powers/TRIAL.csv` and `moment_vectors/TRIAL.csv` of a trial with force plates; else nothing."""
+    """Write `powers/TRIAL.csv` and `moment_vectors/TRIAL.csv`; nothing without force plates.
+
+    Parameters
+    ----------
+    trial
+        A trial with its loads.
+    model
+        The calibrated subject.
+    out
+        The result folder that is being written.
+    """
     loads = trial.loads
     if loads is None or loads.kinetics is None:
         return
-    of_powers = power_table(loads, loads.kinetics, model.subject.mass)
-    of_vectors = vector_table(loads, loads.kinetics)
+    of_powers = build_power_table(loads, loads.kinetics, model.subject.mass)
+    of_vectors = build_vector_table(loads, loads.kinetics)
     tables = ((POWER_FOLDER, of_powers, POWER_HEADER), (VECTOR_FOLDER, of_vectors, VECTOR_HEADER))
     for folder, table, header in tables:
         (out / folder).mkdir(exist_ok=True)
         rounded = {name: v if name == "time" else np.round(v, DIGITS) for name, v in table.items()}
-        write_csv(rounded, out / folder / f"{trial.name}.csv", (*refused_lines(trial), *header))
+        write_csv(
+            rounded, out / folder / f"{trial.name}.csv", (*format_refused_lines(trial), *header)
+        )
 
 
 def read_vectors(folder: Path, trial: str) -> "pd.DataFrame | None":
-    """The moment vectors of a trial of a result; None where there are none: no force plates."""
+    """Read the moment vectors of a trial of a result; None without force plates."""
     import pandas as pd
 
     path = folder / VECTOR_FOLDER / f"{trial}.csv"
@@ -396,20 +482,57 @@ def read_vectors(folder: Path, trial: str) -> "pd.DataFrame | None":
 SUMMARY = "summary.json"
 
 
-def table_of(content: Mapping[str, object], key: str) -> dict[str, Any]:
-    """The object of that name in a JSON file of a result; empty where there is none."""
+def get_table(content: Mapping[str, object], key: str) -> dict[str, Any]:
+    """Get an object from a JSON file of a result.
+
+    Parameters
+    ----------
+    content
+        Parsed JSON.
+    key
+        Name of the entry.
+
+    Returns
+    -------
+    dict
+        Empty if there is no such object.
+    """
     found = content.get(key)
     return found if isinstance(found, dict) else {}
 
 
-def entries_of(content: Mapping[str, object], key: str) -> list[dict[str, Any]]:
-    """The objects of a list of that name in a JSON file of a result; none where there is no list."""
+def get_entries(content: Mapping[str, object], key: str) -> list[dict[str, Any]]:
+    """Get a list of objects from a JSON file of a result.
+
+    Parameters
+    ----------
+    content
+        Parsed JSON.
+    key
+        Name of the entry.
+
+    Returns
+    -------
+    list of dict
+        Empty if there is no such list.
+    """
     found = content.get(key)
     return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
 
 
-def verdict_summary(verdict: Verdict) -> dict[str, Json]:
-    """Entries `verdict`, `reasons` and, where the user went past errors, `forced`."""
+def summarise_verdict(verdict: Verdict) -> dict[str, Json]:
+    """Summarise a verdict.
+
+    Parameters
+    ----------
+    verdict
+        The verdict on a study.
+
+    Returns
+    -------
+    dict
+        Entries `verdict`, `reasons` and, if the user forced the calculation, `forced`.
+    """
     out: dict[str, Json] = {"verdict": verdict.judgement.value}
     if verdict.forced:
         out["forced"] = True
@@ -430,10 +553,8 @@ def verdict_summary(verdict: Verdict) -> dict[str, Json]:
     return out
 
 
-def walk_summary(verdict: Verdict, walk: str) -> dict[str, Json]:
-    """Entries `verdict`, `verdict_r` and `verdict_l` of one walk; none for a trial that is not
-    judged by itself.
-    """
+def summarise_walk(verdict: Verdict, walk: str) -> dict[str, Json]:
+    """Summarise the verdict on one walk; empty for a trial without a verdict."""
     trial = verdict.trials.get(walk)
     if trial is None:
         return {}
@@ -444,27 +565,38 @@ def walk_summary(verdict: Verdict, walk: str) -> dict[str, Json]:
 
 
 def require_not_refused(folder: Path) -> None:
-    """InputError where the calibration in a result folder is refused, with the first reason."""
+    """Raise if the calibration of a result is refused.
+
+    Parameters
+    ----------
+    folder
+        A result folder.
+
+    Raises
+    ------
+    InputError
+        With the first reason.
+    """
     summary = read_object(folder / SUMMARY)
     if summary.get("verdict") != Judgement.REFUSED.value:
         return
-    first = next(iter(entries_of(summary, "reasons")), {})
-    said = f"the calibration is refused: {first.get('cause')}; {first.get('action')}"
-    raise InputError(said, code=Code.MODEL_IN_DOUBT, source=folder)
+    first = next(iter(get_entries(summary, "reasons")), {})
+    message = f"the calibration is refused: {first.get('cause')}; {first.get('action')}"
+    raise InputError(message, code=Code.MODEL_IN_DOUBT, source=folder)
 
 
-def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
-    """What a saved calibration's own verdict says of every further trial: one finding, or none.
+def find_model_doubts(summary: Mapping[str, object]) -> tuple[Finding, ...]:
+    """Find what the verdict on a calibration means for every further trial: one finding, or none.
 
-    Faults of the forces of its walks do not touch its model; those of their markers do.
+    Findings on the forces of its walks do not concern the model; those on their markers do.
     """
     walks = {
-        name for name, entry in table_of(summary, "trials").items() if entry.get("role") == "gait"
+        name for name, entry in get_table(summary, "trials").items() if entry.get("role") == "gait"
     }
     shared = [
         r
-        for r in entries_of(summary, "reasons")
-        if touches_model(str(r.get("topic"))) or not _names(r) or _names(r) - walks
+        for r in get_entries(summary, "reasons")
+        if touches_model(str(r.get("topic"))) or not _list_names(r) or _list_names(r) - walks
     ]
     if not shared:
         return ()
@@ -487,6 +619,6 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
     )
 
 
-def _names(reason: Mapping[str, object]) -> set[str]:
+def _list_names(reason: Mapping[str, object]) -> set[str]:
     names = reason.get("trials")
     return {str(name) for name in names} if isinstance(names, list) else set()

@@ -1,5 +1,6 @@
-"""Write and read CSV and JSON files of a result; comment lines above a CSV header give the verdict
-of its numbers.
+"""Write and read CSV and JSON files of a result.
+
+Comment lines above a CSV header give the verdict on its numbers.
 """
 
 from __future__ import annotations
@@ -41,8 +42,19 @@ REFUSED_LEG_HEADER: Final = (
 """The same of one leg."""
 
 
-def refused_lines(trial: TrialResult) -> tuple[str, ...]:
-    """What the verdict says of the numbers of a trial; empty where they count."""
+def format_refused_lines(trial: TrialResult) -> tuple[str, ...]:
+    """Format the comment lines on the refused numbers of a trial.
+
+    Parameters
+    ----------
+    trial
+        A trial.
+
+    Returns
+    -------
+    tuple of str
+        Empty if nothing is refused.
+    """
     if trial.is_refused:
         return REFUSED_HEADER
     return tuple(
@@ -51,56 +63,76 @@ def refused_lines(trial: TrialResult) -> tuple[str, ...]:
 
 
 def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
-    """Write a table below comment lines; columns by name, or a data frame.
+    """Write a table below comment lines.
 
-    Cells are those of `DataFrame.to_csv`, small numbers (`1e-5`) with shorter exponents; text with
-    a `#` stands in quotation marks, within which readers that take `#` for the start of a comment
-    leave it alone.
+    Cells are those of `DataFrame.to_csv`, with shorter exponents of small numbers (`1e-5`). Text
+    that contains `#` is quoted, so that readers do not take it for a comment.
+
+    Parameters
+    ----------
+    table
+        Columns by name, or a data frame.
+    path
+        The file.
+    comments
+        Lines, written with `# ` in front.
     """
     if isinstance(table, Mapping):
         names, columns = list(table), list(table.values())
     else:
         names, columns = (
             list(table.columns),
-            [_plain(table.iloc[:, k]) for k in range(len(table.columns))],
+            [_convert_column(table.iloc[:, k]) for k in range(len(table.columns))],
         )
     rows = len(columns[0]) if columns else 0
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.writelines(f"# {line}\n" for line in comments)
-        stream.write(",".join(map(_cell, names)) + "\n")
+        stream.write(",".join(map(_format_cell, names)) + "\n")
         for start in range(0, rows, _BLOCK):
-            cells = [_cells(column[start : start + _BLOCK]) for column in columns]
+            cells = [_format_cells(column[start : start + _BLOCK]) for column in columns]
             stream.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
 
 
-def columns_of(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
-    """Rows with the same names as columns by name."""
-    return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+def convert_to_columns(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
+    """Convert rows with the same names to columns.
 
+    Parameters
+    ----------
+    rows
+        Name -> value.
 
-def _plain(column: pd.Series) -> Column:
-    """A column of a data frame without pandas; None where there is no value, but for NaN among
-    numbers.
+    Returns
+    -------
+    dict
+        Name -> values; empty without rows.
     """
+    columns: dict[str, list[Any]] = {}
+    for row in rows:
+        for name in rows[0]:
+            columns.setdefault(name, []).append(row[name])
+    return columns
+
+
+def _convert_column(column: pd.Series) -> Column:
+    """Convert a column of a data frame; missing values become None, except NaN among numbers."""
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
         return np.asarray(column)
     return column.astype(object).where(column.notna(), None).tolist()
 
 
-def _cells(column: Column) -> list[str]:
-    """Numbers in the shortest form that reads back the same, and text; empty where there is no
-    value.
-    """
+def _format_cells(column: Column) -> list[str]:
+    """Format numbers in the shortest exact form, and text; missing values are empty."""
     if isinstance(column, np.ndarray) and column.dtype.kind in "iuf":
         return number_cells(column)
     text_of = {
-        value: "" if value is None or value != value else _cell(value) for value in set(column)
+        value: "" if value is None or value != value else _format_cell(value)
+        for value in set(column)
     }
     return [text_of[value] for value in column]  # text repeats itself: each is looked at once
 
 
-def _cell(value: object) -> str:
-    """Text in quotation marks where it holds what would end a cell, or begin a comment."""
+def _format_cell(value: object) -> str:
+    """Format text, quoted if it contains a separator or a comment sign."""
     text = str(value)
     return (
         f'"{text.replace(_QUOTE, 2 * _QUOTE)}"' if any(sign in text for sign in _SPECIAL) else text
@@ -108,7 +140,20 @@ def _cell(value: object) -> str:
 
 
 def read_csv(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """A table as the text that it was written as, and its comment lines."""
+    """Read a table as text, with its comment lines.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    pandas.DataFrame
+        All cells are text.
+    tuple of str
+        Comment lines without `# `.
+    """
     import pandas as pd
 
     comments = []
@@ -124,6 +169,17 @@ def read_csv(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
-def json_text(content: Json) -> str:
-    """The text of a JSON file, as results have it."""
+def format_json(content: Json) -> str:
+    """Format the text of a JSON file of a result.
+
+    Parameters
+    ----------
+    content
+        Plain data; no NaN.
+
+    Returns
+    -------
+    str
+        With a line break at the end.
+    """
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,8 +1,7 @@
-"""All curves of one trial: angles, moments, powers, forces, with their errors and the frames in
-which they count.
+"""Build all curves of one trial: angles, moments, powers and forces with errors and valid frames.
 
 As in the files of a result: angles in degrees, internal moments in N·m with OpenSim's signs, powers
-in W, forces in N. `cycles.csv` and the page lay them over strides.
+in W, forces in N. `cycles.csv` and the page normalise them over strides.
 """
 
 from collections.abc import Iterator, Mapping
@@ -26,7 +25,7 @@ from gaitcal.model.coordinates import (
 )
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.results.trial_tables import told_powers
+from gaitcal.results.trial_tables import select_free_powers
 from gaitcal.tracking.motion import MarkerErrors, Motion, taken_off
 
 GROUND: Final = {
@@ -50,13 +49,13 @@ class Curve:
     value: Array  # (nf,)
     valid: BoolArray  # (nf,) frames in which it counts
     error: Array | None = None  # (nf,) standard error
-    own: Array | None = None  # (nf,) the part of it that differs from stride to stride
+    stride_error: Array | None = None  # (nf,) its part that differs between strides
     nominal: Array | None = None  # (nf,) with the nominal model
     truth: Array | None = None  # (nf,) where it is known
 
     @property
     def variable(self) -> str:
-        """Without the side of its leg, as `cycles.csv` calls it: `hip_flexion_moment`."""
+        """Name in `cycles.csv`, without the side of the leg: `hip_flexion_moment`."""
         return (
             self.base
             if self.kind == "force"
@@ -64,64 +63,92 @@ class Curve:
         )
 
 
-def curves_of(
+def build_curves(
     model: SubjectModel,
     trial: TrialResult,
     relative_to: Mapping[str, float] | None,
     truth: CurveTruths | None,
 ) -> tuple[Curve, ...]:
-    """All curves of a trial.
+    """Build all curves of a trial.
 
-    `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted;
-    None: from zero. `truth`: None where it is not known.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    trial
+        One trial.
+    relative_to
+        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+    truth
+        Declared true curves; None if unknown.
+
+    Returns
+    -------
+    tuple of Curve
+        Without moments, powers and forces if there are no force plates.
     """
-    curves = [*_angles(model, trial, relative_to, truth), *_feet(trial), _marker_error(trial)]
+    curves = [
+        *_build_angles(model, trial, relative_to, truth),
+        *_build_feet(trial),
+        _build_marker_error(trial),
+    ]
     if trial.loads is not None:
         curves += [
-            *_moments(model, trial.loads, truth),
-            *_powers(model, trial.loads),
-            *_forces(trial.loads),
+            *_build_moments(model, trial.loads, truth),
+            *_build_powers(model, trial.loads),
+            *_build_forces(trial.loads),
         ]
-        curves += _residuals(trial.loads)
+        curves += _build_residuals(trial.loads)
     return tuple(curves)
 
 
-def joint_of(base: str) -> str:
-    """The joint of the page that a coordinate, or a power of a joint, belongs to; empty where none."""
+def find_joint(base: str) -> str:
+    """Find the joint of the page for a coordinate or for a joint power.
+
+    Parameters
+    ----------
+    base
+        Coordinate without its side, or joint of a power.
+
+    Returns
+    -------
+    str
+        Empty if there is none.
+    """
     if row := COORDINATE_TABLE.get(base) or SEGMENT_ANGLES.get(base):
         return row.group
     return next((key for key, group in GROUPS.items() if group.power == base), "")
 
 
-def _angles(
+def _build_angles(
     model: SubjectModel,
     trial: TrialResult,
     relative_to: Mapping[str, float] | None,
     truth: CurveTruths | None,
 ) -> Iterator[Curve]:
-    """Joint angles; those of the pelvis against the trial's line of progression."""
-    body, unseen, static, whole = (
+    """Build joint angles; those of the pelvis are relative to the trial's line of progression."""
+    body, hidden, static, nominal = (
         trial.body,
         unseen_frames(trial.body),
         taken_off(relative_to),
-        _whole(trial),
+        _get_nominal_motion(trial),
     )
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.coordinates
-    everywhere, line = np.ones(len(body.time), dtype=bool), line_of(trial)
+    everywhere, line = np.ones(len(body.time), dtype=bool), compute_line(trial)
     pelvis = {
         part: np.degrees(strides.along_line(angles, line, everywhere))
-        for part, angles in pelvis_parts(trial, truth).items()
+        for part, angles in collect_pelvis_parts(trial, truth).items()
     }
     for k, name in enumerate(body.coordinates):
         if name in model.frozen or is_translation(name):
             continue
-        off = np.degrees(static.get(name, 0.0))
+        offset = np.degrees(static.get(name, 0.0))
         errors = (trial.coordinate_errors, trial.own_coordinate_errors)
-        error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
+        error, stride_error = (None if e is None else np.degrees(e[:, k]) for e in errors)
         values = {
-            "value": np.degrees(body.q[:, k]) - off,
-            "nominal": None if whole is None else np.degrees(whole.q[:, k]) - off,
-            "truth": known[name].truth - off if name in known else None,
+            "value": np.degrees(body.q[:, k]) - offset,
+            "nominal": None if nominal is None else np.degrees(nominal.q[:, k]) - offset,
+            "truth": known[name].truth - offset if name in known else None,
         }
         if name in PELVIS_ANGLES:
             values = {
@@ -132,51 +159,82 @@ def _angles(
             *split_side(name),
             "angle",
             "deg",
-            valid=angle_counts(trial, name, unseen),
+            valid=angle_counts(trial, name, hidden),
             error=error,
-            own=own,
+            stride_error=stride_error,
             **values,
         )
 
 
-def _feet(trial: TrialResult) -> Iterator[Curve]:
-    """Foot progression against the trial's line; each stride has its own (`_strides`)."""
-    feet, line, unseen = trial.foot_axes, line_of(trial), unseen_frames(trial.body)
+def _build_feet(trial: TrialResult) -> Iterator[Curve]:
+    """Build foot progression relative to the trial's line; each stride has its own line."""
+    feet, line, hidden = trial.foot_axes, compute_line(trial), unseen_frames(trial.body)
     if feet is None:
         return
     for k, side in enumerate(SIDES):
-        error, own = (None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own))
-        valid = angle_counts(trial, f"subtalar_angle_{side}", unseen)
+        error, stride_error = (
+            None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own)
+        )
+        valid = angle_counts(trial, f"subtalar_angle_{side}", hidden)
         value = np.degrees(feet.progression(side, line))
-        yield Curve(FOOT_PROGRESSION, side, "angle", "deg", value, valid, error=error, own=own)
+        yield Curve(
+            FOOT_PROGRESSION,
+            side,
+            "angle",
+            "deg",
+            value,
+            valid,
+            error=error,
+            stride_error=stride_error,
+        )
 
 
-def line_of(trial: TrialResult) -> float:
-    """Rad to the left of the room's x axis: where the walk goes on the mean; 0 where its strides do
-    not tell.
+def compute_line(trial: TrialResult) -> float:
+    """Compute the mean line of progression of a trial.
+
+    Parameters
+    ----------
+    trial
+        One trial.
+
+    Returns
+    -------
+    float
+        Rad to the left of the laboratory's x axis; 0 if no stride has a line.
     """
     lines = [stride.line for stride in trial.strides if stride.line is not None]
     return float(np.angle(np.mean(np.exp(1j * np.array(lines))))) if lines else 0.0
 
 
-def pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[str, Array]:
-    """`value`, and `nominal` and `truth` where they are known -> (nf, 3) rad, `PELVIS_ANGLES`
-    against the room.
+def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[str, Array]:
+    """Collect pelvis angles relative to the laboratory.
+
+    Parameters
+    ----------
+    trial
+        One trial.
+    truth
+        Declared true curves; None if unknown.
+
+    Returns
+    -------
+    dict
+        `value`, and `nominal` and `truth` if known -> (nf, 3) rad, `PELVIS_ANGLES`.
     """
-    whole, known = _whole(trial), {} if truth is None else truth.coordinates
+    nominal, known = _get_nominal_motion(trial), {} if truth is None else truth.coordinates
     out = {"value": strides.pelvis_angles(trial.body)}
-    if whole is not None:
-        out["nominal"] = strides.pelvis_angles(whole)
+    if nominal is not None:
+        out["nominal"] = strides.pelvis_angles(nominal)
     if all(name in known for name in PELVIS_ANGLES):
         out["truth"] = np.radians(np.stack([known[name].truth for name in PELVIS_ANGLES], axis=1))
     return out
 
 
-def _whole(trial: TrialResult) -> Motion | None:
+def _get_nominal_motion(trial: TrialResult) -> Motion | None:
     return trial.nominal if trial.nominal.coordinates == trial.body.coordinates else None
 
 
-def _moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
+def _build_moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.forces
     for name in moments.moment_names(model):
         yield Curve(
@@ -186,18 +244,18 @@ def _moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> It
             value=moments.moment_of(loads.final, name),
             valid=loads.reactions.valid_for(name),
             error=None if loads.errors is None else moments.moment_of(loads.errors, name),
-            own=None if loads.errors is None else moments.own_error_of(loads.errors, name),
+            stride_error=None if loads.errors is None else moments.own_error_of(loads.errors, name),
             nominal=moments.moment_of(loads.nominal, name),
             truth=known[name].truth if name in known else None,
         )
 
 
-def _powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
+def _build_powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
     if loads.kinetics is None:
         return
     errors = None if loads.errors is None else loads.errors.kinetics
-    for name in told_powers(model.frozen):
-        if joint_of(split_side(name)[0]) in ("", "arm"):
+    for name in select_free_powers(model.frozen):
+        if find_joint(split_side(name)[0]) in ("", "arm"):
             continue
         yield Curve(
             *split_side(name),
@@ -206,11 +264,13 @@ def _powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
             value=power_of(loads.kinetics, name),
             valid=loads.reactions.valid_for(name),
             error=None if errors is None else power_of(errors, name),
-            own=None if errors is None or errors.own is None else power_of(errors.own, name),
+            stride_error=None
+            if errors is None or errors.own is None
+            else power_of(errors.own, name),
         )
 
 
-def _forces(loads: Loads) -> Iterator[Curve]:
+def _build_forces(loads: Loads) -> Iterator[Curve]:
     for leg, side in enumerate(SIDES):
         valid = np.asarray(loads.reactions.valid_legs[:, leg])
         for base, axis in GROUND.items():
@@ -218,8 +278,8 @@ def _forces(loads: Loads) -> Iterator[Curve]:
             yield Curve(base, side, "force", "N", value, valid)
 
 
-def _residuals(loads: Loads) -> Iterator[Curve]:
-    """What the pelvis would have to be held with, of the last model and of the first."""
+def _build_residuals(loads: Loads) -> Iterator[Curve]:
+    """Build the pelvis residuals of the last and the first model."""
     if not (stages := loads.residuals):
         return
     first, last = stages[0], stages[-1]
@@ -230,18 +290,18 @@ def _residuals(loads: Loads) -> Iterator[Curve]:
         yield Curve(kind, "", kind, unit, value, loads.reactions.valid, nominal=nominal)
 
 
-def _marker_error(trial: TrialResult) -> Curve:
-    """RMS distance (mm) of measured and model markers with weight, in each frame."""
-    value = _rms(trial.body.errors if trial.joint is None else trial.calibrated.errors)
-    kind, nominal = "marker_error", _rms(trial.nominal.errors)
+def _build_marker_error(trial: TrialResult) -> Curve:
+    """Build the RMS distance (mm) of measured and model markers with weight, frame by frame."""
+    value = _compute_rms(trial.body.errors if trial.joint is None else trial.calibrated.errors)
+    kind, nominal = "marker_error", _compute_rms(trial.nominal.errors)
     return Curve(kind, "", kind, "mm", value, np.isfinite(value), nominal=nominal)
 
 
-def _rms(errors: MarkerErrors) -> Array:
-    """(nf,) mm; NaN where no marker is seen."""
+def _compute_rms(errors: MarkerErrors) -> Array:
+    """Compute the (nf,) RMS in mm; NaN if no marker is visible."""
     squares = errors.distance[:, errors.weight > 0] ** 2
-    seen = np.isfinite(squares)
-    sums, counts = np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
+    visible = np.isfinite(squares)
+    sums, counts = np.where(visible, squares, 0.0).sum(axis=1), visible.sum(axis=1)
     return np.asarray(
         1e3 * np.sqrt(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0))
     )

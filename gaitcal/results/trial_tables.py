@@ -1,6 +1,4 @@
-"""The tables of a calibration: parameters, and by trial coordinates, forces, powers, moments and
-marker errors.
-"""
+"""Build the tables of a trial: coordinates, moments, powers, moment vectors, marker errors."""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -30,15 +28,24 @@ COORDINATE_HEADER = (
 """Comment lines above the header of every file of coordinates."""
 
 
-def relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
-    """Comment lines of a file whose joint angles are counted from the static posture, coordinate ->
-    rad.
+def format_relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
+    """Format the comment lines of a file with relative joint angles.
+
+    Parameters
+    ----------
+    relative_to
+        Coordinate -> rad in the static posture.
+
+    Returns
+    -------
+    tuple of str
+        Two lines.
     """
     off = taken_off(relative_to)
     static = ", ".join(f"{n} {np.rad2deg(off[n]):.2f}" for n in FILE_COORDINATES if n in off)
     return (
-        "joint angles are relative: those of the static trial are taken off; pelvis coordinates "
-        "are as they are",
+        "joint angles are relative: those of the static trial are subtracted; pelvis coordinates "
+        "are not changed",
         f"static trial, deg: {static}",
     )
 
@@ -54,20 +61,30 @@ MOMENT_HEADER = (
     "knee frame",
     "units: N m (pelvis_tx, _ty, _tz: N); NAME_se standard error; NAME_bwh percent of body weight "
     "times height",
-    "valid_r, valid_l: 1 where that foot is wholly on plates of its own, or in the air; use "
-    "torques of that leg there",
-    "valid: 1 where both legs are valid and a plate carries the body; use torques of pelvis, trunk "
-    "and arms there",
+    "valid_r, valid_l: 1 where that foot is entirely on plates that carry no other foot, or in the "
+    "air; only there use torques of that leg",
+    "valid: 1 where both legs are valid and a plate carries the body; only there use torques of "
+    "pelvis, trunk and arms",
 )
 """Comment lines above the header of every moments file."""
 
 
-def moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
-    """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight
-    times height.
+def build_moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
+    """Build the columns of `moments/TRIAL.csv`.
+
+    Parameters
+    ----------
+    loads
+        Torques and ground reactions of a trial.
+
+    Returns
+    -------
+    dict
+        time, valid, valid_r, valid_l, then each force with its standard error and % of body weight
+        times height.
     """
     final, unknown = loads.final, np.full(len(loads.final.time), np.nan)
-    columns = _first(final.time, loads.reactions)
+    columns = _build_first_columns(final.time, loads.reactions)
     for name in (*FILE_COORDINATES, *REACTIONS):
         value = moment_of(final, name)
         columns[name] = value
@@ -76,9 +93,18 @@ def moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def marker_error_table(trial: TrialResult) -> dict[str, Array]:
-    """time, then per marker the distance (mm) between measured and model; empty where it was not
-    seen.
+def build_marker_error_table(trial: TrialResult) -> dict[str, Array]:
+    """Build the columns of `marker_errors/TRIAL.csv`.
+
+    Parameters
+    ----------
+    trial
+        One trial.
+
+    Returns
+    -------
+    dict
+        time, then per marker the distance (mm) of measured and model marker; NaN if not visible.
     """
     errors = trial.calibrated.errors
     columns = {"time": trial.calibrated.time}
@@ -114,14 +140,16 @@ VECTOR_HEADER = (
 """Comment lines above the header of every file of moment vectors."""
 
 
-def power_table(
+def build_power_table(
     loads: Loads, kinetics: joint_kinetics.JointKinetics, mass: float
 ) -> dict[str, NDArray[Any]]:
-    """time, valid, valid_r, valid_l, then per power its value (W), standard error and W/kg; `mass`
-    in kg.
+    """Build the columns of `powers/TRIAL.csv`.
+
+    Columns are time, valid, valid_r, valid_l, then each power (W), its standard error and W/kg;
+    `mass` in kg.
     """
     errors = None if loads.errors is None else loads.errors.kinetics
-    columns = _first(kinetics.time, loads.reactions)
+    columns = _build_first_columns(kinetics.time, loads.reactions)
     for name in joint_kinetics.POWERS:
         value, column = joint_kinetics.power_of(kinetics, name), joint_kinetics.power_name(name)
         columns[column] = value
@@ -132,27 +160,33 @@ def power_table(
     return columns
 
 
-def vector_table(loads: Loads, kinetics: joint_kinetics.JointKinetics) -> dict[str, NDArray[Any]]:
-    """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard
-    errors.
+def build_vector_table(
+    loads: Loads, kinetics: joint_kinetics.JointKinetics
+) -> dict[str, NDArray[Any]]:
+    """Build the columns of `moment_vectors/TRIAL.csv`.
+
+    Columns are time, valid, valid_r, valid_l, then each component in each frame (N·m) with its
+    standard errors.
     """
     errors = None if loads.errors is None else loads.errors.kinetics
     known = {"_se": errors, "_se_stride": None if errors is None else errors.own}
     unknown = np.full(len(kinetics.time), np.nan)
-    columns = _first(kinetics.time, loads.reactions)
+    columns = _build_first_columns(kinetics.time, loads.reactions)
     for name in joint_kinetics.COMPONENTS:
         for frame in joint_kinetics.VECTOR_FRAMES:
             column = joint_kinetics.vector_column(name, frame)
             columns[column] = joint_kinetics.component_of(kinetics, name, frame)
-            for ending, of in known.items():
+            for ending, kinetics_of_errors in known.items():
                 columns[column + ending] = (
-                    unknown if of is None else joint_kinetics.component_of(of, name, frame)
+                    unknown
+                    if kinetics_of_errors is None
+                    else joint_kinetics.component_of(kinetics_of_errors, name, frame)
                 )
     return columns
 
 
-def told_powers(frozen: tuple[str, ...]) -> Iterator[str]:
-    """Powers that say something: not all of their coordinates are held at zero."""
+def select_free_powers(frozen: tuple[str, ...]) -> Iterator[str]:
+    """Select powers with at least one coordinate that is not held at zero."""
     return (
         name
         for name in joint_kinetics.POWERS
@@ -160,16 +194,14 @@ def told_powers(frozen: tuple[str, ...]) -> Iterator[str]:
     )
 
 
-def told_components(frozen: tuple[str, ...]) -> Iterator[str]:
-    """Components of moments between segments that markers show: the joint's coordinates are not all
-    held at zero.
-    """
+def select_free_components(frozen: tuple[str, ...]) -> Iterator[str]:
+    """Select moment components of joints with at least one coordinate that is not held at zero."""
     for joint in joint_kinetics.NET_JOINTS:
         if not set(joint_kinetics.POWER_COORDINATES[joint.name]) <= set(frozen):
             yield from joint.components
 
 
-def _first(time: Array, reactions: GroundReactions) -> dict[str, NDArray[Any]]:
+def _build_first_columns(time: Array, reactions: GroundReactions) -> dict[str, NDArray[Any]]:
     columns: dict[str, NDArray[Any]] = {"time": time, "valid": reactions.valid.astype(int)}
     return columns | {
         "valid_r": reactions.valid_r.astype(int),
@@ -177,36 +209,71 @@ def _first(time: Array, reactions: GroundReactions) -> dict[str, NDArray[Any]]:
     }
 
 
-def pelvis_in_stride(
+def express_pelvis_in_stride(
     trial: TrialResult, angles: Array, cycle: GaitCycle, stride: Stride | None
 ) -> Array:
-    """(nf, 3) deg, `PELVIS_ANGLES` over all frames of the trial, against the line of this stride.
+    """Express pelvis angles relative to the line of progression of one stride.
 
-    `angles`: (nf, 3) rad, against the room; `stride`: what was measured of the cycle, None where
-    nothing was.
+    Parameters
+    ----------
+    trial
+        One trial.
+    angles
+        (nf, 3) rad, `PELVIS_ANGLES` relative to the laboratory.
+    cycle
+        The stride or repetition.
+    stride
+        Its measures; None if nothing was measured.
+
+    Returns
+    -------
+    (nf, 3) array
+        Deg, over all frames of the trial.
     """
     return np.asarray(
-        np.degrees(along_line(angles, stride_line(trial, cycle, stride), _inside(trial, cycle)))
+        np.degrees(
+            along_line(angles, find_stride_line(trial, cycle, stride), _find_inside(trial, cycle))
+        )
     )
 
 
-def foot_in_stride(
+def express_foot_in_stride(
     trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None
 ) -> Array | None:
-    """(nf,) deg, `foot_progression` over all frames of the trial, against the line of this stride;
-    None: not known.
+    """Express foot progression relative to the line of progression of one stride.
+
+    Parameters
+    ----------
+    trial
+        One trial.
+    side
+        `r` or `l`.
+    cycle
+        The stride or repetition.
+    stride
+        Its measures; None if nothing was measured.
+
+    Returns
+    -------
+    (nf,) array or None
+        Deg, over all frames of the trial; None if the axis of the foot is unknown.
     """
-    feet, line = trial.foot_axes, stride_line(trial, cycle, stride)
-    return None if feet is None else np.degrees(feet.progression(side, line, _inside(trial, cycle)))
+    feet, line = trial.foot_axes, find_stride_line(trial, cycle, stride)
+    return (
+        None
+        if feet is None
+        else np.degrees(feet.progression(side, line, _find_inside(trial, cycle)))
+    )
 
 
-def _inside(trial: TrialResult, cycle: GaitCycle) -> BoolArray:
+def _find_inside(trial: TrialResult, cycle: GaitCycle) -> BoolArray:
     return np.asarray((trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop))
 
 
-def stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:
-    """Rad: of the stride, else of the one nearest to it in time; 0, the room's x axis, where none
-    is known.
+def find_stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:
+    """Find the line of progression of a stride, or of the nearest one in time.
+
+    Rad to the left of the laboratory's x axis; 0 if no stride has a line.
     """
     if stride is not None and stride.line is not None:
         return stride.line

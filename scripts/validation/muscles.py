@@ -57,7 +57,7 @@ from gaitcal.model.parameters import Parameters, read_published_parameters
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.results.saved_result import where_they_move
+from gaitcal.results.saved_result import select_moving_frames
 from gaitcal.synthetic.synthetic_motion import marker_noise
 from scripts.validation.harness import judged, matching, option, rms, say, side_by_side
 from scripts.validation.people.simulated import prior_about_truth
@@ -283,7 +283,7 @@ def draw(
     if drawn:
         study, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
-    recorded = where_they_move(
+    recorded = select_moving_frames(
         [t.calibrated.q for t in found.trials if t.joint is None]
     )  # others: of one joint alone
     source = data / person / MODELS[person]

@@ -40,18 +40,18 @@ from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.session_report import load_session
 from gaitcal.results.session_difference import (
-    difference_variance,
-    pooled,
-    shared_variance,
-    told_parameters,
+    compute_difference_variance,
+    compute_shared_variance,
+    list_observed_parameters,
+    pool_strides,
 )
 from gaitcal.results.stride_sets import (
     Common,
     RecordedSession,
     StrideSet,
-    common_to,
-    mean_over,
-    stride_sets,
+    average_known,
+    collect_stride_sets,
+    find_common,
 )
 from gaitcal.synthetic.subject import recording_of, synthetic_model
 from gaitcal.synthetic.synthetic_motion import (
@@ -148,12 +148,14 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
 def outcome(seed: int) -> Outcome:
     person, streams = two_sessions(seed)
     a, b = (made_session(person, rng) for rng in streams)
-    told = set(told_parameters(b.influence))
-    names = tuple(n for n in told_parameters(a.influence) if n in told and n.startswith(LEG_JOINTS))
+    told = set(list_observed_parameters(b.influence))
+    names = tuple(
+        n for n in list_observed_parameters(a.influence) if n in told and n.startswith(LEG_JOINTS)
+    )
     index = [JP_INDEX[n] for n in names]
     fitted = np.array([s.fitted[index] for s in (a, b)])
     truth = np.array([s.truth[index] for s in (a, b)])
-    variance = difference_variance((a.influence, b.influence), names, Common.PERSON)
+    variance = compute_difference_variance((a.influence, b.influence), names, Common.PERSON)
     return Outcome(
         names=names,
         fitted=fitted - truth,
@@ -191,8 +193,12 @@ def session_variance(
     a: RecordedSession, b: RecordedSession, pair: tuple[StrideSet, StrideSet]
 ) -> Array:
     """(101,) of the difference of two sessions' curves: errors that strides of one session share."""
-    shared, frames = ([mean_over(getattr(s, name)) for s in pair] for name in ("shared", "frames"))
-    return shared_variance(common_to(a, b), (shared[0], shared[1]), (frames[0], frames[1]))
+    shared, frames = (
+        [average_known(getattr(s, name)) for s in pair] for name in ("shared", "frames")
+    )
+    return compute_shared_variance(
+        find_common(a, b), (shared[0], shared[1]), (frames[0], frames[1])
+    )
 
 
 def angle_scores(a: RecordedSession, b: RecordedSession) -> dict[str, Array]:
@@ -201,15 +207,18 @@ def angle_scores(a: RecordedSession, b: RecordedSession) -> dict[str, Array]:
     """
 
     def scores() -> Iterator[tuple[str, Array]]:
-        one, other = stride_sets(a), stride_sets(b)
+        one, other = collect_stride_sets(a), collect_stride_sets(b)
         for key in (key for key in one if key in other):
             pair = one[key], other[key]
-            variance = session_variance(a, b, pair) + sum(mean_over(s.own) ** 2 for s in pair)
+            variance = session_variance(a, b, pair) + sum(
+                average_known(s.stride_error) ** 2 for s in pair
+            )
             yield (
                 key[1],
-                ((mean_over(pair[1].values) - mean_over(pair[0].values)) / np.sqrt(variance))[
-                    ::EVERY
-                ],
+                (
+                    (average_known(pair[1].values) - average_known(pair[0].values))
+                    / np.sqrt(variance)
+                )[::EVERY],
             )
 
     return gathered(scores())
@@ -247,11 +256,11 @@ def results(out: Path) -> tuple[list[RecordedSession], RecordedSession]:
 
 def curve_scores(walks: list[RecordedSession], together: RecordedSession) -> Mapping[object, Array]:
     """Kind -> differences of the curves of two walks in standard errors, every tenth percent."""
-    alone = {key: pooled([s.values]) for key, s in stride_sets(together).items()}
+    alone = {key: pool_strides([s.values]) for key, s in collect_stride_sets(together).items()}
     spread = {
         key: np.where(found.freedom > 1, found.variance, np.nan) for key, found in alone.items()
     }
-    sets = {session.name: stride_sets(session) for session in walks}
+    sets = {session.name: collect_stride_sets(session) for session in walks}
 
     def scores() -> Iterator[tuple[object, Array]]:
         for a, b in itertools.combinations(walks, 2):
@@ -262,7 +271,9 @@ def curve_scores(walks: list[RecordedSession], together: RecordedSession) -> Map
                 variance = spread[key] * (1.0 / counts[0] + 1.0 / counts[1])
                 variance = variance + np.nan_to_num(session_variance(a, b, pair))
                 with np.errstate(invalid="ignore", divide="ignore"):
-                    z = (mean_over(pair[1].values) - mean_over(pair[0].values)) / np.sqrt(variance)
+                    z = (average_known(pair[1].values) - average_known(pair[0].values)) / np.sqrt(
+                        variance
+                    )
                 yield kind_of(key[1]), z[::EVERY]
 
     return gathered(scores())

@@ -14,7 +14,7 @@ from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters
-from gaitcal.results.trial_tables import relative_header
+from gaitcal.results.trial_tables import format_relative_header
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import fake_calibration
 from tests.model.people import published_static
@@ -131,5 +131,5 @@ def test_relative_angles_are_those_of_the_static_trial_taken_off() -> None:
         c for c in plain if c.startswith("pelvis") or c.endswith(("_velocity", "_acceleration"))
     ]
     assert all(np.array_equal(plain[name], relative[name]) for name in same)
-    _, listed = relative_header(static)
+    _, listed = format_relative_header(static)
     assert f"hip_flexion_r {wanted[0]:.2f}" in listed and "pelvis" not in listed

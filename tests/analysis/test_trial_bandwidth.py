@@ -16,7 +16,7 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.preprocess.static_disagreement import PossibleMove
-from gaitcal.results.summary import summary, trial_summary
+from gaitcal.results.summary import summarise_calibration, summarise_trial
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
@@ -175,7 +175,7 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
         write_synthetic_study(tmp_path, ("knee_r",), more='[calibration]\nip = "none"\n')
     )
     done = calibrate(study)
-    trials = summary(done)["trials"]
+    trials = summarise_calibration(done)["trials"]
     assert isinstance(trials, dict)
     for name in ("walk", "knee_r"):
         told, entry = done.trial(name).bandwidth, trials[name]
@@ -191,4 +191,4 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
         > 0.2
         > done.trial("walk").coordinate_errors[:, k].mean()
     )
-    assert trial_summary(further, done.verdict)["bandwidth_by"] == trials["walk"]["bandwidth_by"]  # type: ignore[index,call-overload]
+    assert summarise_trial(further, done.verdict)["bandwidth_by"] == trials["walk"]["bandwidth_by"]  # type: ignore[index,call-overload]

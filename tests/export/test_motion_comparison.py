@@ -12,7 +12,7 @@ from gaitcal.export.opensim.motion_comparison import BothCurves, _explained, com
 from gaitcal.export.opensim.osim_correspondence import leg_joints
 from gaitcal.export.opensim.osim_reader import read_osim
 from gaitcal.model.linkage import is_translation
-from gaitcal.results.opensim_motions import our_trials
+from gaitcal.results.opensim_motions import load_compared_trials
 from gaitcal.results.saved_result import load_result_model
 from tests.kept import kept_result
 
@@ -29,7 +29,7 @@ def test_our_own_model_moves_and_pulls_as_ours(
     pytest.importorskip("opensim")
     monkeypatch.chdir(tmp_path)
     result = kept_result(kept) / "result"
-    trials = [t for t in our_trials(result) if t.torques is not None]
+    trials = [t for t in load_compared_trials(result) if t.torques is not None]
     for k, trial in enumerate(trials):
         seen = trial.markers.markers.copy()
         seen[3:6, -1] = np.nan  # the last of a row

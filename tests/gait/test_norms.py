@@ -31,7 +31,7 @@ from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, profile_scores
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES, REACTIONS
 from gaitcal.model.subject_model import GRAVITY, Subject
-from gaitcal.results.cycle_tables import cycle_table
+from gaitcal.results.cycle_tables import build_cycle_table
 
 PERSON = Subject("x", 60.0, 1.7, "female")
 COLUMNS = "variable,unit,percent,mean,sd\n"
@@ -183,7 +183,7 @@ def test_bands_that_come_with_the_program_have_names() -> None:
 
 
 def test_every_variable_of_the_table_of_strides_may_have_a_band(whole: Calibration) -> None:
-    assert set(cycle_table(whole.model, whole.trials)["variable"]) <= set(known_variables())
+    assert set(build_cycle_table(whole.model, whole.trials)["variable"]) <= set(known_variables())
 
 
 CHILD = Subject("c", 30.0, 1.34, "female", age=9.0, leg_length={"r": 0.70, "l": 0.70})

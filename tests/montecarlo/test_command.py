@@ -12,7 +12,7 @@ from gaitcal.io.snapshot import Snapshot
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.protocol import MonteCarloSettings, ParameterChoice
 from gaitcal.report.page.monte_carlo_sections import PART
-from gaitcal.report.page.page_data import PAGE_DATA, calibration_page_data, read_page_data
+from gaitcal.report.page.page_data import PAGE_DATA, build_calibration_page_data, read_page_data
 from gaitcal.report.page.page_folder import PAGE, SCENE, write_page
 from tests import commands
 from tests.fake_result import fake_calibration
@@ -70,7 +70,9 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
     small = ("--draws", 2, "--levels", "100", "--vary", "jp", "--jobs", 1)
     assert "page:" not in run(tmp_path, *small)
     whole = fake_calibration()
-    write_page(tmp_path, walking_scene(), calibration_page_data(whole) | {"trials": NO_TRIALS})
+    write_page(
+        tmp_path, walking_scene(), build_calibration_page_data(whole) | {"trials": NO_TRIALS}
+    )
     scene = (tmp_path / SCENE).read_bytes()
     assert f"page: {tmp_path / PAGE}, preset Trust" in run(tmp_path, *small)
     before, own = trust(tmp_path)

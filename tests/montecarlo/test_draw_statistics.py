@@ -29,7 +29,7 @@ from gaitcal.montecarlo.draw_statistics import (
 from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.montecarlo.protocol import Plan, ReactionFrame, Varied
 from gaitcal.montecarlo.workers import Workers
-from gaitcal.report.figures.monte_carlo_figures import boxplot_figure, contribution_figure
+from gaitcal.report.figures.monte_carlo_figures import draw_boxplots, draw_contributions
 
 SCALE = {"jp": 1.0, "ip": 0.1, "both": np.hypot(1.0, 0.1), "noise": 0.1}
 
@@ -195,7 +195,7 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
 
 def test_boxes_are_the_percentiles() -> None:
     table = statistics(made_up(draws=60))
-    figure = boxplot_figure(table, ReactionFrame.FOOT)
+    figure = draw_boxplots(table, ReactionFrame.FOOT)
     axes = np.array(figure.axes).reshape(len(TORQUES) + 1, 4)
     titles = "joint parameters (JP), inertial parameters (IP), JP and IP, marker noise (NP)"
     assert ", ".join(a.get_title() for a in axes[0]) == titles
@@ -213,7 +213,7 @@ def test_boxes_are_the_percentiles() -> None:
 
 def test_contributions_are_written_into_the_cells(context: MonteCarloContext) -> None:
     contributions = variance_contributions(context)
-    figure = contribution_figure(contributions)
+    figure = draw_contributions(contributions)
     rows = [t.get_text() for t in figure.axes[0].get_yticklabels()]
     assert len(rows) == len(list_leg_parameters("r")) + 2
     assert rows[0] == "hip: pelvis ant"

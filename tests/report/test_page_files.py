@@ -14,8 +14,8 @@ from gaitcal.cli.view_command import view_result
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.result_folder import listed, sha256_of
 from gaitcal.pipeline.write_results import write_results
-from gaitcal.report.page.page_data import peak_page_rows, read_page_data
-from gaitcal.report.page.page_folder import PAGE, SCENE, read_page, result_page
+from gaitcal.report.page.page_data import build_peak_rows, read_page_data
+from gaitcal.report.page.page_folder import PAGE, SCENE, read_page, read_result_page
 from gaitcal.results.saved_result import OTHER_MODEL
 from gaitcal.study.study import Study
 from tests.commands import edited, run, sign
@@ -59,7 +59,7 @@ def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     assert trials(result / PAGE) == ["walk"]
     shown = held((result / PAGE).read_text(encoding="utf-8"))
     data = read_page_data(result / PAGE_DATA)
-    assert shown["sheet"] == {**data, "peaks": peak_page_rows(data)}
+    assert shown["sheet"] == {**data, "peaks": build_peak_rows(data)}
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result / "dynamics"))
     assert trials(result / "dynamics" / PAGE) == ["walk2"]
 
@@ -68,7 +68,7 @@ def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
     sheet = read_page_data(folder / "result/dynamics" / PAGE_DATA)
     assert len(sheet["lines"]) == 3 and sheet["lines"][1]["text"].startswith("Marker fit ")
     whole = json.dumps(sheet["sections"]["provenance"])
-    assert "from walk. It is not fitted anew to these trials. Its own verdict: " in whole
+    assert "from walk. It is not fitted again to these trials. Verdict on it: " in whole
     assert "was edited since" not in whole
     assert (
         sheet["sections"]["joints"][1:]
@@ -196,7 +196,7 @@ def test_the_view_of_a_result_has_all_of_its_trials(folder: Path) -> None:
     run("dynamics", result, folder / "study/walk.csv", "-q")
     run("view", result, "--html", folder / "own.html")
     assert trials(folder / "own.html") == ["walk", "walk2", "walk (dynamics)"]
-    shown, lines = result_page(result)
+    shown, lines = read_result_page(result)
     assert lines == () and [t.name for t in shown.scene.trials] == trials(folder / "own.html")
     run("view", result / "dynamics", "--html", folder / "own.html")
     assert trials(folder / "own.html") == ["walk2", "walk"]
@@ -216,5 +216,5 @@ def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None
     result = folder / "result"
     shutil.copy(result / "dynamics" / PAGE_DATA, result / PAGE_DATA)
     sign(result)
-    with pytest.raises(InputError, match="tells of other trials"):
+    with pytest.raises(InputError, match="has other trials"):
         run("view", result, "--html", folder / "own.html")

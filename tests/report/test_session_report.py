@@ -28,15 +28,15 @@ from gaitcal.report.session_report import (
     PAGE,
     PRINTED,
     WORDS,
+    build_comparison_content,
     compare_results,
-    comparison_content,
     write_comparison,
 )
 from gaitcal.results.saved_result import MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.stride_sets import Common
-from gaitcal.results.summary import SUMMARY, summary
-from gaitcal.results.table_files import json_text, read_csv
+from gaitcal.results.summary import SUMMARY, summarise_calibration
+from gaitcal.results.table_files import format_json, read_csv
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from tests.fake_result import HOSTILE, Names, fake_calibration
@@ -48,7 +48,9 @@ def write_result(calibration: Calibration, folder: Path) -> None:
         settings = json.loads(CalibrationSettings().model_dump_json())
         content = {"gaitcal": "0", "settings": settings, "trials": {}, "inputs_sha256": {}}
         (out / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
-        (out / SUMMARY).write_text(json_text(summary(calibration)), encoding="utf-8")
+        (out / SUMMARY).write_text(
+            format_json(summarise_calibration(calibration)), encoding="utf-8"
+        )
         save_model(calibration.model, out / MODEL)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         write_stride_files(out, calibration.model, calibration.trials)
@@ -105,14 +107,14 @@ def test_scores_against_other_norms_have_no_difference(
         assert page.count("6.2 ± 0.4") == 1 and ("-2.9 (missed below" in page) == (
             of_both == ("free speed",) * 2
         )
-        assert f">after, against {of_both[1] or 'not told whom'}</th>" in page
+        assert f">after, against {of_both[1] or 'a norm not recorded'}</th>" in page
 
 
 def test_the_report_of_two_sessions_holds_both_means(
     results: tuple[Path, Path], tmp_path: Path
 ) -> None:
     found = compare_results(*results)
-    content = comparison_content(found, results, {"kinematics": "Softer knee."})
+    content = build_comparison_content(found, results, {"kinematics": "Softer knee."})
     told = [json.loads((folder / SUMMARY).read_text())["verdict"] for folder in results]
     assert content.people[-1] == ("Verdict", *told), "of both, not of doubtful ones only"
     panel = next(

@@ -12,7 +12,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import factor_prior, get_prior_deviations
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.results.session_difference import placement
+from gaitcal.results.session_difference import compute_placement_errors
 from gaitcal.results.stride_sets import RecordedSession
 
 NAMES = ("hip_r.pelvis.ant", "hip_r.thigh.ant", "knee_r.thigh.front", "talocrural_r.shank.sup")
@@ -97,6 +97,6 @@ def placed_anew() -> Array:
     """(4, 4) Q by hand: each parameter by itself, but for the two views of the hip, which move by
     the same.
     """
-    out = np.diag(placement(NAMES) ** 2)
+    out = np.diag(compute_placement_errors(NAMES) ** 2)
     out[0, 1] = out[1, 0] = out[0, 0]
     return out

@@ -25,24 +25,24 @@ from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES
 from gaitcal.pipeline.write_results import write_trial
 from gaitcal.report.page.plain_data import LARGEST
-from gaitcal.report.page.trial_data import trial_page_data
+from gaitcal.report.page.trial_data import build_trial_page_data
 from gaitcal.results.cycle_tables import (
     CYCLE_HEADER,
     CYCLES,
-    cycle_table,
+    build_cycle_table,
     cycles,
     cycles_to_xarray,
     read_cycles,
     write_cycles,
 )
-from gaitcal.results.saved_result import _static_angles
+from gaitcal.results.saved_result import _read_static_angles
 from gaitcal.results.stride_files import (
     SPATIOTEMPORAL,
     STRIDE_FILES,
-    earlier_strides,
+    read_earlier_strides,
     write_stride_files,
 )
-from gaitcal.results.summary import STATIC_ANGLES, summary
+from gaitcal.results.summary import STATIC_ANGLES, summarise_calibration
 from gaitcal.results.table_files import read_csv, write_csv
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 
@@ -57,7 +57,7 @@ def one(table: pd.DataFrame, side: str, variable: str) -> pd.DataFrame:
 
 
 def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibration) -> None:
-    table = cycle_table(whole.model, whole.trials)
+    table = build_cycle_table(whole.model, whole.trials)
     assert tuple(table.columns) == CYCLE_COLUMNS
     trial = whole.trial("walk")
     strides = strides_of(trial.events)
@@ -89,7 +89,7 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     changed = replace(
         trial, loads=replace(trial.loads, reactions=replace(reactions, valid=left, valid_legs=legs))
     )
-    table = cycle_table(whole.model, [changed])
+    table = build_cycle_table(whole.model, [changed])
     assert one(table, "r", "hip_flexion_moment")["valid"].all()
     of_left = one(table, "l", "hip_flexion_moment")
     assert not of_left["valid"].iloc[50] and of_left["valid"].iloc[[0, 30, 70, 100]].all()
@@ -121,7 +121,7 @@ def test_what_was_written_is_read_back_also_by_pandas_alone(
     """A person called `001` stays one, in whatever folder; another file is told in a line."""
     model = replace(whole.model, subject=replace(whole.model.subject, name="001"))
     write_cycles(tmp_path / "cycles.csv", model, whole.trials)
-    found, table = read_cycles(tmp_path), cycle_table(model, whole.trials)
+    found, table = read_cycles(tmp_path), build_cycle_table(model, whole.trials)
     pd.testing.assert_frame_equal(
         found.astype({"person": str}), table.astype({"person": str}), check_dtype=False
     )
@@ -164,7 +164,9 @@ def test_without_xarray_a_line_says_what_to_install(
 
 def test_relative_angles_are_those_of_the_static_posture_less(whole: Calibration) -> None:
     off = {"hip_flexion_l": np.radians(4.0), "pelvis_tilt": np.radians(9.0)}
-    plain, relative = (cycle_table(whole.model, whole.trials, static) for static in (None, off))
+    plain, relative = (
+        build_cycle_table(whole.model, whole.trials, static) for static in (None, off)
+    )
     for variable, less in (("hip_flexion", 4.0), ("pelvis_tilt", 0.0), ("hip_flexion_moment", 0.0)):
         gap = (
             one(plain, "l", variable)["value"].to_numpy()
@@ -175,7 +177,7 @@ def test_relative_angles_are_those_of_the_static_posture_less(whole: Calibration
 
 def test_nothing_of_a_refused_leg_counts_nor_of_pelvis_and_trunk(whole: Calibration) -> None:
     for legs in (("r",), ("r", "l")):
-        table = cycle_table(whole.model, [whole.trial("walk").refused(legs)])
+        table = build_cycle_table(whole.model, [whole.trial("walk").refused(legs)])
         counting = set(table.loc[table["valid"] == 1, "side"])
         assert counting == {"r", "l"} - set(legs)
         assert not table.loc[table["variable"].str.startswith(("pelvis", "lumbar")), "valid"].any()
@@ -202,7 +204,7 @@ def test_pelvis_angles_are_along_each_stride_and_those_of_a_turn_do_not_count(
         strides = tuple(
             replace(s, line=line, turn=40.0 if s.side == "l" else 1.0) for s in trial.strides
         )
-        tables.append(cycle_table(whole.model, [replace(trial, body=body, strides=strides)]))
+        tables.append(build_cycle_table(whole.model, [replace(trial, body=body, strides=strides)]))
     plain, turned = tables
     for name in PELVIS_ANGLES:
         np.testing.assert_allclose(
@@ -226,7 +228,7 @@ def test_an_angle_counts_only_where_markers_show_its_segments(whole: Calibration
     distance, shank = errors.distance.copy(), np.array(errors.segments) == "shank_l"
     distance[np.ix_(middle, shank)] = np.nan
     body = replace(trial.body, errors=replace(errors, distance=distance))
-    table = cycle_table(whole.model, [replace(trial, body=body)])
+    table = build_cycle_table(whole.model, [replace(trial, body=body)])
     for variable in ("knee_angle", "ankle_angle"):
         own = one(table, "l", variable)["valid"]
         assert not own.iloc[50] and own.iloc[[0, 30, 70, 100]].all()
@@ -251,7 +253,7 @@ def test_the_file_says_first_which_trials_are_refused_and_keeps_what_was_there(
     both, comments = read_csv(tmp_path / "both.csv")
     assert comments == (lines[0], *CYCLE_HEADER)
     pd.testing.assert_frame_equal(both[both["trial"] == "walk"], rows)
-    assert (both["trial"] == "later").sum() == len(cycle_table(whole.model, later))
+    assert (both["trial"] == "later").sum() == len(build_cycle_table(whole.model, later))
 
 
 def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Calibration) -> None:
@@ -262,8 +264,8 @@ def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Ca
     lines = [replace(stride, line=0.2 * k - 0.5) for k, stride in enumerate(trial.strides)]
     turned = replace(trial, strides=tuple(lines))
     table, sheet = (
-        cycle_table(whole.model, [turned]),
-        trial_page_data(whole.model, turned, verdict=None),
+        build_cycle_table(whole.model, [turned]),
+        build_trial_page_data(whole.model, turned, verdict=None),
     )
     compared = 0
     for stride in sheet["strides"]:
@@ -348,7 +350,7 @@ def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(
     model, walk = whole.model, replace(whole.trial("walk"), name="se")
     write_stride_files(tmp_path, model, [walk.refused(("r",))])
     hashes = {name: str(sha256_of(tmp_path / name)) for name in STRIDE_FILES}
-    found = earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
+    found = read_earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
     assert [len(found["cycles.csv"][1]), len(found["spatiotemporal.csv"][1])] == [1, 1]
     assert found["cycles.csv"][1][0].startswith("se: verdict: the right leg")
 
@@ -428,10 +430,10 @@ def test_tables_are_relative_and_the_mot_is_not(tmp_path: Path) -> None:
 
 def test_static_angles_come_back_from_the_summary(tmp_path: Path) -> None:
     angles = {"pelvis_tx": 0.1, "hip_flexion_r": 0.2, "ankle_angle_l": -0.05}
-    entries = summary(replace(fake_calibration(), static_angles=angles))
-    back = _static_angles(entries, tmp_path)
+    entries = summarise_calibration(replace(fake_calibration(), static_angles=angles))
+    back = _read_static_angles(entries, tmp_path)
     assert back == pytest.approx(
         {n: v for n, v in angles.items() if n != "pelvis_tx"}, abs=np.deg2rad(WRITTEN_DEG)
     )
     with pytest.raises(InputError, match="calibrate again"):
-        _static_angles({k: v for k, v in entries.items() if k != STATIC_ANGLES}, tmp_path)
+        _read_static_angles({k: v for k, v in entries.items() if k != STATIC_ANGLES}, tmp_path)

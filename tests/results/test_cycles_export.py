@@ -17,14 +17,14 @@ from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.labels import FootMoment
-from gaitcal.report.figures.document import LEAST_SHEET, ReportContent, _story, write_pdf
-from gaitcal.report.figures.report_sheets import CurvePanel, SheetOfCurves, limits_of
+from gaitcal.report.figures.document import LEAST_SHEET, ReportContent, _build_report, write_pdf
+from gaitcal.report.figures.report_sheets import CurvePanel, SheetOfCurves, compute_panel_limits
 from gaitcal.report.gait_report import (
     KINEMATICS,
     KINETICS,
-    _no_curves,
+    _explain_missing_curves,
     read_comments,
-    report_content,
+    read_report_content,
 )
 from gaitcal.results.cycle_tables import read_cycles
 from gaitcal.results.saved_result import load_result_model
@@ -246,7 +246,7 @@ NORMS = "schwartz2008"
 
 @pytest.fixture(scope="module")
 def content(made: Path) -> ReportContent:
-    return report_content(made, (read_normal_bands(NORMS), NORMS), {"kinematics": HOSTILE})
+    return read_report_content(made, (read_normal_bands(NORMS), NORMS), {"kinematics": HOSTILE})
 
 
 @pytest.fixture
@@ -323,7 +323,7 @@ def test_scores_stand_on_paper_as_in_a_second_computation(
 
 
 def test_no_adult_is_held_against_children_unasked(made: Path) -> None:
-    content = report_content(made, None, {})
+    content = read_report_content(made, None, {})
     assert content.norm == "" and not content.profile and content.norm_remark.startswith("No norm")
 
 
@@ -332,12 +332,14 @@ def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(
 ) -> None:
     shown = panel(content, "ankle_angle_moment")
     mean, sd = shown.norm
-    low, high, step = limits_of(shown)
+    low, high, step = compute_panel_limits(shown)
     assert (
         low < np.nanmin(mean - sd) and np.nanmax(mean + sd) < high and 3 <= (high - low) / step <= 6
     )
     still = replace(shown, norm=None, mean={}, strides={"r": (np.full(101, 0.1),)})
-    assert limits_of(still)[:2] == pytest.approx((0.1 - still.least / 2, 0.1 + still.least / 2))
+    assert compute_panel_limits(still)[:2] == pytest.approx(
+        (0.1 - still.least / 2, 0.1 + still.least / 2)
+    )
 
 
 def test_the_same_content_gives_the_same_pages(content: ReportContent, tmp_path: Path) -> None:
@@ -383,7 +385,7 @@ def test_strides_count_on_paper_as_on_the_page(changed: Path) -> None:
         right, left = next(trial["strides"] for trial in page["trials"] if trial["strides"])
         right |= {"side": "r", "plate": "7", "reason": "", "turns": False}
         left |= {"side": "l", "plate": "", "reason": "foot beside the plate", "turns": True}
-    rows = report_content(changed, None, {}).walks[1:]
+    rows = read_report_content(changed, None, {}).walks[1:]
     assert [row[1] for row in rows] == ["right", "left"]
     assert [row[3:] for row in rows] == [
         ("7", "1 of 1", ""),
@@ -400,20 +402,20 @@ def test_unexplained_force_and_moment_are_both_judged(beyond: str, changed: Path
             {beyond: 2.0} if beyond else {}
         )
         trial |= {} if beyond else {"trunk_measured": False}
-    (told,) = report_content(changed, None, {}).fit
+    (told,) = read_report_content(changed, None, {}).fit
     assert (
         ("too high" in told) == bool(beyond)
         and "force at the pelvis 20 N" in told
         and "moment 5.0 N·m" in told
     )
-    assert ("limits are wide, as no marker tells how trunk and arms move" in told) == (not beyond)
+    assert ("limits are wide, as trunk and arms have no markers" in told) == (not beyond)
 
 
 def test_relative_angles_have_no_profile(changed: Path) -> None:
     with edited(changed, "manifest.json") as manifest:
         manifest["settings"]["angles"] = "relative"
-    content = report_content(changed, (read_normal_bands(NORMS), NORMS), {})
-    assert not content.profile and "counted from the static posture" in content.norm_remark
+    content = read_report_content(changed, (read_normal_bands(NORMS), NORMS), {})
+    assert not content.profile and "relative to the static posture" in content.norm_remark
 
 
 def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:
@@ -431,7 +433,7 @@ def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:
         )
         for trial in summary["trials"].values():
             trial["role"] = "motion"
-    content = report_content(changed, None, {})
+    content = read_report_content(changed, None, {})
     assert not content.walked and content.title.startswith("Movement report")
     assert [sheet.title for sheet in content.sheets] == [
         "Kinematics, squat",
@@ -457,12 +459,12 @@ def test_without_a_stride_a_sentence_stands_in_place_of_sheets(
     with edited(changed, "page.json") as page:
         for trial in page["trials"]:
             trial["strides"] = []
-    content = report_content(changed, None, {"kinetics": "kept"})
+    content = read_report_content(changed, None, {"kinetics": "kept"})
     assert {sheet.without for sheet in content.sheets} == {
         "No curves: there is no complete stride or repetition."
     }
-    assert "result.html" in _no_curves({})  # isolated trials alone
-    printed = [part.text for part in _story(content, 500.0, 700.0) if hasattr(part, "text")]
+    assert "result.html" in _explain_missing_curves({})  # isolated trials alone
+    printed = [part.text for part in _build_report(content, 500.0, 700.0) if hasattr(part, "text")]
     assert printed.count(content.sheets[0].without) == 2 and "kept" in printed
     assert write_pdf(content, tmp_path / "two.pdf") == 2
 
@@ -473,7 +475,7 @@ def test_a_long_comment_leaves_the_curves_their_height(
     long = replace(
         content, comments={"kinematics": "Knees stay bent in stance. " * 200, "kinetics": "short"}
     )
-    sheets = [part for part in _story(long, 500.0, 700.0) if isinstance(part, SheetOfCurves)]
+    sheets = [part for part in _build_report(long, 500.0, 700.0) if isinstance(part, SheetOfCurves)]
     assert len(sheets) == 2 and min(part.height for part in sheets) >= LEAST_SHEET
     assert write_pdf(long, tmp_path / "long.pdf") == write_pdf(content, tmp_path / "short.pdf") + 1
 

@@ -11,15 +11,15 @@ from gaitcal.calibration.joint_prior import factor_prior, make_study_prior, sele
 from gaitcal.errors import InputError
 from gaitcal.export.opensim.model_comparison import ComparisonRow, osim_words
 from gaitcal.model.parameters import JP_INDEX
-from gaitcal.results.session_comparison import compare_sessions, curve_figures
+from gaitcal.results.session_comparison import compare_curve_figures, compare_sessions
 from gaitcal.results.session_difference import (
     MDC,
-    difference_variance,
-    lines_of,
-    numbers_of,
-    own_causes,
-    placement,
-    sentence,
+    compute_anatomical_root,
+    compute_difference_variance,
+    compute_placement_errors,
+    describe_difference,
+    describe_differences,
+    format_numbers,
 )
 from gaitcal.results.stride_sets import Common, StrideSet
 from gaitcal.study.settings import ParameterPriorTable
@@ -94,14 +94,16 @@ def test_one_stride_each_is_never_more_than_could_be_missed() -> None:
 
 def test_what_both_share_counts_once() -> None:
     one, other = (made_session(seed=seed).influence for seed in (0, 1))
-    assert not difference_variance((one, other), NAMES, Common.MODEL).any()
+    assert not compute_difference_variance((one, other), NAMES, Common.MODEL).any()
     markers = [(i.parameters[:, :3] ** 2).sum(axis=1) for i in (one, other)]
-    static = difference_variance((one, other), NAMES, Common.STATIC)
+    static = compute_difference_variance((one, other), NAMES, Common.STATIC)
     assert static == pytest.approx(
         sum(markers), rel=1e-12
     )  # nominal columns are alike: they cancel
-    person = difference_variance((one, other), NAMES, Common.PERSON)
-    assert person == pytest.approx(sum(markers) + 2.0 * placement(NAMES) ** 2, rel=1e-12)
+    person = compute_difference_variance((one, other), NAMES, Common.PERSON)
+    assert person == pytest.approx(
+        sum(markers) + 2.0 * compute_placement_errors(NAMES) ** 2, rel=1e-12
+    )
 
 
 def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
@@ -113,12 +115,12 @@ def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
     parts = [rng.normal(size=(len(NAMES), len(NAMES))) for _ in range(2)]
     one, other = (ErrorSources(NAMES, part @ factor_prior(NAMES, None), clusters) for part in parts)
     own, apart = spread - placed_anew(), parts[1] - parts[0]
-    wanted = np.diag(apart @ own @ apart.T) + 2.0 * placement(NAMES) ** 2
-    assert difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(
+    wanted = np.diag(apart @ own @ apart.T) + 2.0 * compute_placement_errors(NAMES) ** 2
+    assert compute_difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(
         wanted, rel=1e-9
     )
     wanted = np.diag(apart @ spread @ apart.T)
-    assert difference_variance((one, other), NAMES, Common.STATIC) == pytest.approx(
+    assert compute_difference_variance((one, other), NAMES, Common.STATIC) == pytest.approx(
         wanted, rel=1e-9
     )
 
@@ -127,11 +129,11 @@ def test_markers_move_the_place_of_a_bone_end_and_leave_its_two_views_as_far_apa
     """6 mm of the 12 that the hip's centre has along x; nothing of the 4 that pelvis and thigh are
     apart.
     """
-    assert own_causes(NAMES[:2], None) == pytest.approx(
+    assert compute_anatomical_root(NAMES[:2], None) == pytest.approx(
         np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12
     )
     narrow = make_study_prior({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
-    values = np.linalg.eigvalsh(own_causes(NAMES[:2], narrow))
+    values = np.linalg.eigvalsh(compute_anatomical_root(NAMES[:2], narrow))
     assert values[0] == pytest.approx(0.0, abs=1e-7) and values[1] <= 1.0, (
         "markers are not put better than is known"
     )
@@ -148,17 +150,19 @@ def test_refused_and_doubtful_results_are_said_first() -> None:
 def test_negative_values_are_told_as_more_or_less_negative() -> None:
     found = compare_sessions(made_session("a"), made_session("b", swing=SWING)).found
     peak = replace(found[0], name="ankle_angle_moment", kind="moment", unit="N m", a=-86.0, b=-77.0)
-    assert "9.0 N m less negative (-77.0 against -86.0)" in sentence(peak)
-    assert "9.0 N m more negative" in sentence(replace(peak, a=-77.0, b=-86.0))
+    assert "9.0 N m less negative (-77.0 against -86.0)" in describe_difference(peak)
+    assert "9.0 N m more negative" in describe_difference(replace(peak, a=-77.0, b=-86.0))
     lowest = replace(
         peak, name="knee_adduction_moment", measure="lowest in terminal stance", a=-11.8, b=-8.4
     )
     told = "knee abduction moment, terminal stance: 3.4 N m less (8.4 against 11.8)"
-    assert told in sentence(lowest) and numbers_of(lowest)[:3] == ("11.8", "8.4", "-3.4"), (
-        "in the sense in which it acts"
-    )
+    assert told in describe_difference(lowest) and format_numbers(lowest)[:3] == (
+        "11.8",
+        "8.4",
+        "-3.4",
+    ), "in the sense in which it acts"
     same_step = replace(peak, unit="s", a=0.6070, b=0.60696)
-    assert numbers_of(same_step)[:3] == ("0.607", "0.607", "0.000")
+    assert format_numbers(same_step)[:3] == ("0.607", "0.607", "0.000")
 
 
 def test_single_support_is_told_once_as_the_swing_of_the_other_leg() -> None:
@@ -178,9 +182,10 @@ def test_single_support_is_told_once_as_the_swing_of_the_other_leg() -> None:
         for side, name in (("l", "swing"), ("r", "single_support"))
     ]
     assert (
-        "left swing" in (lines := lines_of(("a", "b"), Common.STATIC, legs))[2] and len(lines) == 3
+        "left swing" in (lines := describe_differences(("a", "b"), Common.STATIC, legs))[2]
+        and len(lines) == 3
     )
-    assert "right single support" in lines_of(("a", "b"), Common.STATIC, legs[1:])[2]
+    assert "right single support" in describe_differences(("a", "b"), Common.STATIC, legs[1:])[2]
 
 
 def test_a_recording_in_both_is_said() -> None:
@@ -242,11 +247,13 @@ def test_errors_that_both_ends_of_a_range_share_cancel_in_all_their_parts() -> N
     wave = np.sin(np.linspace(0.0, 2.0 * np.pi, 101))[None]
     found = StrideSet(
         values=10.0 * wave,
-        own=0.0 * wave,
+        stride_error=0.0 * wave,
         shared=0.0 * wave + 1.0,
         frames=0.5 + 0.4 * wave,
         stance=np.array([60.0]),
     )
     sets = {("r", "pelvis_list"): found}
-    ranges = [d for d in curve_figures(sets, sets, Common.STATIC) if d.measure.startswith("range")]
+    ranges = [
+        d for d in compare_curve_figures(sets, sets, Common.STATIC) if d.measure.startswith("range")
+    ]
     assert ranges and all(d.se_shared == 0.0 for d in ranges)

@@ -18,18 +18,18 @@ from gaitcal.gait.events import joined_events
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.coordinates import LEG_COORDINATES
-from gaitcal.report.page.page_data import calibration_page_data
+from gaitcal.report.page.page_data import build_calibration_page_data
 from gaitcal.results.cycle_tables import CYCLES
 from gaitcal.results.stride_files import (
     ENSEMBLE,
     SPATIOTEMPORAL,
     SPATIOTEMPORAL_COLUMNS,
     STRIDE_FILES,
-    earlier_strides,
+    read_earlier_strides,
     spatiotemporal,
     write_stride_files,
 )
-from gaitcal.results.summary import summary, trial_summary
+from gaitcal.results.summary import summarise_calibration, summarise_trial
 from gaitcal.study.study_trial import Role
 from tests.fake_result import ERROR_SHARES, fake_calibration
 from tests.report.page.walked_blocks import page_words, rows_of, walked
@@ -59,7 +59,7 @@ def test_every_measure_of_every_stride_stands_in_the_table_with_its_unit(
 
 
 def test_summary_and_report_have_the_means(whole: Calibration) -> None:
-    content = summary(whole)
+    content = summarise_calibration(whole)
     means = content["spatiotemporal"]
     assert isinstance(means, dict)
     table = spatiotemporal(whole)
@@ -68,10 +68,10 @@ def test_summary_and_report_have_the_means(whole: Calibration) -> None:
         entry = means["stance"][side]
         assert entry["mean"] == pytest.approx(own.mean(), abs=1e-5) and entry["strides"] == len(own)
     assert content["trials"]["walk"]["spatiotemporal"] == means
-    assert any(trial["measures"] for trial in calibration_page_data(whole)["trials"])
+    assert any(trial["measures"] for trial in build_calibration_page_data(whole)["trials"])
     without = replace(whole, trials=tuple(replace(t, strides=()) for t in whole.trials))
-    assert not any(trial["measures"] for trial in calibration_page_data(without)["trials"])
-    assert "spatiotemporal" not in summary(without)
+    assert not any(trial["measures"] for trial in build_calibration_page_data(without)["trials"])
+    assert "spatiotemporal" not in summarise_calibration(without)
 
 
 def test_refused_legs_are_marked_and_are_in_no_mean(whole: Calibration) -> None:
@@ -87,14 +87,14 @@ def test_refused_legs_are_marked_and_are_in_no_mean(whole: Calibration) -> None:
     assert not table[table["variable"].str.startswith(("step", "double"))]["valid"].any(), (
         "both feet belong to these"
     )
-    means = summary(right)["spatiotemporal"]
+    means = summarise_calibration(right)["spatiotemporal"]
     assert isinstance(means, dict) and "stance" in means and "step_time" not in means
     assert all("r" not in entry for entry in means.values() if isinstance(entry, dict))
     all_refused = replace(whole, trials=tuple(t.refused() for t in whole.trials))
-    assert "spatiotemporal" not in summary(all_refused)
+    assert "spatiotemporal" not in summarise_calibration(all_refused)
     (told,) = (
         trial["measures"]
-        for trial in calibration_page_data(right)["trials"]
+        for trial in build_calibration_page_data(right)["trials"]
         if trial["name"] == "walk"
     )
     assert all((stride["side"] == "l") >= bool(stride["values"]) for stride in told), (
@@ -122,7 +122,7 @@ def test_further_trials_join_those_that_are_there(whole: Calibration, tmp_path: 
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir(), second.mkdir()
     write_stride_files(first, whole.model, [walk.refused(("r",))])
-    earlier = earlier_strides(first, hashes(first), ["walk"])
+    earlier = read_earlier_strides(first, hashes(first), ["walk"])
     write_stride_files(second, whole.model, [replace(walk, name="later")], None, earlier)
     for file in STRIDE_FILES:
         text = (second / file).read_text(encoding="utf-8")
@@ -141,7 +141,7 @@ def test_of_a_damaged_table_no_row_is_kept(whole: Calibration, tmp_path: Path) -
     write_stride_files(tmp_path, whole.model, whole.trials)
     as_written = hashes(tmp_path)
     (tmp_path / CYCLES).write_text("damaged", encoding="utf-8")
-    found = earlier_strides(tmp_path, as_written, ["walk"])
+    found = read_earlier_strides(tmp_path, as_written, ["walk"])
     assert (
         found["cycles.csv"][0] is None
         and found["spatiotemporal.csv"][0] is not None
@@ -158,7 +158,7 @@ def test_a_result_without_walks_has_tables_without_rows(tmp_path: Path) -> None:
 
 def test_a_trial_and_its_segments_have_both_floors_and_ratios(whole: Calibration) -> None:
     trial = whole.trials[0]
-    out = trial_summary(trial, whole.verdict)
+    out = summarise_trial(trial, whole.verdict)
     for rms in (out["rms_mm"], out["pelvis_and_legs_mm"], out["segments"]["thigh_r"]["rms_mm"]):
         assert rms["joint_floor"] == pytest.approx(1.1 * rms["rigid_floor"])
         assert rms["calibrated_to_joint_floor"] == pytest.approx(
@@ -168,7 +168,7 @@ def test_a_trial_and_its_segments_have_both_floors_and_ratios(whole: Calibration
     assert out["joint_floor_mm"] == {"hip_r": 5.3, "knee_r": 5.4, "ankle_r": 5.5}
     assert "joint_floor" not in out["segments"]["thigh_l"]["rms_mm"], "in no joint: absent, never 0"
     without = replace(trial, joint_floor=None)
-    out = trial_summary(without, whole.verdict)
+    out = summarise_trial(without, whole.verdict)
     assert "joint_floor_mm" not in out and not [
         key for key in out["rms_mm"] if "joint_floor" in key
     ]
@@ -177,14 +177,14 @@ def test_a_trial_and_its_segments_have_both_floors_and_ratios(whole: Calibration
 
 def test_the_parts_of_every_torque_s_error_bar_sum_to_one(whole: Calibration) -> None:
     trial = whole.trials[0]
-    sources = trial_summary(trial, whole.verdict)["torque_error_sources"]
+    sources = summarise_trial(trial, whole.verdict)["torque_error_sources"]
     assert {"hip_flexion_r", "knee_adduction_l", "lumbar_bending"} <= set(sources)
     assert not [name for name in sources if name.startswith("pelvis")]
     for parts in sources.values():
         assert sum(parts.values()) == pytest.approx(1.0, abs=1e-3)
         assert parts == pytest.approx({source.key: share for source, share in ERROR_SHARES.items()})
     without = replace(trial, loads=replace(trial.loads, errors=None))
-    assert "torque_error_sources" not in trial_summary(without, whole.verdict)
+    assert "torque_error_sources" not in summarise_trial(without, whole.verdict)
 
 
 def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none(
@@ -192,14 +192,14 @@ def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none(
 ) -> None:
     first, *others = whole.phases
     own = replace(first, noise={"knee": 0.00123456, "walk, hip_r alone": 0.01})
-    told = cast(Any, summary(replace(whole, phases=(own, *others))))["phases"]
+    told = cast(Any, summarise_calibration(replace(whole, phases=(own, *others))))["phases"]
     assert told[0]["noise_mm"] == {"knee": 1.2346, "walk, hip_r alone": 10.0}
     assert "noise_mm" not in told[1]
 
 
 def test_the_page_tells_what_makes_each_error_bar() -> None:
     words = "Expected error of the peak knee adduction moment"
-    blocks = calibration_page_data(fake_calibration())["trials"][0]["sections"]["trust"]
+    blocks = build_calibration_page_data(fake_calibration())["trials"][0]["sections"]["trust"]
     found = [
         b for b in walked(blocks) if b["kind"] == "table" and "error alone, N·m/kg" in b["head"]
     ]
@@ -224,7 +224,7 @@ def test_the_page_tells_what_makes_each_error_bar() -> None:
 
 def test_the_rms_of_a_residual_has_one_definition_in_every_place(whole: Calibration) -> None:
     trial = whole.trial("walk")
-    told = trial_summary(trial, whole.verdict)["pelvis_residual"]
+    told = summarise_trial(trial, whole.verdict)["pelvis_residual"]
     valid = trial.loads.reactions.valid
     for (stage, moments), size in zip(
         trial.loads.moments.items(), trial.loads.residuals, strict=True
@@ -240,7 +240,7 @@ def test_the_rms_of_a_residual_has_one_definition_in_every_place(whole: Calibrat
 
 def test_events_are_told_with_side_time_and_source(whole: Calibration) -> None:
     """The fake's plates are loaded from 0.2 (right) and 0.7 s (left), for 0.6 of every second."""
-    told = {trial.name: trial_summary(trial, whole.verdict) for trial in whole.trials}
+    told = {trial.name: summarise_trial(trial, whole.verdict) for trial in whole.trials}
     events = told["walk"]["events"]
     assert events[:3] == [
         {"side": "r", "event": "foot strike", "time": 0.2, "source": "plates"},

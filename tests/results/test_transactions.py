@@ -82,7 +82,9 @@ def test_no_other_command_comes_between_reading_and_writing(
         thread.start()
         thread.join()
 
-    monkeypatch.setattr(trials_module, "trial_summary", after(trials_module.trial_summary, between))
+    monkeypatch.setattr(
+        trials_module, "summarise_trial", after(trials_module.summarise_trial, between)
+    )
     assert run("dynamics", folder / "result", second_trial(folder)).exit_code == 0
     assert told
     assert all("is being written by another process" in line for line in told)

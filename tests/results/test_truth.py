@@ -26,9 +26,9 @@ from gaitcal.errors import InputError
 from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
-from gaitcal.report.page.page_data import calibration_page_data
-from gaitcal.results.summary import summary, write_truth
-from gaitcal.results.table_files import json_text
+from gaitcal.report.page.page_data import build_calibration_page_data
+from gaitcal.results.summary import summarise_calibration, write_truth
+from gaitcal.results.table_files import format_json
 from gaitcal.study.declared_truth import TrueCurves
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
@@ -134,7 +134,7 @@ def test_files_hold_the_truth_at_the_frames_of_the_result(
 
 
 def test_summary_has_every_curve_and_fitted_parameter(known: Calibration) -> None:
-    told = json.loads(json_text(summary(known)))["truth"]
+    told = json.loads(format_json(summarise_calibration(known)))["truth"]
     truth = errors(known)
     assert set(told["parameters"]) == {p.name for p in truth.parameters if p.status == "fitted"}
     hip = truth.of("gait").coordinates["hip_flexion_r"]
@@ -151,7 +151,7 @@ def test_the_page_draws_and_tells_it(known: Calibration) -> None:
     for total in sums(known, errors(known)):
         assert total.words in page
     gait = next(
-        trial for trial in calibration_page_data(known)["trials"] if trial["name"] == "gait"
+        trial for trial in build_calibration_page_data(known)["trials"] if trial["name"] == "gait"
     )
     drawn = {
         (curve["base"], curve["side"], curve["kind"])
@@ -165,7 +165,7 @@ def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path
     unknown = replace(known, truth=None)
     page = page_words(unknown)
     assert "truth" not in page.lower().replace("truth.csv", "").replace("truth/", "")
-    assert "truth" not in summary(unknown)
+    assert "truth" not in summarise_calibration(unknown)
     write_truth(unknown.truth, tmp_path)
     assert not list(tmp_path.iterdir())
 

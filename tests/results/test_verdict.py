@@ -14,9 +14,9 @@ from gaitcal.cli.console import Console
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.quality.verdict import judge
 from gaitcal.results.saved_result import load_result
-from gaitcal.results.summary import of_the_model, require_not_refused, summary
+from gaitcal.results.summary import find_model_doubts, require_not_refused, summarise_calibration
 from gaitcal.results.table_files import REFUSED_HEADER
-from gaitcal.results.trial_tables import moment_table
+from gaitcal.results.trial_tables import build_moment_table
 from tests.fake_result import fake_calibration
 from tests.report.page.walked_blocks import page_words
 from tests.synthetic_studies import write_synthetic_study
@@ -51,7 +51,7 @@ def test_what_is_refused_has_no_valid_torque_and_no_error_bar() -> None:
     ("severity", "word"), [(Severity.ERROR, "refused"), (Severity.WARNING, "doubtful")]
 )
 def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: str) -> None:
-    told = summary(with_finding(severity, "walk"))
+    told = summarise_calibration(with_finding(severity, "walk"))
     assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word
     (reason,) = told["reasons"]
     assert reason == {
@@ -72,7 +72,7 @@ def test_a_further_trial_inherits_what_is_wrong_with_the_model(
     """What is wrong with the markers of a walk is in its joints; what is wrong with its forces is
     not.
     """
-    told = of_the_model(summary(with_finding(severity, where, topic=topic)))
+    told = find_model_doubts(summarise_calibration(with_finding(severity, where, topic=topic)))
     if severity is Severity.INFO or (where == "walk" and topic == "forces"):
         assert told == ()
     else:
@@ -89,14 +89,14 @@ def test_one_refused_leg_leaves_the_other() -> None:
     reactions = trial.loads.reactions
     assert not reactions.valid_r.any() and not reactions.valid.any()
     np.testing.assert_array_equal(reactions.valid_l, sound.loads.reactions.valid_l)
-    table = moment_table(trial.loads)
-    before = moment_table(sound.loads)
+    table = build_moment_table(trial.loads)
+    before = build_moment_table(sound.loads)
     for name in ("hip_flexion", "ankle_angle", "knee_adduction"):
         assert np.isnan(table[f"{name}_r_se"]).all()
         np.testing.assert_array_equal(table[f"{name}_l_se"], before[f"{name}_l_se"])
         assert np.isfinite(table[f"{name}_l_se"]).all()
     assert np.isnan(table["lumbar_extension_se"]).all()
-    told = summary(result)["trials"]["walk"]
+    told = summarise_calibration(result)["trials"]["walk"]
     assert (told["verdict"], told["verdict_r"], told["verdict_l"]) == (
         "doubtful",
         "refused",

@@ -1,8 +1,7 @@
-"""Charts: lists of panels that know how to draw themselves, with one legend; and the look that all
-of them share.
+"""Charts: panels with draw functions, one legend, and a common look.
 
-The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches
-matplotlib's global state, and matplotlib is loaded when something is drawn, not before.
+The colours are those of Okabe and Ito, distinguishable for colour-blind readers. The global state
+of matplotlib is not changed, and matplotlib is loaded at the first drawing only.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ LONGEST_NAME = 26
 
 @dataclass(frozen=True)
 class Sizes:
-    """Of letters, pt."""
+    """Font sizes, pt."""
 
     small: float = SMALL  # Numbers at axes
     normal: float = NORMAL  # Labels of axes, legends
@@ -57,26 +56,25 @@ class Key:
     kind: str = "line"  # `line` or `band` (see-through)
 
 
-def line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
-    """Dashes as matplotlib wants them."""
+def make_line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
+    """Make a matplotlib line style from dashes."""
     return (0.0, dashes) if dashes else "-"
 
 
 @lru_cache(maxsize=1)
-def _characters() -> frozenset[int]:
+def _load_font_characters() -> frozenset[int]:
     from matplotlib.font_manager import FontProperties, findfont, get_font
 
     return frozenset(get_font(findfont(FontProperties(family=FONT))).get_charmap())
 
 
-def plain(text: str, limit: int = LONGEST_NAME) -> str:
-    """A name from the user's data as matplotlib shows it: no markup, only printable characters, not
-    too long.
+def clean_name(text: str, limit: int = LONGEST_NAME) -> str:
+    """Clean a name from the user's data: no markup, printable characters only, limited length.
 
-    `$` begins matplotlib's own markup and is escaped; what the font cannot draw, and all that
-    controls the direction or flow of text, becomes a middle dot.
+    `$` starts matplotlib's markup and is escaped. Characters without a glyph and control characters
+    become a middle dot.
     """
-    known = _characters()
+    known = _load_font_characters()
     shown = [
         c if c == " " or (ord(c) in known and unicodedata.category(c)[0] not in "CZ") else "·"
         for c in text
@@ -86,12 +84,10 @@ def plain(text: str, limit: int = LONGEST_NAME) -> str:
     return "".join(shown).replace("$", r"\$")
 
 
-def dress(
+def format_axes(
     axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", sizes: Sizes = SCREEN
 ) -> None:
-    """Give axes their common look: labels in ink, no frame above and at the right, light grid
-    lines.
-    """
+    """Format axes: ink labels, no frame above and at the right, light grid lines."""
     from matplotlib.ticker import MaxNLocator
 
     for side in ("top", "right"):
@@ -129,8 +125,8 @@ def dress(
 MARGIN = 0.06  # of the span of all values, at either end of an axis
 
 
-def limits(values: list[np.ndarray], least: float) -> tuple[float, float]:
-    """Limits of an axis that hold all finite `values` and span at least `least`."""
+def compute_limits(values: list[np.ndarray], least: float) -> tuple[float, float]:
+    """Compute axis limits that contain all finite `values` and span at least `least`."""
     finite = np.concatenate([v[np.isfinite(v)].ravel() for v in values] or [np.empty(0)])
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
     middle, half = (low + high) / 2, max((high - low) * (0.5 + MARGIN), least / 2)
@@ -176,29 +172,32 @@ class Chart:
     legend_row: float = LEGEND_INCHES  # Height of a row of the legend, inches
 
 
-def chart_figure(chart: Chart) -> Figure:
-    """All panels of a chart in one figure, for papers."""
+def draw_chart(chart: Chart) -> Figure:
+    """Draw all panels of a chart in one figure."""
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
-    heights = [max(p.size.height for p in row) for row in rows]
-    width = max(sum(p.size.width for p in row) for row in rows)
-    columns = _legend_columns(chart, width)
+    heights, widths = [], []
+    for row in rows:
+        heights.append(max(panel.size.height for panel in row))
+        widths.append(sum(panel.size.width for panel in row))
+    width = max(widths)
+    columns = _count_legend_columns(chart, width)
     legend = chart.legend_row * -(-len(chart.keys) // columns)
-    figure = new_figure(width, sum(heights) + legend)
+    figure = create_figure(width, sum(heights) + legend)
     top = sum(heights) + legend
     for row, height in zip(rows, heights, strict=True):
         left = 0.0
         for panel in row:
-            _place(figure, panel, left, top - panel.size.height)
+            _place_panel(figure, panel, left, top - panel.size.height)
             left += panel.size.width
         top -= height
     if chart.keys:
-        _legend(figure, chart, columns)
+        _add_legend(figure, chart, columns)
     return figure
 
 
-def _legend(figure: Figure, chart: Chart, columns: int) -> Legend:
+def _add_legend(figure: Figure, chart: Chart, columns: int) -> Legend:
     return figure.legend(
-        handles=[_handle(key) for key in chart.keys],
+        handles=[_make_handle(key) for key in chart.keys],
         loc="lower center",
         ncols=columns,
         frameon=False,
@@ -206,19 +205,19 @@ def _legend(figure: Figure, chart: Chart, columns: int) -> Legend:
     )
 
 
-def _legend_columns(chart: Chart, width: float) -> int:
-    """As many columns as fit a figure of that width (inches)."""
-    figure = new_figure(width, 1.0)
+def _count_legend_columns(chart: Chart, width: float) -> int:
+    """Count the legend columns that fit a figure of that width (inches)."""
+    figure = create_figure(width, 1.0)
     for columns in range(len(chart.keys), 1, -1):
-        legend = _legend(figure, chart, columns)
+        legend = _add_legend(figure, chart, columns)
         if legend.get_window_extent().width <= figure.bbox.width:
             return columns
         legend.remove()
     return 1
 
 
-def new_figure(width: float, height: float, dpi: int = 100) -> Figure:
-    """An empty white figure, inches, that knows the size of its texts."""
+def create_figure(width: float, height: float, dpi: int = 100) -> Figure:
+    """Create an empty white figure, inches, with a canvas that measures text."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -227,7 +226,7 @@ def new_figure(width: float, height: float, dpi: int = 100) -> Figure:
     return figure
 
 
-def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
+def _place_panel(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
     width, height = (float(v) for v in figure.get_size_inches())
     size = panel.size
     axes = figure.add_axes(
@@ -244,7 +243,7 @@ def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
     )
 
 
-def _handle(key: Key) -> Line2D | Patch:
+def _make_handle(key: Key) -> Line2D | Patch:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -254,7 +253,7 @@ def _handle(key: Key) -> Line2D | Patch:
         [],
         [],
         color=key.colour,
-        linestyle=line_style(key.dashes),
+        linestyle=make_line_style(key.dashes),
         linewidth=key.width,
         label=key.label,
     )
@@ -272,7 +271,22 @@ SALT: Final = "gaitcal"  # Identifiers of an SVG are made of its content and of 
 
 
 def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[str]) -> list[Path]:
-    """Draw every chart into `folder` (made if missing), a file a format; returns the files."""
+    """Draw every chart into a folder, one file for each format.
+
+    Parameters
+    ----------
+    charts
+        What to draw.
+    folder
+        Created if missing.
+    formats
+        Of `FORMATS`.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
     import matplotlib as mpl
 
     folder = Path(folder)
@@ -282,7 +296,7 @@ def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[
         {"svg.hashsalt": SALT, "pdf.fonttype": 42}
     ):  # letters of a PDF stay letters
         for chart in charts:
-            figure = chart_figure(chart)
+            figure = draw_chart(chart)
             for suffix in formats:
                 path = folder / f"{chart.name}.{suffix}"
                 figure.savefig(path, dpi=DPI, metadata=_UNSIGNED[suffix])

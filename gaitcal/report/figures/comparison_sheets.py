@@ -1,10 +1,9 @@
-"""Pages without a script: one HTML file of words, tables and SVG that opens offline and requests
-nothing.
+"""Render pages without scripts: one HTML file of text, tables and SVG that opens offline.
 
-Above all that of two sessions side by side: who and when, what differs in words, mean curves of
-both sessions with the band within which a difference could have been missed, scores and steps, and
-the table of figures, the largest difference first; on paper in the same order. Moments and powers
-are by each session's own body mass, as people grow between two visits.
+The main one compares two sessions: subject and session, differences in sentences, mean curves with
+the band of the minimal detectable change, scores and steps, and the table of figures. The printed
+version has the same order. Moments and powers are divided by the body mass of each session, as
+people grow between two visits.
 """
 
 import base64
@@ -29,13 +28,13 @@ from gaitcal.report.figures.chart import (
     SALT,
     SIDE_COLOURS,
     SIDE_DASHES,
-    dress,
-    limits,
-    line_style,
-    new_figure,
+    compute_limits,
+    create_figure,
+    format_axes,
+    make_line_style,
 )
 from gaitcal.results.session_comparison import SessionComparison
-from gaitcal.results.session_difference import Difference, numbers_of, subject
+from gaitcal.results.session_difference import Difference, format_numbers, name_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +44,7 @@ COLUMNS: Final = 4
 PANEL: Final = (2.75, 1.75)  # inches
 
 
-def comparison_page(
+def render_comparison_page(
     comparison: SessionComparison,
     convention: Convention,
     sheets: Mapping[str, Sequence[str]],
@@ -53,32 +52,46 @@ def comparison_page(
     scores: "Sequence[Row]" = (),
     norms: "Row" = ("", ""),
 ) -> str:
-    """The whole page.
+    """Render the page of a comparison.
 
-    `convention`: of angles, moments and powers; moments by body mass.
-    `sheets`: title -> variables of `cycles.csv`, in the order in which they are drawn.
-    `people`: of each session, label and value of what is known of person and day.
-    `scores`: angle or score, A, B and their difference, in words.
-    `norms`: whom the scores of each session are held against.
+    Parameters
+    ----------
+    comparison
+        Two sessions.
+    convention
+        Of angles, moments and powers; moments by body mass.
+    sheets
+        Title -> variables of `cycles.csv`, in the order of drawing.
+    people
+        Of each session, label and value of what is known of subject and session.
+    scores
+        Angle or score, A, B and their difference, as text.
+    norms
+        Normative data of each session.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     names = comparison.names
     title = f"{comparison.subjects[1].name}: {names[1]} against {names[0]}"
     facts = [dict(known) for known in people]
     labels = dict.fromkeys(label for known in facts for label in known)
     parts = [
-        plain_table(
+        render_plain_table(
             "Person and session",
             ("", *names),
             [(label, *(known.get(label, "–") for known in facts)) for label in labels],
             name="who",
         ),
-        *map(warning, comparison.warnings),
+        *map(render_warning, comparison.warnings),
         "<h2>What differs</h2>",
-        listed(comparison.words),
+        render_list(comparison.sentences),
     ]
     for sheet, variables in sheets.items():
-        if picture := _sheet(comparison, convention, variables):
-            words = (
+        if picture := _draw_sheet(comparison, convention, variables):
+            caption = (
                 f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, "
                 "dashed) over the stride "
                 "of each foot. Grey band: within it a difference could have been missed (95 %); "
@@ -86,7 +99,7 @@ def comparison_page(
             )
             parts += [
                 f"<h2>{escape(sheet)}</h2>",
-                f"<figure>{picture}<figcaption>{escape(words)}</figcaption></figure>",
+                f"<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>",
             ]
     if scores:
         against = (
@@ -96,26 +109,26 @@ def comparison_page(
         head = ("deg, ± standard error", *against, "difference")
         parts += [
             "<h2>Gait Profile Score and Movement Analysis Profile</h2>",
-            plain_table("Scores", head, scores),
+            render_plain_table("Scores", head, scores),
         ]
     steps = [d for d in comparison.found if d.kind == "spatiotemporal"]
-    rest = [d for d in comparison.found if d.kind != "spatiotemporal"]
+    others = [d for d in comparison.found if d.kind != "spatiotemporal"]
     parts += [
-        *_figures("Steps and phases", names, steps, len(steps)),
-        *_figures("All other figures", names, rest, SHOWN),
+        *_render_figures("Steps and phases", names, steps, len(steps)),
+        *_render_figures("All other figures", names, others, SHOWN),
     ]
-    return plain_page(title, parts)
+    return render_plain_page(title, parts)
 
 
-def _figures(
+def _render_figures(
     title: str, names: tuple[str, str], found: Sequence[Difference], most: int
 ) -> Iterator[str]:
     if not found:
         return
     yield f"<h2>{title}</h2>"
-    rows = figure_rows(found[:most])
+    rows = build_figure_rows(found[:most])
     head = ("figure", "unit", *names, "difference", "missed below", "times")
-    yield plain_table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
+    yield render_plain_table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
     if len(found) > most:
         yield f'<p class="soft">and {len(found) - most} more in differences.csv</p>'
     yield (
@@ -124,26 +137,26 @@ def _figures(
     )
 
 
-def _sheet(comparison: SessionComparison, convention: Convention, variables: Sequence[str]) -> str:
-    """An `<img>` with a panel for each variable and leg; empty where both sessions have none of
-    them.
-    """
+def _draw_sheet(
+    comparison: SessionComparison, convention: Convention, variables: Sequence[str]
+) -> str:
+    """Draw an `<img>` with a panel for each variable and leg; empty without curves."""
     import matplotlib as mpl
 
     curves = comparison.curves
-    known = [
+    drawn = [
         (v, s)
         for v in variables
         for s in SIDES
         if ((curves["variable"] == v) & (curves["side"] == s)).any()
     ]
-    if not known:
+    if not drawn:
         return ""
-    rows = -(-len(known) // COLUMNS)
-    figure = new_figure(COLUMNS * PANEL[0], rows * PANEL[1])
-    for k, (variable, side) in enumerate(known, start=1):
+    rows = -(-len(drawn) // COLUMNS)
+    figure = create_figure(COLUMNS * PANEL[0], rows * PANEL[1])
+    for k, (variable, side) in enumerate(drawn, start=1):
         of_leg = curves[(curves["variable"] == variable) & (curves["side"] == side)]
-        _panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
+        _draw_panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
     figure.tight_layout(h_pad=0.8, w_pad=0.6)
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
@@ -152,15 +165,15 @@ def _sheet(comparison: SessionComparison, convention: Convention, variables: Seq
             format="svg",
             metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
         )
-    told = (
+    description = (
         f"Mean curves of {' and '.join(comparison.names)}: "
-        f"{', '.join(dict.fromkeys(v for v, _ in known))}"
+        f"{', '.join(dict.fromkeys(v for v, _ in drawn))}"
     )
     data = base64.b64encode(text.getvalue().encode()).decode("ascii")
-    return f'<img alt="{escape(told)}" src="data:image/svg+xml;base64,{data}">'
+    return f'<img alt="{escape(description)}" src="data:image/svg+xml;base64,{data}">'
 
 
-def _panel(
+def _draw_panel(
     axes: "Axes", comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
 ) -> None:
     variable, side, percent = (
@@ -169,9 +182,9 @@ def _panel(
         curve["percent"].to_numpy(),
     )
     kind = kind_of(variable)
-    before, after, band = told_curves(comparison, convention, curve)
+    before, after, band = convert_curves(comparison, convention, curve)
     positive, title = convention.senses(variable, side)[0], convention.title(variable)
-    dress(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
+    format_axes(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
     axes.fill_between(
@@ -182,72 +195,75 @@ def _panel(
         percent,
         after,
         color=SIDE_COLOURS[side],
-        linestyle=line_style(SIDE_DASHES[side]),
+        linestyle=make_line_style(SIDE_DASHES[side]),
         linewidth=1.5,
     )
-    low, high = limits([before, after, before - band, before + band], report_sheets.LEAST[kind])
+    low, high = compute_limits(
+        [before, after, before - band, before + band], report_sheets.LEAST[kind]
+    )
     beyond = np.where(curve["exceeds"].to_numpy() == 1, low, np.nan)
     axes.plot(percent, beyond, color=INK, linewidth=5.0, solid_capstyle="butt")
     axes.set_xlim(0.0, 100.0)
     axes.set_ylim(low, high)
 
 
-def told_curves(
+def convert_curves(
     comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
 ) -> tuple[Array, ...]:
-    """(101,) means before and after, by each session's own body mass, and how far apart they could
-    be unnoticed.
+    """Convert the (101,) means A and B and half the minimal detectable change to the convention.
 
     `curve`: the rows of one variable and side of `curve_differences.csv`.
     """
     variable, side = curve["variable"].iloc[0], curve["side"].iloc[0]
 
-    def told(name: str, session: int) -> Array:
+    def convert(name: str, session: int) -> Array:
         person = comparison.subjects[session]
         by_mass = 1.0 / person.mass if kind_of(variable) is CurveKind.FORCE else 1.0
         return by_mass * convention.values(
             variable, curve[name].to_numpy(dtype=float), side, person
         )
 
-    return told("a", 0), told("b", 1), 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
+    return (
+        convert("a", 0),
+        convert("b", 1),
+        0.5 * (np.abs(convert("mdc95", 0)) + np.abs(convert("mdc95", 1))),
+    )
 
 
-def paper_panels(
+def build_paper_panels(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
 ) -> Iterator[report_sheets.CurvePanel | str]:
-    """Of a sheet on paper: before thin, after thick in the band within which a difference could
-    have been missed.
-    """
+    """Build the panels of a printed sheet: A thin, B thick with the minimal detectable change."""
     curves, none = comparison.curves, np.full(POINTS, np.nan)
     for variable in variables:
         if variable not in known_variables():
             yield variable
             continue
-        of = {
+        by_side = {
             side: curves[(curves["variable"] == variable) & (curves["side"] == side)]
             for side in SIDES
         }
-        told = {
-            side: told_curves(comparison, convention, rows) if len(rows) else (none, none, none)
-            for side, rows in of.items()
+        converted = {
+            side: convert_curves(comparison, convention, rows) if len(rows) else (none, none, none)
+            for side, rows in by_side.items()
         }
         kind = kind_of(variable)
         yield report_sheets.CurvePanel(
             title=convention.title(variable),
             unit=report_sheets.UNITS[kind],
             senses=convention.senses(variable, "r"),
-            strides={side: (before,) for side, (before, _, _) in told.items()},
-            mean={side: after for side, (_, after, _) in told.items()},
-            error={side: band for side, (_, _, band) in told.items()},
+            strides={side: (before,) for side, (before, _, _) in converted.items()},
+            mean={side: after for side, (_, after, _) in converted.items()},
+            error={side: band for side, (_, _, band) in converted.items()},
             norm=None,
             least=report_sheets.LEAST[kind],
             thin=(0.7, 0.9),
         )
 
 
-def figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:
-    """Figure, unit, both sessions, difference, what could be missed, and how many times that it is."""
-    return [(subject(d), d.unit, *numbers_of(d)) for d in found]
+def build_figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:
+    """Build rows: figure, unit, A, B, difference, minimal detectable change, ratio of the two."""
+    return [(name_figure(d), d.unit, *format_numbers(d)) for d in found]
 
 
 STYLE: Final = """
@@ -266,8 +282,21 @@ POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 Row = Sequence[str]
 
 
-def plain_page(title: str, parts: Iterable[str]) -> str:
-    """The whole page; `parts`: HTML below its title."""
+def render_plain_page(title: str, parts: Iterable[str]) -> str:
+    """Render a page.
+
+    Parameters
+    ----------
+    title
+        Text.
+    parts
+        HTML below the title.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -276,7 +305,7 @@ def plain_page(title: str, parts: Iterable[str]) -> str:
     )
 
 
-def plain_table(
+def render_plain_table(
     label: str,
     head: Row,
     rows: Iterable[Row],
@@ -284,19 +313,34 @@ def plain_table(
     beyond: Sequence[bool] = (),
     words: int = 1,
 ) -> str:
-    """A table that scrolls sideways where it is too wide.
+    """Render a table that scrolls sideways if it is too wide.
 
-    `label`: what it holds.
-    `name`: class of the table; `who`: all of its columns are words.
-    `beyond`: of the first rows, whether they stand out.
-    `words`: columns of words, to the left of those of numbers.
+    Parameters
+    ----------
+    label
+        What the table contains, for screen readers.
+    head
+        Titles of the columns.
+    rows
+        Cells as text.
+    name
+        Class of the table; `who`: all columns are text.
+    beyond
+        Of the first rows, whether they are emphasised.
+    words
+        Number of text columns, to the left of those of numbers.
+
+    Returns
+    -------
+    str
+        HTML.
     """
 
     def cells(row: Row, tag: str, further: str = "") -> str:
         left = (' class="text"' if k < words else "" for k in range(1, len(row) + 1))
         return "".join(
-            f"<{tag}{further}{of}>{escape(cell)}</{tag}>"
-            for of, cell in zip(left, row, strict=True)
+            f"<{tag}{further}{class_text}>{escape(cell)}</{tag}>"
+            for class_text, cell in zip(left, row, strict=True)
         )
 
     top = (f'<th scope="col">{escape(head[0])}</th>' if head[0] else "<td></td>") + cells(
@@ -312,11 +356,33 @@ def plain_table(
     )
 
 
-def warning(text: str) -> str:
-    """A sentence in a box of its own."""
+def render_warning(text: str) -> str:
+    """Render a sentence in a box.
+
+    Parameters
+    ----------
+    text
+        The sentence.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return f'<p class="warning" role="note">{escape(text)}</p>'
 
 
-def listed(lines: Iterable[str]) -> str:
-    """A list of sentences."""
+def render_list(lines: Iterable[str]) -> str:
+    """Render a list of sentences.
+
+    Parameters
+    ----------
+    lines
+        The sentences.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"

@@ -1,8 +1,6 @@
-"""A printed gait report: A4 pages of text, tables and sheets of curves, drawn as vectors without a
-browser.
+"""Write a printed gait report: A4 pages of text, tables and curves as vectors, without a browser.
 
-What stands in it is `ReportContent`, which `report/gait_report.py` reads from a result folder:
-person, verdict, what counts, steps; kinematics; kinetics; joints, comments, signature.
+`report/gait_report.py` reads its `ReportContent` from a result.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,7 +36,7 @@ from gaitcal.report.figures.report_sheets import (
     ProfileBars,
     Sheet,
     SheetOfCurves,
-    printed,
+    make_paragraph,
     register_fonts,
 )
 
@@ -51,12 +49,12 @@ MARGIN: Final = 15.0 * mm
 HEADER_COLUMNS: Final = 5
 LEAST_TABLE: Final = 60.0 * mm
 LEAST_SHEET: Final = 150.0 * mm
-"""Height of a sheet of curves that can be read; a comment that leaves less has pages of its own."""
+"""Height of a sheet of curves that is readable; a comment that leaves less moves to further pages."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportContent:
-    """Everything that a report says; all text is data, not markup."""
+    """Content of a report; all text is data, not markup."""
 
     person: tuple[tuple[str, str], ...]
     """Label and value: name, session, sex, age, diagnosis, mass, height, ...; the name first."""
@@ -64,7 +62,7 @@ class ReportContent:
     sentence: str
     reasons: tuple[
         tuple[str, str], ...
-    ]  # What speaks against the result, and what to do about it; the worst first
+    ]  # Reasons of the verdict and what to do about them, the most severe first
     fit: tuple[str, ...]  # How well the model follows markers and forces, a sentence each
     walked: bool  # Whether there is a walk among the trials
     walks: tuple[
@@ -89,19 +87,19 @@ class ReportContent:
 
     @property
     def title(self) -> str:
-        """Of what it is, and whose."""
+        """Kind of report and name of the subject."""
         return f"{'Gait' if self.walked else 'Movement'} report  ·  {self.person[0][1]}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonContent:
-    """What the report of two sessions says."""
+    """Content of the report of two sessions."""
 
     title: str
     people: tuple[
         tuple[str, ...], ...
     ]  # Head with the names of both sessions, then label and value of each
-    words: tuple[str, ...]  # Warnings, then what differs
+    sentences: tuple[str, ...]  # Warnings, then what differs
     scores: tuple[
         tuple[str, ...], ...
     ]  # Head, then a row for each angle or score: before, after, difference
@@ -118,14 +116,29 @@ COMMENT_SECTIONS: Final = ("summary", "spatiotemporal", "kinematics", "kinetics"
 """Sections that may have a comment."""
 
 
-def _heading(text: str) -> Paragraph:
-    return printed(text, 11, bold=True, before=9)
+def _make_heading(text: str) -> Paragraph:
+    return make_paragraph(text, 11, bold=True, before=9)
 
 
 def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
-    """Write the report; returns the number of its pages. The same content gives the same bytes.
+    """Write a report as PDF; the same content gives the same bytes.
 
-    Raises InputError: `path` is a folder, or cannot be written.
+    Parameters
+    ----------
+    content
+        What the report contains.
+    path
+        The file.
+
+    Returns
+    -------
+    int
+        Number of pages.
+
+    Raises
+    ------
+    InputError
+        `path` is a folder, or cannot be written.
     """
     width, height = A4
     size = width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm
@@ -152,9 +165,9 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
     total = _Total(width - MARGIN - 5.6 * mm, MARGIN - 2 * mm)
     story = (
-        _of_sessions(content, *size)
+        _build_comparison(content, *size)
         if isinstance(content, ComparisonContent)
-        else _story(content, *size)
+        else _build_report(content, *size)
     )
     document.build([*story, total])
     atomic_bytes(path, out.getvalue())
@@ -162,7 +175,7 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
 
 
 class _Total(Flowable):  # type: ignore[misc]
-    """The last flowable: draws how many pages there are into the form that every page shows."""
+    """Last element of the document: draws the page count into the form that every page shows."""
 
     FORM: Final = "total"
 
@@ -171,7 +184,7 @@ class _Total(Flowable):  # type: ignore[misc]
         self.place, self.pages = (x, y), 0
 
     def draw(self) -> None:
-        """On the last page, which is known then."""
+        """Draw on the last page, whose number is then known."""
         self.pages = self.canv.getPageNumber()
         self.canv.beginForm(self.FORM)
         self.canv.setFont(SANS, 7)
@@ -180,148 +193,167 @@ class _Total(Flowable):  # type: ignore[misc]
         self.canv.endForm()
 
 
-def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:
+def _build_report(content: ReportContent, width: float, height: float) -> list[Flowable]:
     register_fonts()
-    out: list[Flowable] = [_person(content, width), Spacer(1, 4 * mm), _verdict(content, width)]
-    out += [printed(sentence, before=3) for sentence in content.fit]
-    out += _comment(content, "summary")
+    out: list[Flowable] = [
+        _build_person_table(content, width),
+        Spacer(1, 4 * mm),
+        _build_verdict_table(content, width),
+    ]
+    out += [make_paragraph(sentence, before=3) for sentence in content.fit]
+    out += _build_comment(content, "summary")
     if len(content.walks) > 1:
         out += [
-            _heading("What counts for moments"),
+            _make_heading("What counts for moments"),
             Spacer(1, 1.5 * mm),
-            _table(content.walks, width),
+            _build_table(content.walks, width),
         ]
     if len(content.steps) > 1:
-        out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
+        out += [
+            _make_heading("Steps and phases"),
+            Spacer(1, 1.5 * mm),
+            _build_table(content.steps, width),
+        ]
         out += (
-            [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
+            [make_paragraph(content.steps_norm, 7, colour=FAINT, before=2)]
+            if content.steps_norm
+            else []
         )
-    out += _comment(content, "spatiotemporal")
+    out += _build_comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if not sheet.has_curves:
             out += [
-                _heading(sheet.title),
-                printed(sheet.without, before=2),
-                *_comment(content, sheet.comment),
+                _make_heading(sheet.title),
+                make_paragraph(sheet.without, before=2),
+                *_build_comment(content, sheet.comment),
             ]
-    profile = _profile(content, width)
-    together = _height([*out, *profile], width, height) < height
+    profile = _build_profile(content, width)
+    together = _measure_height([*out, *profile], width, height) < height
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
-        out += _sheet(sheet, content, (width, height), content.norm)
+        out += _build_sheet(sheet, content, (width, height), content.norm)
     for title, rows in content.peaks:
         out += [
             CondPageBreak(LEAST_TABLE),
-            _heading(title),
+            _make_heading(title),
             Spacer(1, 1.5 * mm),
-            _table(rows, width),
+            _build_table(rows, width),
         ]
     out += [
         PageBreak(),
         *([] if together else profile),
-        _heading("Joints: where calibration moved them"),
+        _make_heading("Joints: where calibration moved them"),
     ]
-    stayed = printed("Joint parameters stayed as they were.")
+    stayed = make_paragraph("Joint parameters stayed as they were.")
     out += [
         Spacer(1, 1.5 * mm),
-        _table(content.joints, width) if len(content.joints) > 1 else stayed,
+        _build_table(content.joints, width) if len(content.joints) > 1 else stayed,
     ]
     if content.undetermined:
-        out += [_heading("Not determined by these recordings")]
-        out += [printed(f"·  {line}", before=2) for line in content.undetermined]
-    out += _comment(content, "joints")
-    return [*out, Spacer(1, 14 * mm), _signature(width)]
+        out += [_make_heading("Not determined by these recordings")]
+        out += [make_paragraph(f"·  {line}", before=2) for line in content.undetermined]
+    out += _build_comment(content, "joints")
+    return [*out, Spacer(1, 14 * mm), _build_signature(width)]
 
 
-def _sheet(
+def _build_sheet(
     sheet: Sheet,
     content: ReportContent | ComparisonContent,
     size: tuple[float, float],
     norm: str = "",
 ) -> list[Flowable]:
-    """A page of curves with its comment, which has a page of its own where it leaves the curves too
-    little.
-    """
-    head = [_heading(sheet.title), printed(sheet.note, 7, colour=FAINT), Spacer(1, 2 * mm)]
-    comment = _comment(content, sheet.comment)
-    high = size[1] - _height(head, *size)
-    left = high - _height(comment, *size)
+    """Build a page of curves with its comment, on a further page if it leaves too little room."""
+    head = [
+        _make_heading(sheet.title),
+        make_paragraph(sheet.note, 7, colour=FAINT),
+        Spacer(1, 2 * mm),
+    ]
+    comment = _build_comment(content, sheet.comment)
+    high = size[1] - _measure_height(head, *size)
+    left = high - _measure_height(comment, *size)
     if left < LEAST_SHEET:
-        left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
+        left, comment = high, [PageBreak(), _make_heading(sheet.title), *comment]
     return [PageBreak(), *head, SheetOfCurves(sheet, norm, (size[0], left)), *comment]
 
 
-def _of_sessions(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
+def _build_comparison(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
     register_fonts()
-    out: list[Flowable] = [_table(content.people, width), _heading("What differs")]
-    out += [*(printed(line, before=2) for line in content.words), *_comment(content, "summary")]
+    out: list[Flowable] = [_build_table(content.people, width), _make_heading("What differs")]
+    out += [
+        *(make_paragraph(line, before=2) for line in content.sentences),
+        *_build_comment(content, "summary"),
+    ]
     for title, rows in (
         ("Gait Profile Score and Movement Analysis Profile", content.scores),
         ("Steps and phases", content.steps),
     ):
         if len(rows) > 1:
-            out += [_heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
-    out += _comment(content, "spatiotemporal")
+            out += [_make_heading(title), Spacer(1, 1.5 * mm), _build_table(rows, width)]
+    out += _build_comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if sheet.has_curves:
-            out += _sheet(sheet, content, (width, height))
+            out += _build_sheet(sheet, content, (width, height))
         else:
             out += [
-                _heading(sheet.title),
-                printed(sheet.without, before=2),
-                *_comment(content, sheet.comment),
+                _make_heading(sheet.title),
+                make_paragraph(sheet.without, before=2),
+                *_build_comment(content, sheet.comment),
             ]
     if len(content.others) > 1:
         out += [
             PageBreak(),
-            _heading("Largest other figures"),
+            _make_heading("Largest other figures"),
             Spacer(1, 1.5 * mm),
-            _table(content.others, width),
+            _build_table(content.others, width),
         ]
-    return [*out, *_comment(content, "joints"), Spacer(1, 14 * mm), _signature(width)]
+    return [*out, *_build_comment(content, "joints"), Spacer(1, 14 * mm), _build_signature(width)]
 
 
-def _height(parts: Sequence[Flowable], width: float, height: float) -> float:
+def _measure_height(parts: Sequence[Flowable], width: float, height: float) -> float:
     return float(sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in parts))
 
 
-def _profile(content: ReportContent, width: float) -> list[Flowable]:
-    """Gait Profile Scores; of somebody whom no norm fits, why; nothing where there are no curves at
-    all.
-    """
+def _build_profile(content: ReportContent, width: float) -> list[Flowable]:
+    """Build the Gait Profile Scores, or the reason why there are none; nothing without curves."""
     if not content.walked or not any(sheet.has_curves for sheet in content.sheets):
         return []
     out: list[Flowable] = [
-        _heading("Gait Profile Score and Movement Analysis Profile"),
+        _make_heading("Gait Profile Score and Movement Analysis Profile"),
         Spacer(1, 1 * mm),
     ]
     if not content.profile:
         return [
             *out,
-            printed(content.norm_remark or "The norm or the strides lack an angle of the profile."),
+            make_paragraph(
+                content.norm_remark or "The norm or the strides lack an angle of the profile."
+            ),
         ]
-    words = (
+    explanation = (
         "RMS distance of each angle from healthy people's mean, deg, with its standard error "
         "(Baker 2009). Grey: "
     )
-    words += f"what healthy people have themselves: {content.norm}."
+    explanation += f"what healthy people have themselves: {content.norm}."
     return [
         *out,
-        printed(words, 7, colour=FAINT),
+        make_paragraph(explanation, 7, colour=FAINT),
         Spacer(1, 1 * mm),
         ProfileBars(content.profile, width),
     ]
 
 
-def _comment(content: ReportContent | ComparisonContent, section: str) -> list[Flowable]:
+def _build_comment(content: ReportContent | ComparisonContent, section: str) -> list[Flowable]:
     text = content.comments.get(section, "").strip()
-    return [printed("Comment", 8.5, bold=True, before=6), printed(text, before=1)] if text else []
+    return (
+        [make_paragraph("Comment", 8.5, bold=True, before=6), make_paragraph(text, before=1)]
+        if text
+        else []
+    )
 
 
-def _person(content: ReportContent, width: float) -> Table:
-    """Labels above values, in rows of `HEADER_COLUMNS`."""
+def _build_person_table(content: ReportContent, width: float) -> Table:
+    """Build labels above values, in rows of `HEADER_COLUMNS`."""
     cells = [
-        [printed(label, 7, colour=FAINT), printed(value, 9, bold=True)]
+        [make_paragraph(label, 7, colour=FAINT), make_paragraph(value, 9, bold=True)]
         for label, value in content.person
     ]
     cells += [[]] * (-len(cells) % HEADER_COLUMNS)
@@ -338,14 +370,17 @@ def _person(content: ReportContent, width: float) -> Table:
     )
 
 
-def _verdict(content: ReportContent, width: float) -> Table:
+def _build_verdict_table(content: ReportContent, width: float) -> Table:
     tone = TONES.get(content.verdict, INK)
     parts: list[Flowable] = [
-        printed(content.verdict.capitalize(), 12, bold=True, colour=tone),
-        printed(content.sentence, before=2),
+        make_paragraph(content.verdict.capitalize(), 12, bold=True, colour=tone),
+        make_paragraph(content.sentence, before=2),
     ]
     for found, cure in content.reasons:
-        parts += [printed(f"·  {found}", before=3), printed(f"    {cure}", 7.5, colour=FAINT)]
+        parts += [
+            make_paragraph(f"·  {found}", before=3),
+            make_paragraph(f"    {cure}", 7.5, colour=FAINT),
+        ]
     return Table(
         [[parts]],
         colWidths=[width],
@@ -357,20 +392,22 @@ def _verdict(content: ReportContent, width: float) -> Table:
     )
 
 
-def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
-    """The first row is the head; columns as wide as their longest texts ask for, and words up to 14
-    letters whole.
+def _build_table(rows: Sequence[Sequence[str]], width: float) -> Table:
+    """Build a table with a head; column widths follow the longest texts.
+
+    Words of up to 14 letters are not broken.
     """
-    letters = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
-    words = [
-        max(len(word) for row in rows for word in (*row[k].split(), ""))
-        for k in range(len(rows[0]))
-    ]
-    longest = [
-        max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)
-    ]
-    widths = [width * part / sum(longest) for part in longest]
-    body = [[printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
+    parts = []
+    for column in zip(*rows, strict=True):
+        longest_text = max(map(len, column))
+        longest_word = max(map(len, " ".join(column).split()), default=0)
+        # longer texts get less than their share, as they are broken into lines
+        parts.append(max(7.0, longest_text**0.8, min(14, 1.1 * longest_word)))
+    widths = [width * part / sum(parts) for part in parts]
+    head, *others = rows
+    body = [[make_paragraph(cell, 7.5, bold=True) for cell in head]]
+    for row in others:
+        body.append([make_paragraph(cell, 7.5) for cell in row])
     return Table(
         body,
         colWidths=widths,
@@ -386,9 +423,9 @@ def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
     )
 
 
-def _signature(width: float) -> Table:
+def _build_signature(width: float) -> Table:
     return Table(
-        [[printed(word, 7.5, colour=FAINT) for word in ("Name", "Date", "Signature")]],
+        [[make_paragraph(word, 7.5, colour=FAINT) for word in ("Name", "Date", "Signature")]],
         colWidths=[0.4 * width, 0.2 * width, 0.4 * width],
         style=[("LINEABOVE", (0, 0), (-1, 0), 0.6, FAINT), ("LEFTPADDING", (0, 0), (-1, -1), 2)],
     )

@@ -1,8 +1,7 @@
-"""Figures for papers: one file a variable, mean and SD over the strides of each foot, in a
-convention of choice.
+"""Figures for papers: one file for each variable, mean and SD over the strides of each foot.
 
-Letters of 8 pt (numbers 7 pt), no line thinner than 0.5 pt, one or two columns wide. With a single
-stride the band is its standard error, and the legend says so.
+Fonts are 8 pt (numbers 7 pt), lines at least 0.5 pt thick, width one or two columns. With a single
+stride the band is its standard error, as the legend states.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -43,7 +42,7 @@ person's size.
 
 @dataclass(frozen=True, kw_only=True)
 class Strides:
-    """What is drawn."""
+    """Strides to draw."""
 
     table: pd.DataFrame  # As `gaitcal.ensemble` gives it, of the strides in `cycles.csv`
     subject: Subject
@@ -51,47 +50,68 @@ class Strides:
     healthy: HealthyBands = field(default_factory=dict)
 
 
-def paper_charts(
+def build_paper_charts(
     strides: Strides, convention: Convention, width: float = 85.0
 ) -> list[chart.Chart]:
-    """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
+    """Build one chart for each variable, in the order of `cycles.csv`, without drawing it.
 
-    `convention`: signs, whose moments, unit; along the axes of the coordinates.
-    `width`: mm.
+    Parameters
+    ----------
+    strides
+        Mean curves, subject, toe-off and normative data.
+    convention
+        Signs, acting body and unit, about the axes of the coordinates.
+    width
+        mm.
+
+    Returns
+    -------
+    list of Chart
+        One for each variable.
     """
     tables = strides.table.groupby("variable", sort=False)
-    return [_chart(str(name), table, strides, convention, width) for name, table in tables]
+    return [_build_chart(str(name), table, strides, convention, width) for name, table in tables]
 
 
 MUSCLES_SHOWN: Final = 9  # Of a coordinate, those whose moment arm changes most
 BEFORE, AFTER = chart.SIDE_COLOURS["l"], chart.SIDE_COLOURS["r"]
 
 
-def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[chart.Chart]:
-    """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before
-    and after, over its range, of the muscles that change most; with draws, after ± 1.96 standard
-    deviations.
+def build_moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[chart.Chart]:
+    """Build one chart of muscle moment arms for each coordinate, before and after calibration.
 
-    `table`: as the file ending in `.muscles.csv` has it.
-    `width`: mm.
+    Charts show the muscles with the largest changes over the range of the coordinate. With draws,
+    the band is ± 1.96 standard deviations.
+
+    Parameters
+    ----------
+    table
+        The file ending in `.muscles.csv`, of `gaitcal export --into --muscles`.
+    width
+        mm.
+
+    Returns
+    -------
+    list of Chart
+        One for each coordinate.
     """
     return [
-        _moment_arms(str(name), rows, width)
+        _build_moment_arm_chart(str(name), rows, width)
         for name, rows in table.groupby("coordinate", sort=False)
     ]
 
 
-def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Chart:
+def _build_moment_arm_chart(coordinate: str, table: pd.DataFrame, width: float) -> chart.Chart:
     change = (table["arm_after_mm"] - table["arm_before_mm"]).abs().groupby(table["muscle"]).max()
     shown = change.sort_values(ascending=False, kind="stable").index[:MUSCLES_SHOWN]
     known = bool(table["arm_sd_mm"].notna().any())
 
     def draw_of(rows: pd.DataFrame) -> "Callable[[Axes], None]":
         def draw(axes: "Axes") -> None:
-            muscle = chart.plain(str(rows["muscle"].iloc[0]))
-            chart.dress(
+            muscle = chart.clean_name(str(rows["muscle"].iloc[0]))
+            chart.format_axes(
                 axes,
-                xlabel=f"{chart.plain(coordinate)} (deg)",
+                xlabel=f"{chart.clean_name(coordinate)} (deg)",
                 ylabel="mm",
                 title=muscle,
                 sizes=LETTERS,
@@ -114,11 +134,11 @@ def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Ch
                 before,
                 color=BEFORE,
                 linewidth=LINE,
-                linestyle=chart.line_style(chart.SIDE_DASHES["l"]),
+                linestyle=chart.make_line_style(chart.SIDE_DASHES["l"]),
             )
             axes.plot(deg, after, color=AFTER, linewidth=LINE)
             axes.set_ylim(
-                *chart.limits([before, after - width_of_band, after + width_of_band], 5.0)
+                *chart.compute_limits([before, after - width_of_band, after + width_of_band], 5.0)
             )
 
         return draw
@@ -136,22 +156,22 @@ def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Ch
         )
         for name in shown
     ]
-    rest = table["muscle"].nunique() - len(shown)
+    hidden = table["muscle"].nunique() - len(shown)
     keys = [chart.Key(label="before", colour=BEFORE, dashes=chart.SIDE_DASHES["l"], width=LINE)]
     keys.append(
         chart.Key(
             label="after" + (", ± 1.96 SD of the draws" if known else ""), colour=AFTER, width=LINE
         )
     )
-    if rest:
+    if hidden:
         keys.append(
             chart.Key(
-                label=f"{rest} muscles more, which change less", colour=chart.FAINT, width=0.0
+                label=f"{hidden} muscles more, which change less", colour=chart.FAINT, width=0.0
             )
         )
     return chart.Chart(
         name=f"moment_arms_{''.join(c if c.isascii() and c.isalnum() else '_' for c in coordinate)}",
-        title=f"Moment arms about {chart.plain(coordinate)}",
+        title=f"Moment arms about {chart.clean_name(coordinate)}",
         panels=tuple(panels),
         keys=tuple(keys),
         columns=columns,
@@ -160,10 +180,8 @@ def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Ch
     )
 
 
-def paper_name(variable: str) -> str:
-    """Name of the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`,
-    `hip_power`.
-    """
+def name_paper_file(variable: str) -> str:
+    """Name the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`."""
     return (
         f"{variable.removesuffix('_angle')}_angle"
         if kind_of(variable) is CurveKind.ANGLE
@@ -184,51 +202,53 @@ class _Line:
     @property
     def label(self) -> str:
         """In the legend."""
-        told = (
+        description = (
             f"mean ± SD of {self.strides} strides"
             if self.strides > 1
             else counted(self.strides, "stride")
         )
         error = " ± standard error" if self.strides == 1 and np.isfinite(self.spread).any() else ""
-        return f"{SIDE_WORDS[self.side]}, {told}{error}"
+        return f"{SIDE_WORDS[self.side]}, {description}{error}"
 
 
-def _chart(
+def _build_chart(
     variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float
 ) -> chart.Chart:
     lines = [
         line
         for side in linkage.SIDES
-        if (line := _line(variable, side, table, strides, convention)) is not None
+        if (line := _build_line(variable, side, table, strides, convention)) is not None
     ]
-    kind, title = kind_of(variable), variable_title(variable, convention)
+    kind, title = kind_of(variable), format_variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one
     # sense for both sides, OpenSim's have not.
-    bands = _different([line for line in lines if line.healthy is not None])
+    bands = _drop_equal_bands([line for line in lines if line.healthy is not None])
 
     def draw(axes: "Axes") -> None:
-        chart.dress(
+        chart.format_axes(
             axes,
             xlabel="gait cycle (%)",
-            ylabel=_label(variable, convention, strides.subject),
+            ylabel=_format_label(variable, convention, strides.subject),
             title=title,
             sizes=LETTERS,
         )
         axes.axhline(0.0, color=chart.FAINT, linewidth=THIN)
         drawn: list[Array] = []
         for line in bands:
-            drawn += _normal_band(axes, *line.healthy) if line.healthy else ()
+            drawn += _draw_normal_band(axes, *line.healthy) if line.healthy else ()
         for line in lines:
-            drawn += _mean(axes, line)
+            drawn += _draw_mean(axes, line)
             if line.side in strides.offs:
-                dashes = chart.line_style(chart.SIDE_DASHES[line.side])
+                dashes = chart.make_line_style(chart.SIDE_DASHES[line.side])
                 colour = chart.SIDE_COLOURS[line.side]
                 axes.axvline(
                     strides.offs[line.side], color=colour, linewidth=TOE_OFF, linestyle=dashes
                 )
         axes.set_xlim(0.0, 100.0)
         axes.set_xticks([0, 20, 40, 60, 80, 100])
-        axes.set_ylim(*chart.limits(drawn, _least(kind, convention, strides.subject)))
+        axes.set_ylim(
+            *chart.compute_limits(drawn, _compute_least_range(kind, convention, strides.subject))
+        )
         if not any(np.isfinite(values).any() for values in drawn):
             axes.text(
                 0.5,
@@ -245,25 +265,27 @@ def _chart(
         width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29
     )
     return chart.Chart(
-        name=paper_name(variable),
+        name=name_paper_file(variable),
         title=title,
         panels=(chart.Panel(f"{title} over the gait cycle, right and left", draw, size),),
-        keys=tuple(_keys(lines, bands, strides.offs)),
+        keys=tuple(_build_keys(lines, bands, strides.offs)),
         columns=1,
         sizes=LETTERS,
         legend_row=LEGEND_ROW,
     )
 
 
-def _line(
+def _build_line(
     variable: str, side: str, table: pd.DataFrame, strides: Strides, convention: Convention
 ) -> _Line | None:
     rows = table[table["side"] == side].sort_values("percent")
     if rows.empty:
         return None
 
-    def told(values: Any) -> Array:
-        factor = _force_unit(convention, strides.subject)[0] if variable == GROUND_REACTION else 1.0
+    def convert(values: Any) -> Array:
+        factor = (
+            _get_force_unit(convention, strides.subject)[0] if variable == GROUND_REACTION else 1.0
+        )
         return factor * convention.values(
             variable, np.asarray(values, dtype=np.float64), side, strides.subject
         )
@@ -272,15 +294,15 @@ def _line(
     band = strides.healthy.get(variable, {}).get(side)
     return _Line(
         side=side,
-        mean=told(rows["mean"]),
-        spread=np.abs(told(rows["sd" if count > 1 else "se"])),
+        mean=convert(rows["mean"]),
+        spread=np.abs(convert(rows["sd" if count > 1 else "se"])),
         strides=count,
-        healthy=None if band is None else (told(band[0]), np.abs(told(band[1]))),
+        healthy=None if band is None else (convert(band[0]), np.abs(convert(band[1]))),
     )
 
 
-def _different(lines: list[_Line]) -> list[_Line]:
-    """Those whose bands are not the band of another."""
+def _drop_equal_bands(lines: list[_Line]) -> list[_Line]:
+    """Drop lines whose normative band equals that of an earlier line."""
     out: list[_Line] = []
     for line in lines:
         if not any(
@@ -290,17 +312,17 @@ def _different(lines: list[_Line]) -> list[_Line]:
     return out
 
 
-def _mean(axes: "Axes", line: _Line) -> list[Array]:
+def _draw_mean(axes: "Axes", line: _Line) -> list[Array]:
     percent, colour = np.arange(float(len(line.mean))), chart.SIDE_COLOURS[line.side]
     ends = (line.mean - line.spread, line.mean + line.spread)
     axes.fill_between(percent, *ends, color=colour, alpha=BAND, linewidth=0)
-    dashes = chart.line_style(chart.SIDE_DASHES[line.side])
+    dashes = chart.make_line_style(chart.SIDE_DASHES[line.side])
     axes.plot(percent, line.mean, color=colour, linewidth=LINE, linestyle=dashes)
     return [line.mean, *ends]
 
 
-def _normal_band(axes: "Axes", mean: Array, sd: Array) -> tuple[Array, Array]:
-    """Draw healthy people's mean +- SD (101,) with dotted edges, and return the edges."""
+def _draw_normal_band(axes: "Axes", mean: Array, sd: Array) -> tuple[Array, Array]:
+    """Draw the normative mean +- SD (101,) with dotted edges, and return the edges."""
     percent, ends = np.arange(float(len(mean))), (mean - sd, mean + sd)
     axes.fill_between(percent, *ends, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
     for edge in ends:
@@ -308,7 +330,9 @@ def _normal_band(axes: "Axes", mean: Array, sd: Array) -> tuple[Array, Array]:
     return ends
 
 
-def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> Iterator[chart.Key]:
+def _build_keys(
+    lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]
+) -> Iterator[chart.Key]:
     for line in lines:
         yield chart.Key(
             label=line.label,
@@ -325,8 +349,8 @@ def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> 
         yield chart.Key(label="thin upright lines: toe-off", colour=chart.FAINT, width=TOE_OFF)
 
 
-def variable_title(variable: str, convention: Convention) -> str:
-    """`Hip extension moment`: named by what is positive."""
+def format_variable_title(variable: str, convention: Convention) -> str:
+    """Format the title of a variable, named by its positive direction: `Hip extension moment`."""
     return (
         "Vertical ground reaction force"
         if variable == GROUND_REACTION
@@ -334,8 +358,8 @@ def variable_title(variable: str, convention: Convention) -> str:
     )
 
 
-def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
-    """By what newtons are multiplied, and the unit, beside moments of that convention."""
+def _get_force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
+    """Get the factor for newtons and the unit, to accompany moments of that convention."""
     return {
         MomentUnit.NM: (1.0, "N"),
         MomentUnit.NM_PER_KG: (1.0 / subject.mass, "N/kg"),
@@ -343,13 +367,13 @@ def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
     }[convention.unit]
 
 
-def _label(variable: str, convention: Convention, subject: Subject) -> str:
-    """Unit, and what is positive."""
+def _format_label(variable: str, convention: Convention, subject: Subject) -> str:
+    """Format the unit and the positive direction."""
     kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
     if kind is CurveKind.MOMENT and coordinates.get_senses(coordinate_of(variable)) is None:
         return moment
     whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
-    force = _force_unit(convention, subject)[1]
+    force = _get_force_unit(convention, subject)[1]
     unit = {
         CurveKind.ANGLE: "deg",
         CurveKind.MOMENT: moment,
@@ -359,7 +383,7 @@ def _label(variable: str, convention: Convention, subject: Subject) -> str:
     return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
 
 
-def _least(kind: CurveKind, convention: Convention, subject: Subject) -> float:
+def _compute_least_range(kind: CurveKind, convention: Convention, subject: Subject) -> float:
     if kind in LEAST:
         return LEAST[kind]
     one = np.array([LEAST_MOMENT * subject.mass])

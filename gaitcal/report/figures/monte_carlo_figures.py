@@ -1,8 +1,7 @@
-"""Figures of a Monte Carlo study: the published figures 3 and 4, and which parameter matters for
-which torque.
+"""Figures of a Monte Carlo study: the published figures 3 and 4, and contributions of parameters.
 
-Boxes as published: 25, 50 and 75 %, whiskers 10 and 90 %, a dot for the average. Colours after
-Okabe and Ito.
+Boxes as published: 25, 50 and 75 %, whiskers 10 and 90 %, a dot for the average. Colours are those
+of Okabe and Ito.
 """
 
 from collections.abc import Mapping
@@ -16,7 +15,7 @@ from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.io.atomic import atomic_file
 from gaitcal.montecarlo import draw, draw_statistics
 from gaitcal.montecarlo.protocol import ReactionFrame, Varied
-from gaitcal.report.figures.chart import GRID, INK, new_figure
+from gaitcal.report.figures.chart import GRID, INK, create_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,14 +45,13 @@ SHOWN_SHARE = (
 )
 
 
-def boxplot_figure(
+def draw_boxplots(
     table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l"
 ) -> "Figure":
-    """Torque errors and marker distances of one leg over the levels: a column per set, a row per
-    quantity.
+    """Draw torque errors and marker distances of one leg over the levels.
 
-    `table`: from `statistics`.
-    `measure`: `rms` (figure 3) or `mean` (figure 4).
+    Columns are the varied sets, rows the quantities. `table`: from `statistics`; `measure`: `rms`
+    (figure 3) or `mean` (figure 4).
     """
     sets = [varied for varied in Varied if (table["set"] == varied.value).any()]
     quantities = [
@@ -61,7 +59,7 @@ def boxplot_figure(
         (f"markers_{side}", None),
     ]
     width, height = 1.25 + 1.75 * len(sets), 1.3 + 1.25 * len(quantities)
-    figure = new_figure(width, height, DPI)
+    figure = create_figure(width, height, DPI)
     axes = figure.subplots(len(quantities), len(sets), sharex="col", sharey="row", squeeze=False)
     figure.subplots_adjust(
         left=1.05 / width,
@@ -71,16 +69,16 @@ def boxplot_figure(
         hspace=0.16,
         wspace=0.06,
     )
-    for row, (quantity, of) in enumerate(quantities):
+    for row, (quantity, reactions) in enumerate(quantities):
         for column, varied in enumerate(sets):
-            _boxes(
+            _draw_boxes(
                 axes[row, column],
-                draw_statistics.levels_of(table, varied, quantity, of, measure),
+                draw_statistics.levels_of(table, varied, quantity, reactions, measure),
                 SET_COLOURS[varied],
             )
         _scale(axes[row], measure)
-        words = draw.TORQUE_WORDS.get(quantity[:-2])
-        unit = "marker\ndistance, mm" if words is None else words.replace(" ", "\n", 1) + ",\n%BW·H"
+        title = draw.TORQUE_WORDS.get(quantity[:-2])
+        unit = "marker\ndistance, mm" if title is None else title.replace(" ", "\n", 1) + ",\n%BW·H"
         axes[row, 0].set_ylabel(unit, fontsize=NORMAL, color=INK)
         axes[row, 0].yaxis.set_label_coords(-0.55 / 1.65, 0.5)
     for column, varied in enumerate(sets):
@@ -96,7 +94,7 @@ def boxplot_figure(
     return figure
 
 
-def _boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
+def _draw_boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
     places = np.arange(1, len(rows) + 1)
     boxes = [
         {
@@ -137,7 +135,7 @@ def _boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
 
 
 def _scale(row: np.ndarray, measure: str) -> None:
-    """Distances begin at zero; signed errors get a zero line."""
+    """Scale the axes of a row: distances begin at zero, signed errors have a zero line."""
     from matplotlib.ticker import MaxNLocator
 
     for axes in row:
@@ -149,17 +147,15 @@ def _scale(row: np.ndarray, measure: str) -> None:
         axes.axhline(0.0, color=INK, linewidth=0.5)
 
 
-def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure":
-    """Share of every parameter in the variance of the seven torques of a leg, both ground-reaction
-    frames.
+def draw_contributions(contributions: pd.DataFrame, side: str = "l") -> "Figure":
+    """Draw the share of every parameter in the variance of the seven torques of a leg.
 
-    Parameters of the other leg, of the rest of the body, and the inertial ones stand together in
-    one row each.
+    Parameters of the other leg, of the rest of the body and inertial ones share one row each.
     """
-    panels = {frame: _shares(contributions, frame, side) for frame in ReactionFrame}
+    panels = {frame: _collect_shares(contributions, frame, side) for frame in ReactionFrame}
     rows = list(next(iter(panels.values())).index)
     width, height = 9.2, 1.5 + 0.2 * len(rows)
-    figure = new_figure(width, height, DPI)
+    figure = create_figure(width, height, DPI)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     figure.subplots_adjust(
         left=1.75 / width, right=0.91, bottom=0.85 / height, top=1 - 0.6 / height, wspace=0.04
@@ -175,14 +171,14 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure
                 panel.text(
                     j, i, f"{value:.0f}", ha="center", va="center", fontsize=SMALL, color=ink
                 )
-        words = [draw.TORQUE_WORDS[t].replace(" ", "\n") for t in draw.TORQUES]
-        panel.set_xticks(range(len(draw.TORQUES)), words, fontsize=SMALL, rotation=90)
+        titles = [draw.TORQUE_WORDS[t].replace(" ", "\n") for t in draw.TORQUES]
+        panel.set_xticks(range(len(draw.TORQUES)), titles, fontsize=SMALL, rotation=90)
         panel.set_title(FRAME_WORDS[frame], fontsize=NORMAL, color=INK)
         panel.tick_params(length=0)
         panel.set_frame_on(False)
     axes[0].set_yticks(range(len(rows)), rows, fontsize=SMALL)
-    beside = figure.add_axes((0.925, 0.3, 0.016, 0.4))
-    bar = figure.colorbar(image, cax=beside, ticks=np.sqrt([0, 1, 5, 10, 25, 50]))
+    bar_axes = figure.add_axes((0.925, 0.3, 0.016, 0.4))
+    bar = figure.colorbar(image, cax=bar_axes, ticks=np.sqrt([0, 1, 5, 10, 25, 50]))
     bar.ax.set_yticklabels(["0", "1", "5", "10", "25", "50"], fontsize=SMALL)
     bar.set_label("% of the variance of the torque error", fontsize=NORMAL)
     figure.suptitle(
@@ -195,8 +191,8 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure
     return figure
 
 
-def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
-    """`variance_shares` as one table, parameters as `hip: pelvis ant`."""
+def _collect_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
+    """Collect `variance_shares` in one table, with parameters as `hip: pelvis ant`."""
     of_leg, groups = draw_statistics.variance_shares(contributions, frame, side)
     return pd.concat(
         [of_leg.rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups]
@@ -206,10 +202,23 @@ def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.
 def write_monte_carlo_figures(
     table: pd.DataFrame, contributions: pd.DataFrame | None, folder: Path | str, side: str = "l"
 ) -> Mapping[str, Path]:
-    """Write figures 3 (RMS) and 4 (mean) for both ground-reaction frames, and the contributions, as
-    PNG and SVG.
+    """Write figures 3 (RMS) and 4 (mean) for both reaction frames, and contributions.
 
-    Returns name -> path of the PNG.
+    Parameters
+    ----------
+    table
+        From `statistics`.
+    contributions
+        From `variance_contributions`; None: no such figure.
+    folder
+        Output folder.
+    side
+        `r` or `l`.
+
+    Returns
+    -------
+    dict
+        Name -> path of the PNG; there is also an SVG.
     """
     figures = {
         f"figure_{number}_{frame.value}": (frame, measure)
@@ -218,10 +227,10 @@ def write_monte_carlo_figures(
     }
     out = {}
     for name, (frame, measure) in figures.items():
-        out[name] = _write(boxplot_figure(table, frame, measure, side), Path(folder) / name)
+        out[name] = _write(draw_boxplots(table, frame, measure, side), Path(folder) / name)
     if contributions is not None:
         out["contributions"] = _write(
-            contribution_figure(contributions, side), Path(folder) / "contributions"
+            draw_contributions(contributions, side), Path(folder) / "contributions"
         )
     return out
 

@@ -1,4 +1,4 @@
-"""Sheets of curves and bars of Gait Profile Scores of a printed report, drawn as vectors on a page."""
+"""Draw sheets of curves and bars of Gait Profile Scores for a printed report, as vectors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ from gaitcal.gait import moments, profile_score
 from gaitcal.gait.cycles import CurveKind
 from gaitcal.model.linkage import SIDES
 from gaitcal.report.figures import chart
-from gaitcal.report.figures.chart import SIDE_DASHES, limits
+from gaitcal.report.figures.chart import SIDE_DASHES, compute_limits
 
 SIDE_COLOURS: Final = {side: HexColor(chart.SIDE_COLOURS[side]) for side in SIDES}
 INK, FAINT, GRID, NORM = (
@@ -47,9 +47,7 @@ SANS, BOLD = "ReportSans", "ReportSans-Bold"
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePanel:
-    """One variable over the gait cycle. Values in `unit`, with clinical signs, NaN where they must
-    not be used.
-    """
+    """One variable over the gait cycle, in `unit` and clinical signs; NaN where not valid."""
 
     title: str
     unit: str
@@ -91,7 +89,7 @@ class Sheet:
 
 @cache
 def register_fonts() -> None:
-    """DejaVu Sans, which comes with matplotlib: names in most alphabets, the same on every machine."""
+    """Register DejaVu Sans of matplotlib: most alphabets, the same on every machine."""
     matplotlib = Path(
         getattr(find_spec("matplotlib"), "origin", "")
     )  # found, not loaded: that takes its time
@@ -101,7 +99,7 @@ def register_fonts() -> None:
     pdfmetrics.registerFontFamily(SANS, normal=SANS, bold=BOLD, italic=SANS, boldItalic=BOLD)
 
 
-def _style(
+def _make_style(
     size: float = 8.5, *, bold: bool = False, colour: Color = INK, before: float = 0.0
 ) -> ParagraphStyle:
     name = BOLD if bold else SANS
@@ -115,9 +113,9 @@ def _style(
     )
 
 
-def printed(text: str, size: float = 8.5, **style: Any) -> Paragraph:
-    """Text as it stands, line by line, at a size in points."""
-    return Paragraph(escape(text).replace("\n", "<br/>"), _style(size, **style))
+def make_paragraph(text: str, size: float = 8.5, **style: Any) -> Paragraph:
+    """Make a paragraph of plain text, with its line breaks, at a size in points."""
+    return Paragraph(escape(text).replace("\n", "<br/>"), _make_style(size, **style))
 
 
 class SheetOfCurves(Flowable):  # type: ignore[misc]
@@ -125,30 +123,30 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
 
     def __init__(self, sheet: Sheet, norm: str, size: tuple[float, float]) -> None:
         super().__init__()
-        of_panels = (panel.norm for panel in sheet.panels if isinstance(panel, CurvePanel))
-        self.sheet, self.norm = sheet, norm if any(of is not None for of in of_panels) else ""
+        bands = (panel.norm for panel in sheet.panels if isinstance(panel, CurvePanel))
+        self.sheet, self.norm = sheet, norm if any(band is not None for band in bands) else ""
         self.width, self.height = size
 
     def wrap(self, *_: float) -> tuple[float, float]:
-        """Its size, whatever is offered."""
+        """Return the fixed size."""
         return self.width, self.height
 
     def draw(self) -> None:
-        """On the canvas that the document sets."""
+        """Draw on the canvas of the document."""
         legend = 10 * mm
         size = self.width / SHEET_COLUMNS, (self.height - legend) / SHEET_ROWS
         for k, panel in enumerate(self.sheet.panels):
             row, column = divmod(k, SHEET_COLUMNS)
             place = column * size[0], self.height - (row + 1) * size[1]
             if isinstance(panel, str):
-                part = printed(panel, 7, colour=FAINT)
+                part = make_paragraph(panel, 7, colour=FAINT)
                 _, high = part.wrap(size[0] - 14 * mm, size[1])
                 part.drawOn(self.canv, place[0] + 8 * mm, place[1] + 0.5 * (size[1] - high))
             else:
                 _Axes(self.canv, panel, place, size).draw(self.sheet.toe_off)
-        self._legend()
+        self._draw_legend()
 
-    def _legend(self) -> None:
+    def _draw_legend(self) -> None:
         canvas, x = self.canv, 4 * mm
         canvas.saveState()
         canvas.translate(0, 4.5 * mm)
@@ -158,21 +156,19 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
             canvas.setLineWidth(1.4)
             canvas.setDash(*([list(SIDE_DASHES[side])] if SIDE_DASHES[side] else [[]]))
             canvas.line(x, 2 * mm, x + 8 * mm, 2 * mm)
-            x = _word(canvas, x + 9.5 * mm, f"{moments.SIDE_WORDS[side]}, {self.sheet.thick}")
+            x = _draw_word(canvas, x + 9.5 * mm, f"{moments.SIDE_WORDS[side]}, {self.sheet.thick}")
         canvas.setDash([])
-        _word(canvas, x, self.sheet.thin)
+        _draw_word(canvas, x, self.sheet.thin)
         canvas.restoreState()
         canvas.setFont(SANS, 7)
         if self.norm:
             canvas.setFillColor(NORM)
             canvas.rect(4 * mm, 0.8 * mm, 8 * mm, 2.6 * mm, stroke=0, fill=1)
-            _word(canvas, 13.5 * mm, f"{self.norm}, mean ± SD"[:150])
+            _draw_word(canvas, 13.5 * mm, f"{self.norm}, mean ± SD"[:150])
 
 
 class ProfileBars(Flowable):  # type: ignore[misc]
-    """Bars of both sides with standard errors over a grey one of healthy people; the left ones
-    open, not only red.
-    """
+    """Bars of both sides with standard errors over a grey normative bar; left bars are open."""
 
     ROW = 6.2 * mm
     LABEL, NUMBERS = 40 * mm, 52 * mm
@@ -188,11 +184,11 @@ class ProfileBars(Flowable):  # type: ignore[misc]
         self.most = max(self.most, *(s.norm for s in scores)) * 1.05
 
     def wrap(self, *_: float) -> tuple[float, float]:
-        """Its size, whatever is offered."""
+        """Return the fixed size."""
         return self.width, self.height
 
     def draw(self) -> None:
-        """On the canvas that the document sets."""
+        """Draw on the canvas of the document."""
         canvas, step = self.canv, 5.0 if self.most > 12.0 else 2.0
         canvas.setStrokeColor(GRID)
         canvas.setLineWidth(0.4)
@@ -204,13 +200,13 @@ class ProfileBars(Flowable):  # type: ignore[misc]
                 self._at(value), self.ROW - 3 * mm, f"{value:g}" + (" deg" if not value else "")
             )
         for k, (_, of_row) in enumerate(self.rows):
-            self._row(of_row, self.height - (k + 1) * self.ROW)
+            self._draw_row(of_row, self.height - (k + 1) * self.ROW)
 
     def _at(self, value: float) -> float:
         return float(self.LABEL + (self.width - self.LABEL - self.NUMBERS) * value / self.most)
 
-    def _row(self, scores: Sequence[profile_score.Score], low: float) -> None:
-        canvas, told = self.canv, list[str]()
+    def _draw_row(self, scores: Sequence[profile_score.Score], low: float) -> None:
+        canvas, texts = self.canv, list[str]()
         canvas.setFillColor(NORM)
         canvas.rect(
             self._at(0),
@@ -225,7 +221,7 @@ class ProfileBars(Flowable):  # type: ignore[misc]
         canvas.drawString(0, low + 2 * mm, profile_score.score_title(scores[0]))
         for s in scores:
             error = f" ± {s.error:.1f}" if np.isfinite(s.error) else ""
-            told.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
+            texts.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
             if s.side not in SIDES:
                 continue
             y = low + (3.2 * mm if s.side == "r" else 1.2 * mm)
@@ -241,17 +237,17 @@ class ProfileBars(Flowable):  # type: ignore[misc]
                 canvas.line(ends[0], y + 0.8 * mm, ends[1], y + 0.8 * mm)
         canvas.setFont(SANS, 6.5)
         canvas.setFillColor(INK)
-        canvas.drawRightString(self.width, low + 2 * mm, ",  ".join(told))
+        canvas.drawRightString(self.width, low + 2 * mm, ",  ".join(texts))
 
 
-def _word(canvas: Canvas, x: float, text: str) -> float:
+def _draw_word(canvas: Canvas, x: float, text: str) -> float:
     canvas.setFillColor(INK)
     canvas.drawString(x, 1.1 * mm, text)
     return float(x + pdfmetrics.stringWidth(text, SANS, 7) + 3.5 * mm)
 
 
 class _Axes:
-    """One panel on a canvas: 0 to 100 % across, limits that hold curves and norm upwards."""
+    """One panel on a canvas: 0 to 100 % across; vertical limits contain curves and norm."""
 
     def __init__(
         self,
@@ -263,26 +259,26 @@ class _Axes:
         self.canvas, self.panel = canvas, panel
         self.x0, self.y0 = place[0] + 9.5 * mm, place[1] + 6.5 * mm
         self.width, self.height = size[0] - 12 * mm, size[1] - 14 * mm
-        self.low, self.high, self.step = limits_of(panel)
+        self.low, self.high, self.step = compute_panel_limits(panel)
 
     def at(self, percent: float, value: float) -> tuple[float, float]:
-        """Points of the page."""
+        """Convert percent and value to points of the page."""
         up = (value - self.low) / (self.high - self.low)
         return self.x0 + self.width * percent / 100.0, self.y0 + self.height * up
 
     def draw(self, toe_off: Mapping[str, float]) -> None:
-        """Grid, norm, strides, error bands, means."""
+        """Draw grid, norm, strides, error bands and means."""
         canvas, panel = self.canvas, self.panel
         canvas.saveState()
-        self._frame()
+        self._draw_frame()
         clip = canvas.beginPath()
         clip.rect(self.x0, self.y0, self.width, self.height)
         canvas.clipPath(clip, stroke=0, fill=0)
         if panel.norm is not None:
-            self._band(*panel.norm, NORM, 1.0)
+            self._draw_band(*panel.norm, NORM, 1.0)
         for side, percent in toe_off.items():
             canvas.setStrokeColor(SIDE_COLOURS[side])
-            self._line(
+            self._draw_line(
                 (np.array([percent, percent]), np.array([self.low, self.high])),
                 0.5,
                 SIDE_DASHES[side],
@@ -292,12 +288,12 @@ class _Axes:
             canvas.setStrokeColor(SIDE_COLOURS[side])
             canvas.setStrokeAlpha(panel.thin[1])
             for stride in strides:
-                self._line((at, stride), panel.thin[0], SIDE_DASHES[side])
+                self._draw_line((at, stride), panel.thin[0], SIDE_DASHES[side])
             canvas.setStrokeAlpha(1.0)
         for side, mean in panel.mean.items():
-            self._band(mean, panel.error[side], SIDE_COLOURS[side], 0.18)
+            self._draw_band(mean, panel.error[side], SIDE_COLOURS[side], 0.18)
             canvas.setStrokeColor(SIDE_COLOURS[side])
-            self._line((at, mean), 1.4, SIDE_DASHES[side])
+            self._draw_line((at, mean), 1.4, SIDE_DASHES[side])
         canvas.restoreState()
         if not any(np.isfinite(mean).any() for mean in panel.mean.values()):
             canvas.setFillColor(FAINT)
@@ -306,7 +302,7 @@ class _Axes:
                 self.x0 + self.width / 2, self.y0 + self.height / 2, "no stride counts"
             )
 
-    def _frame(self) -> None:
+    def _draw_frame(self) -> None:
         canvas, panel = self.canvas, self.panel
         top = self.y0 + self.height
         canvas.setFillColor(INK)
@@ -337,7 +333,9 @@ class _Axes:
                 x, self.y0 - 3.6 * mm, f"{percent}" + (" %" if percent == 100 else "")
             )
 
-    def _line(self, points: tuple[Array, Array], width: float, dashes: Sequence[float]) -> None:
+    def _draw_line(
+        self, points: tuple[Array, Array], width: float, dashes: Sequence[float]
+    ) -> None:
         self.canvas.setLineWidth(width)
         self.canvas.setDash(list(dashes))
         path, down = self.canvas.beginPath(), False
@@ -349,8 +347,8 @@ class _Axes:
             down = True
         self.canvas.drawPath(path, stroke=1, fill=0)
 
-    def _band(self, mean: Array, half: Array, colour: Color, alpha: float) -> None:
-        """One polygon for each run of percents where both are known."""
+    def _draw_band(self, mean: Array, half: Array, colour: Color, alpha: float) -> None:
+        """Draw one polygon for each run of known percents."""
         known = np.isfinite(mean) & np.isfinite(half)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
         self.canvas.setFillColor(colour)
@@ -368,16 +366,14 @@ class _Axes:
         self.canvas.setFillAlpha(1.0)
 
 
-def limits_of(panel: CurvePanel) -> tuple[float, float, float]:
-    """Limits that hold strides, error bands and norm; step of the grid: 1, 2 or 5 times a power of
-    ten, some five.
-    """
+def compute_panel_limits(panel: CurvePanel) -> tuple[float, float, float]:
+    """Compute limits and grid step of a panel: 1, 2 or 5 times a power of ten, about five steps."""
     values, least = [v for strides in panel.strides.values() for v in strides], panel.least
     for side, mean in panel.mean.items():
         values += [mean - panel.error[side], mean + panel.error[side]]
     if panel.norm is not None:
         values += [panel.norm[0] - panel.norm[1], panel.norm[0] + panel.norm[1]]
-    low, high = limits(values, least)
+    low, high = compute_limits(values, least)
     rough = (high - low) / 5
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(float(f * power) for f in (1.0, 2.0, 5.0, 10.0) if f * power >= rough)

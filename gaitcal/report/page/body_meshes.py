@@ -1,12 +1,10 @@
-"""The human body meshes of example-robot-data, laid over a person's segments; capsules where that
-package has none.
+"""Fit the human body meshes of example-robot-data to a subject; capsules replace missing meshes.
 
-Each mesh is drawn in its own unit around the joint it hangs from; x forward, y up, z to the right,
-as ours. The reference body (that package's `human.urdf`) says where in a mesh the joints lie. A
-limb mesh is stretched along its length so that its joints meet the person's own joint centres, and
-across it by a girth that follows body mass and height; pelvis and trunk are stretched to hip and
-shoulder centres. Each mesh moves with its segment. Those that are mere balls of 5800 triangles are
-drawn with 480.
+Each mesh has its own unit and its origin at the proximal joint; x forward, y up, z to the right.
+The reference body (that package's `human.urdf`) gives the joint positions in each mesh. A limb mesh
+is scaled along its length, so that its joints meet the subject's joint centres, and across by a
+girth that depends on body mass and height. Pelvis and trunk are scaled to hip and shoulder centres.
+Each mesh moves with its segment. Plain balls of 5800 triangles are drawn with 480.
 """
 
 from dataclasses import dataclass
@@ -40,8 +38,8 @@ MESHES: dict[str, tuple[Array, Array]] = {
         ("upperleg", (-10.6, -62.3, -10.3), (10.4, 6.2, 10.6)),
     )
 }
-"""The meshes in use and their bounding boxes in their own unit; what replaces a missing mesh fills
-its box.
+"""The meshes in use and their bounding boxes in their unit; a substitute for a missing mesh fills its
+box.
 """
 
 PACKAGE = "example-robot-data"
@@ -71,7 +69,7 @@ highest of them, between a marker on it and a band around the forehead."""
 class Mesh:
     """A closed surface."""
 
-    vertices: Array  # (nv, 3) in the mesh's own unit
+    vertices: Array  # (nv, 3) in the unit of the mesh
     triangles: IntArray  # (nt, 3)
 
 
@@ -91,78 +89,88 @@ class FittedMesh:
 
     mesh: str
     segment: str
-    place: Array  # (3, 4) affine map from the mesh's own unit to the segment frame, m
+    place: Array  # (3, 4) affine map from the unit of the mesh to the segment frame, m
 
 
-def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
-    """The body of a person: lengths from the joint centres of the model, girths from mass and
-    height.
+def fit_body_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
+    """Fit the body meshes to a subject.
+
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+
+    Returns
+    -------
+    tuple of FittedMesh
+        Lengths from joint centres, girths from mass and height.
     """
     tall = model.subject.height / REFERENCE_HEIGHT
     girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
     jp = model.parameters
-    meshes = [*_trunk(model, jp, girth), _pelvis(jp, girth)]
+    meshes = [*_fit_trunk(model, jp, girth), _fit_pelvis(jp, girth)]
     for side in SIDES:
-        meshes += [*_leg(jp, side, girth), _foot(model, side), *_arm(model, jp, side, girth)]
+        meshes += [
+            *_fit_leg(jp, side, girth),
+            _fit_foot(model, side),
+            *_fit_arm(model, jp, side, girth),
+        ]
     return tuple(meshes)
 
 
-def _limb(
+def _fit_limb(
     mesh: str, segment: str, ends: tuple[Array, Array], heights: tuple[float, float], across: float
 ) -> FittedMesh:
-    """A mesh whose `heights` (its own unit) come to the joint centres `ends` (proximal, distal)."""
+    """Fit a mesh: its `heights` (own unit) go to the joint centres `ends` (proximal, distal)."""
     along = (ends[0] - ends[1]) / (heights[0] - heights[1])
     scale = float(np.linalg.norm(along))
     y = along / scale
     x = np.cross(y, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
-    turn = np.column_stack([x, y, np.cross(x, y)])
-    place = turn * np.array([across, scale, across])
-    return FittedMesh(mesh, segment, np.column_stack([place, ends[0] - heights[0] * along]))
+    axes = np.column_stack([x, y, np.cross(x, y)])
+    scaled = axes * np.array([across, scale, across])
+    return FittedMesh(mesh, segment, np.column_stack([scaled, ends[0] - heights[0] * along]))
 
 
-def _straight(
+def _scale_mesh(
     mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]
 ) -> FittedMesh:
-    """A mesh with the axes of its segment, its own origin at `origin` (m), m per unit along each
-    axis.
-    """
+    """Scale a mesh along the axes of its segment, with its origin at `origin` (m); m per unit."""
     return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
 
 
-def _trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh]:
-    """Torso as wide as the shoulders; neck and head so that the standing person is as tall as
-    measured.
-    """
+def _fit_trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh]:
+    """Fit the torso to the shoulders, and neck and head to the body height."""
     lumbar = jp.centre("back", "head_trunk")
     half = (
         float(jp.centre("shoulder_r", "head_trunk")[2] - jp.centre("shoulder_l", "head_trunk")[2])
         / 2
     )
     head = _HEAD_OF_HEIGHT * model.subject.height / 42.0
-    neck = vertex_above_lumbar(model) - 46.2 * head
+    neck = compute_vertex_height(model) - 46.2 * head
     thick = 0.0056 * girth
     high = (neck - 0.03) / 52.0
     return [
-        _straight(
+        _scale_mesh(
             "abdomen", "head_trunk", lumbar, (0.0074 * girth, 0.45 * neck / 27.1, 0.0076 * girth)
         ),
-        _straight(
+        _scale_mesh(
             "torso",
             "head_trunk",
             lumbar + [0.0, 0.05 - 22.9 * high, 0.0],
             (0.00578 * girth, high, half / 22.0),
         ),
-        _straight(
+        _scale_mesh(
             "neck", "head_trunk", lumbar + [_HEAD_FORWARD / 2, neck, 0.0], (thick, 0.0075, thick)
         ),
-        _straight("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
+        _scale_mesh("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
     ]
 
 
-def vertex_above_lumbar(model: SubjectModel) -> float:
-    """Metres from the lumbar joint to the top of the head: where the height of the upright person
-    puts it, and little above the markers of the head where it has some.
+def compute_vertex_height(model: SubjectModel) -> float:
+    """Compute the distance (m) of lumbar joint and top of the head.
+
+    It follows from the body height and from the markers of the head, if there are any.
     """
     jp, height = model.parameters, model.subject.height
     lumbar = jp.centre("back", "head_trunk")[1]
@@ -172,14 +180,15 @@ def vertex_above_lumbar(model: SubjectModel) -> float:
     on_trunk = [segment == "head_trunk" for segment in model.markers.segments]
     head = model.markers.local[on_trunk, 1] - lumbar
     vertex = max(
-        height - _lumbar_height(jp, height), float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height
+        height - _compute_lumbar_height(jp, height),
+        float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height,
     )
     has_markers = (head > shoulders + _HEAD_MARKER_OF_HEIGHT * height).any()
     return min(vertex, float(head.max()) + _VERTEX_OVER_MARKERS * height) if has_markers else vertex
 
 
-def _lumbar_height(jp: Parameters, height: float) -> float:
-    """Metres from the floor to the lumbar joint of the upright person."""
+def _compute_lumbar_height(jp: Parameters, height: float) -> float:
+    """Compute the height (m) of the lumbar joint above the floor of the upright subject."""
     thighs = [
         jp.centre(f"hip_{s}", f"thigh_{s}")[1] - jp.centre(f"knee_{s}", f"thigh_{s}")[1]
         for s in SIDES
@@ -197,17 +206,17 @@ def _lumbar_height(jp: Parameters, height: float) -> float:
     )
 
 
-def _pelvis(jp: Parameters, girth: float) -> FittedMesh:
+def _fit_pelvis(jp: Parameters, girth: float) -> FittedMesh:
     hips = (jp.centre("hip_r", "pelvis") + jp.centre("hip_l", "pelvis")) / 2
     back = jp.centre("back", "pelvis")
     rise = max(float(back[1] - hips[1]), 0.02) / _HIP_DROP
     origin = np.array([hips[0] - _HIP_FORWARD * girth, back[1] - 0.05 * rise, hips[2]])
-    return _straight(
+    return _scale_mesh(
         "pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth)
     )
 
 
-def _leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
+def _fit_leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
     thigh, shank = f"thigh_{side}", f"shank_{side}"
     hip, knee = (
         jp.centre(f"hip_{side}", f"thigh_{side}"),
@@ -218,55 +227,52 @@ def _leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
         jp.centre(f"talocrural_{side}", f"shank_{side}"),
     )
     return [
-        _limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
-        _limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
-        _straight("knee", shank, top, (0.0056 * girth,) * 3),
+        _fit_limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
+        _fit_limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
+        _scale_mesh("knee", shank, top, (0.0056 * girth,) * 3),
     ]
 
 
-def _foot(model: SubjectModel, side: str) -> FittedMesh:
-    """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the
-    toe.
-    """
+def _fit_foot(model: SubjectModel, side: str) -> FittedMesh:
+    """Fit the foot mesh: ankle centre, upright at zero nominal coordinates, x to the toe."""
     foot, talus = f"foot_{side}", f"talus_{side}"
-    upright = upright_poses(model.nominal)[0][foot][:, 1].copy()
-    axes, origins = upright_poses(model.parameters)
+    upright = compute_upright_poses(model.nominal)[0][foot][:, 1].copy()
+    axes, origins = compute_upright_poses(model.parameters)
     ankle = axes[foot] @ (origins[talus] - origins[foot])
     z = np.cross([1.0, 0.0, 0.0], upright)
     z /= np.linalg.norm(z)
-    turn = np.column_stack([np.cross(upright, z), upright, z])
+    rotation = np.column_stack([np.cross(upright, z), upright, z])
     length = FOOT_OF_HEIGHT * model.subject.height
     return FittedMesh(
-        "foot", foot, np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle])
+        "foot", foot, np.column_stack([rotation * (0.0067 * length / _FOOT_LENGTH), ankle])
     )
 
 
-def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates
-    zero.
+def compute_upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Compute segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin.
+
+    All coordinates are zero.
     """
     axes, origins = compute_body_poses(parameters, np.zeros((1, len(COORDINATES))))
     return {s: x[..., 0] for s, x in axes.items()}, {s: x[..., 0] for s, x in origins.items()}
 
 
-def _arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
+def _fit_arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
     upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
     shoulder, elbow = jp.centre(f"shoulder_{side}", upper), jp.centre(f"elbow_{side}", upper)
-    top, end = jp.centre(f"elbow_{side}", fore), wrist(model, jp, side)
+    top, end = jp.centre(f"elbow_{side}", fore), locate_wrist(model, jp, side)
     hand = 0.0061 * model.subject.height / REFERENCE_HEIGHT
     return [
-        _straight("shoulder", upper, shoulder, (0.00585 * girth,) * 3),
-        _limb("upperarm", upper, (shoulder, elbow), (-8.3, -54.3), 0.0062 * girth),
-        _limb("lowerarm", fore, (top, end), (0.0, -44.8), 0.0064 * girth),
-        _straight("elbow", fore, top, (0.0055 * girth,) * 3),
-        _straight("hand", fore, end, (hand, hand, hand)),
+        _scale_mesh("shoulder", upper, shoulder, (0.00585 * girth,) * 3),
+        _fit_limb("upperarm", upper, (shoulder, elbow), (-8.3, -54.3), 0.0062 * girth),
+        _fit_limb("lowerarm", fore, (top, end), (0.0, -44.8), 0.0064 * girth),
+        _scale_mesh("elbow", fore, top, (0.0055 * girth,) * 3),
+        _scale_mesh("hand", fore, end, (hand, hand, hand)),
     ]
 
 
-def wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
-    """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share
-    of body height.
-    """
+def locate_wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
+    """Locate the (3,) m wrist in the forearm: its landmark, else by a share of body height."""
     known = model.landmarks.get(f"wrist_{side}")
     if known is not None and known[0] == f"forearm_hand_{side}":
         return known[1]
@@ -275,25 +281,31 @@ def wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
     return out
 
 
-def body_meshes() -> BodyMeshes:
-    """Read the human meshes of the installed example-robot-data; capsules for those it lacks."""
-    files = _files()
+def read_body_meshes() -> BodyMeshes:
+    """Read the human meshes of the installed example-robot-data.
+
+    Returns
+    -------
+    BodyMeshes
+        With capsules for missing meshes.
+    """
+    files = _find_files()
     meshes, replaced = {}, []
     for name in MESHES:
         if name in BALLS:
-            meshes[name] = round_body(*MESHES[name])
+            meshes[name] = make_round_body(*MESHES[name])
             continue
         try:
-            whole = _as_expected(name, read_stl(files[name].read_bytes()))
+            whole = _check_mesh(name, read_stl(files[name].read_bytes()))
             meshes[name] = with_fewer_triangles(whole, _MOST_TRIANGLES)
         except (KeyError, OSError, ValueError):
-            meshes[name] = round_body(*MESHES[name], blunt=2.0)
+            meshes[name] = make_round_body(*MESHES[name], blunt=2.0)
             replaced.append(name)
     return BodyMeshes(meshes, tuple(replaced))
 
 
-def _as_expected(name: str, mesh: Mesh) -> Mesh:
-    """ValueError for a mesh of another shape or unit than the one that is placed here."""
+def _check_mesh(name: str, mesh: Mesh) -> Mesh:
+    """Raise ValueError if a mesh has another shape or unit than expected."""
     low, high = MESHES[name]
     slack = _SLACK * (high - low).max()
     low_off, high_off = (
@@ -305,7 +317,7 @@ def _as_expected(name: str, mesh: Mesh) -> Mesh:
     return mesh
 
 
-def _files() -> dict[str, Path]:
+def _find_files() -> dict[str, Path]:
     try:
         listed = distribution(PACKAGE).files or ()
     except PackageNotFoundError:
@@ -315,9 +327,12 @@ def _files() -> dict[str, Path]:
 
 
 def read_stl(content: bytes) -> Mesh:
-    """A binary STL, equal corners joined.
+    """Read a binary STL and join equal corners.
 
-    Raises ValueError: It is none, or is cut off.
+    Raises
+    ------
+    ValueError
+        The content is not a binary STL, or is truncated.
     """
     count = int.from_bytes(content[80:84], "little")
     if len(content) < 84 + count * _STL.itemsize or count == 0:
@@ -332,13 +347,13 @@ def read_stl(content: bytes) -> Mesh:
     order = np.lexsort(corners.T[::-1])  # as np.unique(axis=0), in a sixth of its time
     ordered = corners[order]
     new = np.append(True, np.any(ordered[1:] != ordered[:-1], axis=1))
-    place = np.empty(len(order), dtype=np.intp)
-    place[order] = np.cumsum(new) - 1
-    return Mesh(ordered[new], place.reshape(-1, 3))
+    vertex = np.empty(len(order), dtype=np.intp)
+    vertex[order] = np.cumsum(new) - 1
+    return Mesh(ordered[new], vertex.reshape(-1, 3))
 
 
-def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
-    """A body of revolution that fills a box: an ellipsoid, or with `blunt` 2 nearly a capsule."""
+def make_round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
+    """Make a body of revolution in a box: an ellipsoid, or with `blunt` 2 nearly a capsule."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)[1:-1]
     longitude = np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False)
     radius = np.cos(latitude) ** (1.0 / blunt)
@@ -367,10 +382,9 @@ def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
 
 
 def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
-    """The shape with at most so many triangles: corners that share a cell of a grid become their
-    mean.
+    """Reduce a mesh to at most `most` triangles by averaging corners in cells of a grid.
 
-    A mesh that has no more is returned as it is.
+    A mesh with no more triangles is returned unchanged.
     """
     if len(mesh.triangles) <= most:
         return mesh
@@ -392,5 +406,5 @@ def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
         cell *= _COARSER
     count = np.bincount(group)
     means = np.column_stack([np.bincount(group, mesh.vertices[:, k]) / count for k in range(3)])
-    used, place = np.unique(triangles[kept][np.sort(first)], return_inverse=True)
-    return Mesh(means[used], place.reshape(-1, 3))
+    used, vertex = np.unique(triangles[kept][np.sort(first)], return_inverse=True)
+    return Mesh(means[used], vertex.reshape(-1, 3))

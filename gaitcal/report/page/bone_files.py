@@ -1,12 +1,12 @@
-"""Where bones come from: the package `myo-sim` if it is installed, or OpenSim's `Geometry` folder.
+"""Read bone meshes from the package `myo-sim`, if installed, or from OpenSim's `Geometry` folder.
 
-Both hold the bones of the same musculoskeletal models (Rajagopal et al. 2016 and its forerunners),
-in metres, each in the frame of its body; only right bones are read, left ones are their mirror
-images. `myo-sim` is never imported, as that would load a physics engine: only its files are read.
+Both contain the bones of the same musculoskeletal models (Rajagopal et al. 2016 and earlier ones),
+in metres, in the frame of each body. Only right bones are read; left ones are mirror images.
+`myo-sim` is not imported, as that would load a physics engine.
 
-`.vtp` files (VTK XML PolyData) hold numbers as text, or as base64 behind a header that counts their
-bytes, with or without zlib. Polygons of more than three corners become fans of triangles. Data
-appended behind the XML is not read: OpenSim's files have none.
+`.vtp` files (VTK XML PolyData) contain numbers as text, or as base64 after a header with their byte
+counts, with or without zlib. Polygons with more than three corners become fans of triangles. Data
+appended after the XML are not read: OpenSim's files have none.
 """
 
 import base64
@@ -62,21 +62,19 @@ NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")
 
 @dataclass(frozen=True)
 class BoneMeshes:
-    """Bones of the right side and the middle."""
+    """Bones of the right side and of the middle."""
 
     meshes: dict[str, Mesh]  # As they are in the files, m: landmarks are found on these
     source: str  # Where they are from, for the page
     licence: str  # Text of their licence; empty where the source has none
 
-    def shown(self, bone: str) -> Mesh:
-        """The bone with as many triangles as the page shows of it."""
+    def reduce_bone(self, bone: str) -> Mesh:
+        """Reduce a bone to the number of triangles on the page."""
         return with_fewer_triangles(self.meshes[bone], _FILES[bone][1])
 
 
-def installed_bones() -> BoneMeshes | None:
-    """The bones of the installed `myo-sim`; None where it is not installed, or no longer has what
-    is needed.
-    """
+def find_installed_bones() -> BoneMeshes | None:
+    """Find the bones of the installed `myo-sim`; None if it is missing or incomplete."""
     try:
         package = distribution(PACKAGE)
     except PackageNotFoundError:
@@ -93,11 +91,24 @@ def installed_bones() -> BoneMeshes | None:
     )
 
 
-def bones_of_folder(folder: Path) -> BoneMeshes:
-    """The bones of a folder of `.vtp` or `.stl` files with OpenSim's names.
+def read_bone_folder(folder: Path) -> BoneMeshes:
+    """Read a folder of `.vtp` or `.stl` files with OpenSim's names.
 
-    Raises InputError: No such folder, a file that is no surface, a bone that is needed is missing,
-    or the unit is not the metre.
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    BoneMeshes
+        Bones, m.
+
+    Raises
+    ------
+    InputError
+        The folder is missing, a file is not a surface, a required bone is missing, or the unit is
+        not the metre.
     """
     if not folder.is_dir():
         message = "found no such folder; allowed: OpenSim's `Geometry`, or one like it"
@@ -139,9 +150,12 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
 
 
 def read_vtp(content: bytes) -> Mesh:
-    """A surface; its polygons as triangles.
+    """Read a surface, with polygons as triangles.
 
-    Raises ValueError: It is no such file, is damaged, or is packed in a way that is not read here.
+    Raises
+    ------
+    ValueError
+        The content is not such a file, is damaged, or has an unsupported encoding.
     """
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("a document type, which no geometry file needs")
@@ -155,13 +169,13 @@ def read_vtp(content: bytes) -> Mesh:
     triangles: list[IntArray] = []
     count = 0
     for piece in root.iter("Piece"):
-        points = _array(root, piece, "Points/DataArray").reshape(-1, 3).astype(float)
-        corners = _array(root, piece, "Polys/DataArray[@Name='connectivity']").astype(np.intp)
-        ends = _array(root, piece, "Polys/DataArray[@Name='offsets']").astype(np.intp)
+        points = _read_array(root, piece, "Points/DataArray").reshape(-1, 3).astype(float)
+        corners = _read_array(root, piece, "Polys/DataArray[@Name='connectivity']").astype(np.intp)
+        ends = _read_array(root, piece, "Polys/DataArray[@Name='offsets']").astype(np.intp)
         if len(corners) and not (corners.min() >= 0 and corners.max() < len(points)):
             raise ValueError("corners beyond the points")
         vertices.append(points)
-        triangles.append(count + _fans(corners, ends))
+        triangles.append(count + _split_polygons(corners, ends))
         count += len(points)
     if (
         not triangles
@@ -172,8 +186,8 @@ def read_vtp(content: bytes) -> Mesh:
     return Mesh(np.vstack(vertices), np.vstack(triangles))
 
 
-def _fans(corners: IntArray, ends: IntArray) -> IntArray:
-    """(nt, 3) triangles of polygons whose corners stand one after the other, up to each end."""
+def _split_polygons(corners: IntArray, ends: IntArray) -> IntArray:
+    """Split polygons, given by consecutive corners up to each end, into (nt, 3) triangles."""
     starts = np.concatenate([[0], ends[:-1]]) if len(ends) else ends
     if len(ends) and (np.any(np.diff(ends) < 0) or ends[0] < 0 or ends[-1] > len(corners)):
         raise ValueError("polygons beyond the corners")
@@ -185,31 +199,33 @@ def _fans(corners: IntArray, ends: IntArray) -> IntArray:
     return np.array(fans, dtype=np.intp).reshape(-1, 3)
 
 
-def _array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.generic]:
+def _read_array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.generic]:
     found = piece.find(path)
     if found is None or found.get("type") not in _TYPES:
         raise ValueError(f"no {path}")
     order = "<" if root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
     kind = np.dtype(order + _TYPES[found.get("type", "")])
-    words = (found.text or "").split()
+    parts = (found.text or "").split()
     form, compressor = found.get("format", "ascii"), root.get("compressor")
     if form == "ascii":
-        return np.array(words, dtype=kind.newbyteorder("="))
+        return np.array(parts, dtype=kind.newbyteorder("="))
     if form != "binary":
         raise ValueError(f"data in the format '{form}'")
     if compressor not in (None, "vtkZLibDataCompressor"):
         raise ValueError(f"data packed by {compressor}")
-    packed, counts = "".join(words), np.dtype(order + _TYPES[root.get("header_type", "UInt32")])
+    packed, counts = "".join(parts), np.dtype(order + _TYPES[root.get("header_type", "UInt32")])
     if compressor:
-        return np.frombuffer(_inflated(packed, counts), dtype=kind)
+        return np.frombuffer(_decode_blocks(packed, counts), dtype=kind)
     raw = base64.b64decode(packed)
     (size,) = np.frombuffer(raw[: counts.itemsize], counts)
     return np.frombuffer(raw[counts.itemsize : counts.itemsize + int(size)], dtype=kind)
 
 
-def _inflated(text: str, counts: np.dtype[np.generic]) -> bytes:
-    """Header: number of blocks, their size, size of the last, then each block's packed size;
-    encoded by itself.
+def _decode_blocks(text: str, counts: np.dtype[np.generic]) -> bytes:
+    """Decode compressed blocks of base64.
+
+    The header is encoded separately: number of blocks, block size, size of the last block, then the
+    compressed size of each block.
     """
 
     def encoded(size: int) -> int:

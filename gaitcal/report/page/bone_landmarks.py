@@ -1,4 +1,4 @@
-"""Landmarks of a bone, found on its own surface, and where the same landmarks lie in a person.
+"""Find landmarks on the surface of bones, and locate the same landmarks in a subject.
 
 Bones are those of the right side in the axes of OpenSim's models: x forward, y up, z to the right,
 m.
@@ -20,11 +20,11 @@ m.
 A sphere |p - c|^2 = r^2 is linear in (c, r^2 - c.c) and solved by least squares; so is a circle in
 two coordinates.
 
-A person's landmarks are those of the static trial and the joint centres, in the segment frames. The
-knee is the middle between the epicondyles and the line through them, as palpated, and no fitted
-axis: a bone that stands on these shows whether the fitted knee axis passes through its condyles.
-Hip centres, which nobody can palpate, are the fitted ones. A marker's centre lies its radius off
-the skin; epicondyles, malleoli and spines are taken that much nearer.
+The landmarks of a subject are those of the static trial and the joint centres, in segment frames.
+The knee is given by the palpated epicondyles, not by the fitted axis: a bone placed this way shows
+whether the fitted knee axis passes through its condyles. Hip centres cannot be palpated and are the
+fitted ones. The centre of a marker is its radius away from the skin, and epicondyles, malleoli and
+spines are corrected for it.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,12 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import JointWidths
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.report.page.body_meshes import Mesh, upright_poses, vertex_above_lumbar, wrist
+from gaitcal.report.page.body_meshes import (
+    Mesh,
+    compute_upright_poses,
+    compute_vertex_height,
+    locate_wrist,
+)
 
 _END = 0.12  # Share of a bone's length that is its end
 _UPPER_SHAFT, _LOWER_SHAFT = (0.6, 0.8), (0.25, 0.5)  # Shares of a bone's length, from below
@@ -52,15 +57,15 @@ _VOTES_TOGETHER = 0.010  # m: votes for one acetabulum
 _PARTS = 5  # Parts of a triangle's side between points spread over it
 
 
-class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
-    """A surface is not the bone it should be."""
+class NoLandmark(ValueError):  # noqa: N818 - reads "no landmark"
+    """A surface does not show a landmark of its bone."""
 
 
 @dataclass(frozen=True)
 class Ball:
     """A sphere, or in the sagittal plane a circle, fitted to a joint surface."""
 
-    centre: Array  # (3,) m, in the bone's own frame
+    centre: Array  # (3,) m, in the frame of the bone
     radius: float  # m
 
 
@@ -95,7 +100,7 @@ class Condyles:
 
 @dataclass(frozen=True)
 class HipBone:
-    """The right half of a pelvis; every place (3,) m."""
+    """The right half of a pelvis; every position (3,) m."""
 
     socket: Array
     asis: Array
@@ -104,31 +109,29 @@ class HipBone:
 
 @dataclass(frozen=True)
 class ShankBones:
-    """Tibia and fibula, in one frame; every place (3,) m."""
+    """Tibia and fibula, in one frame; every position (3,) m."""
 
     plateau: Array
     medial: Array  # Malleolus
     lateral: Array  # Malleolus
 
 
-def volume(mesh: Mesh) -> float:
-    """m^3, positive where the corners of the triangles go round counter-clockwise seen from
-    outside.
-    """
+def compute_volume(mesh: Mesh) -> float:
+    """Compute the volume, m^3; positive if corners are counter-clockwise seen from outside."""
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def face_normals(mesh: Mesh) -> tuple[Array, Array]:
-    """(nt, 3) outward normals as long as the area (m^2), and (nt, 3) the triangles' middles, m."""
+def compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
+    """Compute (nt, 3) outward normals, length = area (m^2), and (nt, 3) centroids (m)."""
     corners = mesh.vertices[mesh.triangles]
     outward = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return outward * (1.0 if volume(mesh) > 0 else -1.0), corners.mean(axis=1)
+    return outward * (1.0 if compute_volume(mesh) > 0 else -1.0), corners.mean(axis=1)
 
 
-def _vertex_normals(mesh: Mesh) -> Array:
-    """(nv, 3) outward unit vectors, the triangles around weighted by their area."""
-    faces, _ = face_normals(mesh)
+def _compute_vertex_normals(mesh: Mesh) -> Array:
+    """Compute (nv, 3) outward unit normals, averaged over adjacent triangles by area."""
+    faces, _ = compute_face_normals(mesh)
     sums = np.zeros_like(mesh.vertices)
     for k in range(3):
         np.add.at(sums, mesh.triangles[:, k], faces)
@@ -136,14 +139,12 @@ def _vertex_normals(mesh: Mesh) -> Array:
     return out
 
 
-def _spread_points(mesh: Mesh) -> tuple[Array, Array, Array]:
-    """Points (n, 3) spread over the whole surface, outward unit normals (n, 3) and the area (n,)
-    each stands for.
+def _sample_surface(mesh: Mesh) -> tuple[Array, Array, Array]:
+    """Sample a surface: points (n, 3), outward unit normals (n, 3), and the area (n,) of each.
 
-    A few large triangles weigh as they should in a fit to these, which they do not by their corners
-    alone.
+    Large triangles get their weight in a fit, which their corners alone would not give.
     """
-    outward, _ = face_normals(mesh)
+    outward, _ = compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     places = [(i + 1 / 3, j + 1 / 3) for i in range(_PARTS) for j in range(_PARTS - i)]
     shares = np.array([(a / _PARTS, b / _PARTS, 1.0 - (a + b) / _PARTS) for a, b in places])
@@ -152,10 +153,8 @@ def _spread_points(mesh: Mesh) -> tuple[Array, Array, Array]:
     return points, normals, np.repeat(area / len(shares), len(shares))
 
 
-def fitted_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]:
-    """Centre (d,) and radius (m) of the sphere, or in two dimensions the circle, nearest to points
-    (n, d).
-    """
+def fit_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]:
+    """Fit a sphere (in two dimensions a circle) to points (n, d): centre (d,) and radius, m."""
     root = np.ones(len(points)) if weights is None else np.sqrt(weights)
     rows = np.column_stack([2.0 * points, np.ones(len(points))]) * root[:, None]
     solution = np.linalg.lstsq(rows, np.sum(points**2, axis=1) * root, rcond=None)[0]
@@ -164,10 +163,10 @@ def fitted_ball(points: Array, weights: Array | None = None) -> tuple[Array, flo
 
 
 def is_inside(mesh: Mesh, point: Array) -> bool:
-    """Whether a point (3,) m lies inside a closed surface.
+    """Return whether a point (3,) m is inside a closed surface.
 
-    The solid angles of all triangles, seen from the point, add up to 4 pi inside and to 0 outside
-    (Van Oosterom and Strackee 1983, IEEE Trans Biomed Eng 30).
+    The solid angles of all triangles, seen from the point, sum to 4 pi inside and to 0 outside (Van
+    Oosterom and Strackee 1983, IEEE Trans Biomed Eng 30).
     """
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
@@ -177,27 +176,27 @@ def is_inside(mesh: Mesh, point: Array) -> bool:
     return abs(float(angles.sum())) > 2.0 * np.pi
 
 
-def _low_and_length(vertices: Array) -> tuple[float, float]:
+def _measure_length(vertices: Array) -> tuple[float, float]:
     return float(vertices[:, 1].min()), float(np.ptp(vertices[:, 1]))
 
 
-def long_bone(mesh: Mesh) -> LongBone:
-    """Head and epicondyles of a femur or humerus."""
+def find_long_bone(mesh: Mesh) -> LongBone:
+    """Find head and epicondyles of a femur or humerus."""
     v = mesh.vertices
-    low, length = _low_and_length(v)
+    low, length = _measure_length(v)
     upper = v[:, 1] > low + (1.0 - _END) * length
     lower = v[v[:, 1] < low + _END * length]
-    head = _head(v, _vertex_normals(mesh), upper, length)
+    head = _find_head(v, _compute_vertex_normals(mesh), upper, length)
     return LongBone(head, lower[np.argmax(lower[:, 2])], lower[np.argmin(lower[:, 2])])
 
 
-def _head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
+def _find_head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
     seed = v[upper][np.argmin(v[upper][:, 2])]
     chosen = upper & (np.linalg.norm(v - seed, axis=1) < 0.06 * length)
     for _ in range(_ROUNDS):
         if chosen.sum() < _FEWEST_POINTS:
             raise NoLandmark("no round head")
-        centre, radius = fitted_ball(v[chosen])
+        centre, radius = fit_ball(v[chosen])
         outwards = np.einsum("ij,ij->i", v - centre, normals) > 0.5 * radius
         following = (
             upper
@@ -210,11 +209,11 @@ def _head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
     return Ball(centre, radius)
 
 
-def condyles(mesh: Mesh) -> Condyles:
-    """The condyles of a femur."""
-    bone = long_bone(mesh)
-    points, normals, area = _spread_points(mesh)
-    low, length = _low_and_length(mesh.vertices)
+def find_condyles(mesh: Mesh) -> Condyles:
+    """Find the condyles of a femur."""
+    bone = find_long_bone(mesh)
+    points, normals, area = _sample_surface(mesh)
+    low, length = _measure_length(mesh.vertices)
     half = 0.5 * float(bone.lateral[2] - bone.medial[2])
     balls, lowest = [], []
     for side in (-1.0, 1.0):
@@ -226,18 +225,18 @@ def condyles(mesh: Mesh) -> Condyles:
         )
         if one.sum() < _FEWEST_POINTS:
             raise NoLandmark("no condyles")
-        balls.append(_condyle(points[one], normals[one], area[one], length))
+        balls.append(_fit_condyle(points[one], normals[one], area[one], length))
         lowest.append(float(points[one][:, 1].min()))
     return Condyles(balls[0], balls[1], float(bone.middle[1]) - 0.5 * sum(lowest))
 
 
-def _condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
-    """(n, 3) surface of one condyle, without its sides -> circle through its hind and lower part."""
+def _fit_condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
+    """Fit a circle to the posterior and distal part of the surface (n, 3) of one condyle."""
     chosen = points[:, 0] < np.median(points[:, 0])
     for _ in range(_ROUNDS):
         if chosen.sum() < _FEWEST_POINTS:
             raise NoLandmark("no round condyle")
-        centre, radius = fitted_ball(points[chosen][:, :2], area[chosen])
+        centre, radius = fit_ball(points[chosen][:, :2], area[chosen])
         away = points[:, :2] - centre
         far = np.linalg.norm(away, axis=1)
         outwards = np.einsum("ij,ij->i", away, normals[:, :2]) > _UPWARD * far * np.linalg.norm(
@@ -252,11 +251,12 @@ def _condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
     return Ball(np.array([*centre, np.average(points[chosen][:, 2], weights=area[chosen])]), radius)
 
 
-def hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
-    """Acetabulum and spines of the right half of a pelvis; `head_radius` (m) of the femur that
-    belongs to it.
+def find_hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
+    """Find acetabulum and spines of the right half of a pelvis.
+
+    `head_radius`: m, of the femoral head.
     """
-    outward, middles = face_normals(mesh)
+    outward, middles = compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     votes = middles + head_radius * outward / np.maximum(area, 1e-30)[:, None]
     near = np.linalg.norm(votes[:, None] - votes, axis=2) < _VOTES_TOGETHER
@@ -269,16 +269,16 @@ def hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
     return HipBone(socket, above[np.argmax(above[:, 0])], v[np.argmin(v[:, 0])])
 
 
-def shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
-    """Plateau and malleoli."""
-    v, normals = tibia.vertices, _vertex_normals(tibia)
-    low, length = _low_and_length(v)
+def find_shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
+    """Find tibial plateau and malleoli."""
+    v, normals = tibia.vertices, _compute_vertex_normals(tibia)
+    low, length = _measure_length(v)
     plateau = v[(v[:, 1] > low + (1.0 - 0.5 * _END) * length) & (normals[:, 1] > _UPWARD)]
     if len(plateau) < _FEWEST_POINTS:
         raise NoLandmark("no tibial plateau")
     inner = v[v[:, 1] < low + _MALLEOLUS * length]
     f = fibula.vertices
-    base, tall = _low_and_length(f)
+    base, tall = _measure_length(f)
     outer = f[f[:, 1] < base + _MALLEOLUS * tall]
     return ShankBones(
         plateau.mean(axis=0), inner[np.argmin(inner[:, 2])], outer[np.argmax(outer[:, 2])]
@@ -286,21 +286,23 @@ def shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
 
 
 def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> None:
-    """Raise `NoLandmark` for a bone that is a left one, or turned: its parts lie elsewhere to each
-    other.
+    """Raise `NoLandmark` for a left or rotated bone.
 
-    Above, a femur reaches furthest from its shaft medially, by its head; below, its condyles reach
-    further behind the shaft than before it. The fibula is lateral of the tibia, and not before it.
-    The right half of a pelvis is right of the middle, its PSIS behind the acetabulum, above it, and
-    nearer to the middle than the ASIS.
+    Proximally, a femur extends furthest from its shaft medially, by its head. Distally, its
+    condyles extend further behind the shaft than in front of it. The fibula is lateral of the
+    tibia, and not in front of it. The right half of a pelvis is right of the middle. Its PSIS is
+    behind and above the acetabulum, and nearer to the middle than the ASIS.
     """
-    upper, lower = _reach(femur, _UPPER_SHAFT, 1.0 - _END), _reach(femur, _LOWER_SHAFT, _END)
+    upper, lower = (
+        _measure_reach(femur, _UPPER_SHAFT, 1.0 - _END),
+        _measure_reach(femur, _LOWER_SHAFT, _END),
+    )
     if upper[0, 2] <= max(upper[1, 2], *upper[:, 0]):
         raise NoLandmark("no femoral head medial of the femur's shaft")
     if lower[0, 0] <= lower[1, 0]:
         raise NoLandmark("no condyles behind the femur's shaft")
-    beside = fibula.vertices.mean(axis=0) - tibia.vertices.mean(axis=0)
-    if beside[2] <= 0.25 * abs(beside[0]) + 1e-3 or beside[0] >= 0.5 * beside[2]:
+    to_fibula = fibula.vertices.mean(axis=0) - tibia.vertices.mean(axis=0)
+    if to_fibula[2] <= 0.25 * abs(to_fibula[0]) + 1e-3 or to_fibula[0] >= 0.5 * to_fibula[2]:
         raise NoLandmark("no fibula lateral of the tibia")
     socket, asis, psis = hip.socket, hip.asis, hip.psis
     if min(socket[2], asis[2]) <= 0.0 or asis[0] <= socket[0] or asis[2] <= psis[2]:
@@ -309,10 +311,8 @@ def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> No
         raise NoLandmark("no PSIS behind the acetabulum")
 
 
-def _reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
-    """(2, 3) m by which the end of a bone reaches below and above its shaft's middle along each
-    axis.
-    """
+def _measure_reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
+    """Measure the (2, 3) m extent of a bone end below and above its shaft's middle, by axis."""
     v = bone.vertices
     share = (v[:, 1] - v[:, 1].min()) / np.ptp(v[:, 1])
     between = (share > shaft[0]) & (share < shaft[1])
@@ -325,14 +325,14 @@ def _reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
 
 
 class KneeEvidence(Enum):
-    """What tells where the femur's epicondyles are."""
+    """Evidence for the position of the femur's epicondyles."""
 
     BOTH = "both epicondyles"  # Markers on both
     DEVICE = "lateral epicondyle and knee alignment device"
     """A marker on the lateral one, and a rod along the axis that a person chose."""
     # One marker: the bone's turn about its length is the pelvis's in the static trial
     LATERAL = "lateral epicondyle"
-    NOMINAL = "nominal joint"  # No marker: the bone stands on the nominal knee
+    NOMINAL = "nominal joint"  # No marker: the nominal knee places the bone
 
 
 _SIDED = {
@@ -358,7 +358,7 @@ _SHAPES = dict.fromkeys(_POINTS, (3,)) | {f"talus_{side}/foot": (3, 4) for side 
 
 @dataclass(frozen=True)
 class PersonLandmarks:
-    """Targets of the bones' landmarks."""
+    """Target positions of bone landmarks."""
 
     points: Mapping[str, Array]
     """`segment/landmark` -> (3,) m in the segment frame; `talus_r/foot` -> (3, 4), the foot's frame
@@ -367,12 +367,12 @@ class PersonLandmarks:
     knees: Mapping[str, KneeEvidence]  # Side -> where its epicondyles are from
 
     def point(self, segment: str, landmark: str) -> Array:
-        """(3,) m."""
+        """Return a landmark, (3,) m."""
         return self.points[f"{segment}/{landmark}"]
 
     @property
     def complete(self) -> bool:
-        """Whether all is there that bones need, of the right size and finite."""
+        """Whether all required landmarks exist, with the right shape and finite."""
         return set(self.knees) == set(SIDES) and all(
             name in self.points
             and self.points[name].shape == shape
@@ -381,8 +381,8 @@ class PersonLandmarks:
         )
 
 
-def person_landmarks(model: SubjectModel) -> PersonLandmarks:
-    """The targets of a person's bones."""
+def collect_person_landmarks(model: SubjectModel) -> PersonLandmarks:
+    """Collect the target landmarks of a subject's bones."""
     fitted = model.parameters
     radius = JointWidths.from_subject(model.subject).marker_radius
     lumbar = fitted.centre("back", "head_trunk")
@@ -390,19 +390,19 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
     points["pelvis/asis"] = np.array(
         [-radius, 0.0, 0.0]
     )  # mid-ASIS is the origin of the pelvis, x forward
-    if (sacrum := _known(model, "sacrum", "pelvis")) is not None:
+    if (sacrum := _get_landmark(model, "sacrum", "pelvis")) is not None:
         points["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
     points |= {
         f"head_trunk/shoulder_{side}": fitted.centre(f"shoulder_{side}", "head_trunk")
         for side in SIDES
     }
     points["head_trunk/lumbar"] = lumbar
-    points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(model), 0.0]
+    points["head_trunk/vertex"] = lumbar + [0.0, compute_vertex_height(model), 0.0]
     knees = {}
     for side in SIDES:
         points[f"thigh_{side}/hip"] = fitted.centre(f"hip_{side}", f"thigh_{side}")
-        thigh, knees[side] = _knee(model, side)
-        points |= thigh | _ankle(model, side) | _foot(model, side)
+        thigh, knees[side] = _locate_knee(model, side)
+        points |= thigh | _locate_ankle(model, side) | _locate_foot(model, side)
         points[f"upper_arm_{side}/shoulder"] = fitted.centre(
             f"shoulder_{side}", f"upper_arm_{side}"
         )
@@ -410,23 +410,28 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
         points[f"forearm_hand_{side}/elbow"] = fitted.centre(
             f"elbow_{side}", f"forearm_hand_{side}"
         )
-        points[f"forearm_hand_{side}/wrist"] = wrist(model, fitted, side)
+        points[f"forearm_hand_{side}/wrist"] = locate_wrist(model, fitted, side)
     return PersonLandmarks(points, knees)
 
 
-def _known(model: SubjectModel, landmark: str, segment: str) -> Array | None:
+def _get_landmark(model: SubjectModel, landmark: str, segment: str) -> Array | None:
     found = model.landmarks.get(landmark)
     return found[1] if found is not None and found[0] == segment else None
 
 
-def _markers(model: SubjectModel, segment: str, joint: str) -> tuple[Array | None, Array, bool]:
-    """Of a hinge (`knee`, `ankle`) in the segment above or below it: middle, half its width, and
-    whether both markers tell; the middle (3,) m None where no marker does, the half (3,) m from
-    there to the lateral end.
+def _locate_hinge(
+    model: SubjectModel, segment: str, joint: str
+) -> tuple[Array | None, Array, bool]:
+    """Locate a hinge (`knee`, `ankle`) in an adjacent segment.
+
+    Returns the (3,) m middle (None without markers), the (3,) m half width to the lateral end, and
+    whether both markers exist.
     """
     side, widths = segment[-1], JointWidths.from_subject(model.subject)
-    lateral, medial = (_known(model, f"{joint}_{end}_{side}", segment) for end in ("lat", "med"))
-    middle = _known(model, f"{joint[0]}jc_{side}", segment)
+    lateral, medial = (
+        _get_landmark(model, f"{joint}_{end}_{side}", segment) for end in ("lat", "med")
+    )
+    middle = _get_landmark(model, f"{joint[0]}jc_{side}", segment)
     outwards = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
     half, both = (
         widths.compute_inset(joint, side) - widths.marker_radius,
@@ -441,14 +446,14 @@ def _markers(model: SubjectModel, segment: str, joint: str) -> tuple[Array | Non
     return middle, half * (outwards / np.linalg.norm(outwards)), both
 
 
-def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidence]:
+def _locate_knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidence]:
     segment = f"thigh_{side}"
-    middle, half, both = _markers(model, segment, "knee")
+    middle, half, both = _locate_hinge(model, segment, "knee")
     device = f"knee_axis_{side}" in model.landmarks
     evidence = (
         KneeEvidence.BOTH if both else KneeEvidence.DEVICE if device else KneeEvidence.LATERAL
     )
-    if middle is None or _known(model, f"knee_lat_{side}", segment) is None:
+    if middle is None or _get_landmark(model, f"knee_lat_{side}", segment) is None:
         evidence, middle = (
             KneeEvidence.NOMINAL,
             model.nominal.centre(f"knee_{side}", f"thigh_{side}"),
@@ -457,9 +462,9 @@ def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidenc
     return {f"{segment}/{name}": point for name, point in points.items()}, evidence
 
 
-def _ankle(model: SubjectModel, side: str) -> dict[str, Array]:
-    """The shank's origin is the middle of the knee in the static trial."""
-    middle, half, _ = _markers(model, f"shank_{side}", "ankle")
+def _locate_ankle(model: SubjectModel, side: str) -> dict[str, Array]:
+    """Locate knee and ankle; the shank's origin is the middle of the knee in the static trial."""
+    middle, half, _ = _locate_hinge(model, f"shank_{side}", "ankle")
     middle = (
         model.nominal.centre(f"talocrural_{side}", f"shank_{side}") if middle is None else middle
     )
@@ -472,12 +477,12 @@ def _ankle(model: SubjectModel, side: str) -> dict[str, Array]:
     return {f"shank_{side}/{name}": point for name, point in points.items()}
 
 
-def _foot(model: SubjectModel, side: str) -> dict[str, Array]:
-    """Ankle centre, upward direction and the line of heel and toe (x) at zero nominal coordinates."""
+def _locate_foot(model: SubjectModel, side: str) -> dict[str, Array]:
+    """Locate ankle centre, upward direction and heel-toe line (x) at zero nominal coordinates."""
     foot, talus = f"foot_{side}", f"talus_{side}"
-    axes, origins = upright_poses(model.nominal)
+    axes, origins = compute_upright_poses(model.nominal)
     into_foot, in_talus = axes[foot], axes[talus]
-    toe, heel = (_known(model, f"{name}_{side}", foot) for name in ("toe", "heel"))
+    toe, heel = (_get_landmark(model, f"{name}_{side}", foot) for name in ("toe", "heel"))
     return {
         f"{foot}/ankle": into_foot @ (origins[talus] - origins[foot]),
         f"{foot}/up": into_foot[:, 1].copy(),

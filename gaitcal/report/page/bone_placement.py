@@ -1,22 +1,22 @@
-"""Bones laid over a person's landmarks.
+"""Place bones on a subject's landmarks, and compare knee axes with the femoral condyles.
 
-For every bone an affine map from its own frame to a segment's. With y the direction between the two
+Every bone has an affine map from its frame to that of a segment. With y the direction between the two
 ends of a bone, z to its right across y (`segment_frames.build_frame`), R the axes in the bone and R'
 those in the person, and b, b' the lower ends,
 
-    p' = b' + R' diag(l, l, w) R^T (p - b),      l = ratio of the lengths, w = ratio of the widths across y.
+    p' = b' + R' diag(l, l, w) R^T (p - b)
+    l = ratio of the lengths, w = ratio of the widths across y
 
-So both ends and the turn about the length are the person's. In the sagittal plane a bone is scaled
-alike in both directions: round condyles stay round. The slope of the epicondyles against the length
-stays the bone's, since palpation tells it worse than anatomy does: two markers 10 mm apart in
-height are 7 degrees; what remains between epicondyle and marker is `KneeAxis.misfit`. The pelvis
-has four landmarks in space (both hips, mid-ASIS, mid-PSIS) and the affine map that meets them all.
-The foot is scaled alike in all directions, about the ankle.
+Both ends and the rotation about the length thus follow the subject. In the sagittal plane a bone is
+scaled equally in both directions, so that round condyles stay round. The inclination of the
+epicondylar line to the length stays that of the bone, as palpation is less accurate than anatomy:
+10 mm between two markers in height are 7 degrees. The remaining distance of epicondyle and marker
+is `KneeAxis.misfit`. The pelvis has four landmarks (both hips, mid-ASIS, mid-PSIS) and the affine
+map that meets all of them. The foot is scaled equally in all directions, about the ankle.
 
-Whether a knee's axis lies in the condyles of the femur: distances and angle of both axes, and what
-is said of them.
-
-For an axis through a with direction u, and the centre m of a condyle of the femur,
+The position of a knee axis relative to the condyles is given by its distances from their centres
+and its angle to the line through them. For an axis through a with direction u, and the centre m of
+a condyle of the femur,
 
     foot of m:  f = a + u (u.(m - a)),      offset = f - m,      distance = |offset|,
 
@@ -64,7 +64,7 @@ _ALLOWED_FOOT = (0.8, 1.25)
 
 @dataclass(frozen=True)
 class Landmarked:
-    """Bones with the landmarks found on them."""
+    """Bones with their landmarks."""
 
     bones: bone_files.BoneMeshes
     femur: bone_landmarks.LongBone
@@ -74,7 +74,7 @@ class Landmarked:
 
     @property
     def foot_length(self) -> float:
-        """M, from heel to the end of the toes."""
+        """Distance of heel and toes, m."""
         foot = self.bones.meshes["foot"].vertices[:, 0]
         toes = (
             self.bones.meshes["toes"].vertices[:, 0] + TOES_IN_FOOT[0]
@@ -84,23 +84,25 @@ class Landmarked:
         return float(max(toes.max(), foot.max()) - foot.min())
 
 
-def landmarked(bones: bone_files.BoneMeshes) -> Landmarked:
-    """Bones with their landmarks.
+def find_landmarks(bones: bone_files.BoneMeshes) -> Landmarked:
+    """Find the landmarks of all bones.
 
-    Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it
-    should have.
+    Raises
+    ------
+    InputError
+        A bone lacks a landmark: its shape, unit or direction is not as expected.
     """
     femur, tibia, fibula, pelvis = (
         bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis")
     )
     try:
-        thigh = bone_landmarks.long_bone(femur)
+        thigh = bone_landmarks.find_long_bone(femur)
         found = Landmarked(
             bones,
             thigh,
-            bone_landmarks.condyles(femur),
-            bone_landmarks.hip_bone(pelvis, thigh.head.radius),
-            bone_landmarks.shank_bones(tibia, fibula),
+            bone_landmarks.find_condyles(femur),
+            bone_landmarks.find_hip_bone(pelvis, thigh.head.radius),
+            bone_landmarks.find_shank_bones(tibia, fibula),
         )
         bone_landmarks.check_directions(femur, found.hip, tibia, fibula)
     except bone_landmarks.NoLandmark as error:
@@ -121,8 +123,8 @@ class _Ends:
     right: Array
 
 
-def _between(bone: _Ends, person: _Ends) -> Array:
-    """(3, 4) affine map from a bone to a person."""
+def _map_between(bone: _Ends, person: _Ends) -> Array:
+    """Return the (3, 4) affine map from a bone to a subject."""
     frames, lengths, widths = [], [], []
     for ends in (bone, person):
         along = ends.upper - ends.lower
@@ -131,28 +133,28 @@ def _between(bone: _Ends, person: _Ends) -> Array:
         lengths.append(float(np.linalg.norm(along)))
         widths.append(float(abs(ends.right @ frame.rotation[:, 2])))
     long, wide = lengths[1] / lengths[0], widths[1] / widths[0]
-    turn = frames[1] @ np.diag([long, long, wide]) @ frames[0].T
-    return np.column_stack([turn, person.lower - turn @ bone.lower])
+    matrix = frames[1] @ np.diag([long, long, wide]) @ frames[0].T
+    return np.column_stack([matrix, person.lower - matrix @ bone.lower])
 
 
-def apply(place: Array, points: Array) -> Array:
-    """(..., 3) points through a (3, 4) map."""
+def apply_map(place: Array, points: Array) -> Array:
+    """Apply a (3, 4) map to points (..., 3)."""
     out: Array = points @ place[:, :3].T + place[:, 3]
     return out
 
 
-def _of_side(place: Array, side: str) -> Array:
-    """The map for the mesh of the right bone, from the map for the mirrored one on the left."""
+def _mirror_map(place: Array, side: str) -> Array:
+    """Convert the map of a mirrored left bone to the map of the mesh of the right bone."""
     return place if side == "r" else np.column_stack([place[:, :3] * MIRROR[side], place[:, 3]])
 
 
-def _shifted(place: Array, offset: Array) -> Array:
-    """The map of a mesh whose own frame lies at `offset` in the frame that is mapped."""
-    return np.column_stack([place[:, :3], apply(place, offset)])
+def _shift_map(place: Array, offset: Array) -> Array:
+    """Return the map of a mesh whose frame has its origin at `offset` in the mapped frame."""
+    return np.column_stack([place[:, :3], apply_map(place, offset)])
 
 
-def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
-    """(3, 4), from the femur of that side (the left one mirrored) to the thigh."""
+def map_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
+    """Return the (3, 4) map from the femur of that side (the left one mirrored) to the thigh."""
     bone, mirror, s, thigh = (
         bones.femur,
         MIRROR[side],
@@ -160,7 +162,7 @@ def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
         f"thigh_{side}",
     )
     across = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
-    return _between(
+    return _map_between(
         _Ends(
             bone.head.centre * mirror,
             bone.middle * mirror,
@@ -170,8 +172,8 @@ def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
     )
 
 
-def place_of_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
-    """(3, 4), from tibia and fibula of that side to the shank: the plateau lies under the condyles."""
+def map_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
+    """Return the (3, 4) map from tibia and fibula to the shank, plateau below the condyles."""
     bone, pair, mirror, s, shank = (
         bones.shank,
         bones.condyles,
@@ -179,23 +181,22 @@ def place_of_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
         1.0 if side == "r" else -1.0,
         f"shank_{side}",
     )
-    long = float(np.linalg.norm(place_of_femur(bones, person, side)[:, 1]))
-    # Behind the epicondyles by as much as the condyles' centres are; upright, as the static trial
-    # stands.
+    long = float(np.linalg.norm(map_femur(bones, person, side)[:, 1]))
+    # The condyles' centres are behind the epicondyles; the shank is upright in the static trial.
     behind = 0.5 * float(pair.medial.centre[0] + pair.lateral.centre[0]) - float(
         bones.femur.middle[0]
     )
     knee = person.point(shank, "knee") + [long * behind, -long * pair.drop - CARTILAGE, 0.0]
     across = person.point(shank, "malleolus_lat") - person.point(shank, "malleolus_med")
     middle = 0.5 * (bone.lateral + bone.medial)
-    return _between(
+    return _map_between(
         _Ends(bone.plateau * mirror, middle * mirror, s * (bone.lateral - bone.medial) * mirror),
         _Ends(knee, person.point(shank, "ankle"), s * across),
     )
 
 
-def _place_of_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Array:
-    """(3, 4), from the pelvis to the pelvis: hips, mid-ASIS and mid-PSIS meet theirs."""
+def _map_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Array:
+    """Return the (3, 4) map of the pelvis that meets hips, mid-ASIS and mid-PSIS."""
     bone, flat = bones.hip, np.array([1.0, 1.0, 0.0])
     right, left = (person.point("pelvis", f"hip_{side}") for side in SIDES)
     middle, socket = 0.5 * (right + left), bone.socket * flat
@@ -207,36 +208,38 @@ def _place_of_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) 
     else:  # across the two others, as long as mid-hip to mid-ASIS makes it
         of_bone.append(np.cross(normalise(of_bone[0]), of_bone[1]))
         of_person.append(np.cross(normalise(of_person[0]), of_person[1]))
-    turn = np.column_stack(of_person) @ np.linalg.inv(np.column_stack(of_bone))
-    return np.column_stack([turn, middle - turn @ socket])
+    matrix = np.column_stack(of_person) @ np.linalg.inv(np.column_stack(of_bone))
+    return np.column_stack([matrix, middle - matrix @ socket])
 
 
-def _place_of_foot(
+def _map_foot(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float
 ) -> Array:
-    """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of
-    heel and toe.
-    """
+    """Return the (3, 4) map of the foot: ankle on ankle, upright, along the heel-toe line."""
     segment = f"foot_{side}"
-    up, apart = (
+    up, heel_to_toe = (
         person.point(segment, "up"),
         float(np.linalg.norm(person.point(segment, "heel_to_toe"))),
     )
     expected = FOOT_OF_HEIGHT * height
-    length = apart if apart > _TOE_TIP_OF_HEIGHT * height else apart / _HEAD_OF_METATARSAL
+    length = (
+        heel_to_toe
+        if heel_to_toe > _TOE_TIP_OF_HEIGHT * height
+        else heel_to_toe / _HEAD_OF_METATARSAL
+    )
     if not _ALLOWED_FOOT[0] * expected <= length <= _ALLOWED_FOOT[1] * expected:
         length = expected
-    turn = build_frame(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
-    scaled = turn * (length / bones.foot_length)
+    rotation = build_frame(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
+    scaled = rotation * (length / bones.foot_length)
     return np.column_stack(
         [scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])]
     )
 
 
-def _place_of_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
-    """(3, 4) of spine and ribs, from the lumbar joint to the shoulders."""
+def _map_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
+    """Return the (3, 4) map of spine and ribs, from the lumbar joint to the shoulders."""
     right, left = (person.point("head_trunk", f"shoulder_{side}") for side in SIDES)
-    return _between(
+    return _map_between(
         _Ends(
             SHOULDER_IN_TRUNK * [1.0, 1.0, 0.0], np.zeros(3), SHOULDER_IN_TRUNK * [0.0, 0.0, 2.0]
         ),
@@ -244,66 +247,66 @@ def _place_of_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
     )
 
 
-def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
-    """(3, 4): the neck's root where the trunk's map has it, the top of the skull at the vertex;
-    alike in all axes.
-    """
+def _map_head(skull: Array, trunk: Array, vertex: Array) -> Array:
+    """Return the (3, 4) map of the head: neck on the trunk, top of the skull at the vertex."""
     root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
-    rise = float((vertex - apply(trunk, root)) @ normalise(trunk[:, 1]))
+    rise = float((vertex - apply_map(trunk, root)) @ normalise(trunk[:, 1]))
     scale = rise / float(skull[:, 1].max() - root[1])
-    turn = np.column_stack([normalise(trunk[:, k]) for k in range(3)]) * scale
-    return np.column_stack([turn, apply(trunk, root) - turn @ root])
+    matrix = np.column_stack([normalise(trunk[:, k]) for k in range(3)]) * scale
+    return np.column_stack([matrix, apply_map(trunk, root) - matrix @ root])
 
 
-def fitted_bones(
+def fit_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, height: float
 ) -> tuple[FittedMesh, ...]:
-    """All bones of a person in their segments; `height` (m) of the person."""
-    there = bones.bones.meshes
-    pelvis = _place_of_pelvis(bones, person)
+    """Fit all bones of a subject into their segments; `height` (m) of the subject."""
+    available = bones.bones.meshes
+    pelvis = _map_pelvis(bones, person)
     out = [
         ("pelvis", "pelvis", pelvis),
-        ("pelvis", "pelvis", _of_side(pelvis, "l")),
+        ("pelvis", "pelvis", _mirror_map(pelvis, "l")),
         ("sacrum", "pelvis", pelvis),
     ]
-    trunk = _place_of_trunk(person)
+    trunk = _map_trunk(person)
     out += [
         (bone, "head_trunk", trunk) for bone in ("ribs", "spine", "thoracic spine", "lumbar spine")
     ]
-    if "skull" in there:
-        head = _place_of_head(there["skull"].vertices, trunk, person.point("head_trunk", "vertex"))
+    if "skull" in available:
+        head = _map_head(available["skull"].vertices, trunk, person.point("head_trunk", "vertex"))
         out += [(bone, "head_trunk", head) for bone in ("neck", "skull", "jaw")]
     for side in SIDES:
-        femur, shank = place_of_femur(bones, person, side), place_of_shank(bones, person, side)
-        out.append(("femur", f"thigh_{side}", _of_side(femur, side)))
-        out += [(bone, f"shank_{side}", _of_side(shank, side)) for bone in ("tibia", "fibula")]
-        out += _foot_bones(bones, person, side, height) if "foot" in there else []
-        out += _arm_bones(bones, person, side)
-    return tuple(FittedMesh(bone, segment, place) for bone, segment, place in out if bone in there)
+        femur, shank = map_femur(bones, person, side), map_shank(bones, person, side)
+        out.append(("femur", f"thigh_{side}", _mirror_map(femur, side)))
+        out += [(bone, f"shank_{side}", _mirror_map(shank, side)) for bone in ("tibia", "fibula")]
+        out += _place_foot_bones(bones, person, side, height) if "foot" in available else []
+        out += _place_arm_bones(bones, person, side)
+    return tuple(
+        FittedMesh(bone, segment, place) for bone, segment, place in out if bone in available
+    )
 
 
-def _foot_bones(
+def _place_foot_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float
 ) -> list[tuple[str, str, Array]]:
-    foot = _of_side(_place_of_foot(bones, person, side, height), side)
+    foot = _mirror_map(_map_foot(bones, person, side, height), side)
     into_talus = person.points[f"talus_{side}/foot"]
-    talus = _shifted(foot, TALUS_IN_FOOT)
-    moved = np.column_stack([into_talus[:, :3] @ talus[:, :3], apply(into_talus, talus[:, 3])])
+    talus = _shift_map(foot, TALUS_IN_FOOT)
+    moved = np.column_stack([into_talus[:, :3] @ talus[:, :3], apply_map(into_talus, talus[:, 3])])
     return [
         ("foot", f"foot_{side}", foot),
-        ("toes", f"foot_{side}", _shifted(foot, TOES_IN_FOOT)),
+        ("toes", f"foot_{side}", _shift_map(foot, TOES_IN_FOOT)),
         ("talus", f"talus_{side}", moved),
     ]
 
 
-def _arm_bones(
+def _place_arm_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str
 ) -> list[tuple[str, str, Array]]:
-    there, mirror = bones.bones.meshes, MIRROR[side]
+    available, mirror = bones.bones.meshes, MIRROR[side]
     upper, fore, right = f"upper_arm_{side}", f"forearm_hand_{side}", np.array([0.0, 0.0, 1.0])
     out = []
-    if "humerus" in there:
-        bone = bone_landmarks.long_bone(there["humerus"])
+    if "humerus" in available:
+        bone = bone_landmarks.find_long_bone(available["humerus"])
         length = float(np.linalg.norm(bone.head.centre - bone.middle))
         ends = person.point(upper, "shoulder"), person.point(upper, "elbow")
         wide = (
@@ -312,18 +315,20 @@ def _arm_bones(
             * abs(float(bone.lateral[2] - bone.medial[2]))
         )
         across = right * (bone.lateral[2] - bone.medial[2])
-        place = _between(
+        place = _map_between(
             _Ends(bone.head.centre * mirror, bone.middle * mirror, across),
             _Ends(*ends, right * wide),
         )
-        out.append(("humerus", upper, _of_side(place, side)))
-    if "ulna" in there:
-        lower = there["ulna"].vertices
+        out.append(("humerus", upper, _mirror_map(place, side)))
+    if "ulna" in available:
+        lower = available["ulna"].vertices
         end = lower[lower[:, 1] < lower[:, 1].min() + 0.01].mean(axis=0) * mirror
         ends = person.point(fore, "elbow"), person.point(fore, "wrist")
         wide = float(np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(end))
-        place = _of_side(_between(_Ends(np.zeros(3), end, right), _Ends(*ends, right * wide)), side)
-        out += [("ulna", fore, place), ("radius", fore, _shifted(place, RADIUS_IN_ULNA))]
+        place = _mirror_map(
+            _map_between(_Ends(np.zeros(3), end, right), _Ends(*ends, right * wide)), side
+        )
+        out += [("ulna", fore, place), ("radius", fore, _shift_map(place, RADIUS_IN_ULNA))]
     return out
 
 
@@ -332,18 +337,18 @@ PALPATION_M = 0.008
 21:226-237, 2005, give 6 to 21 mm for landmarks of the leg, all directions together)."""
 _STANDS = {
     bone_landmarks.KneeEvidence.BOTH: (
-        "The femur stands on the markers of both epicondyles and on the fitted hip centre."
+        "The femur is placed by the markers of both epicondyles and by the fitted hip centre."
     ),
     bone_landmarks.KneeEvidence.DEVICE: (
-        "The femur stands on the lateral epicondyle's marker, the knee alignment device and the "
+        "The femur is placed by the lateral epicondyle's marker, the knee alignment device and the "
         "fitted hip centre."
     ),
     bone_landmarks.KneeEvidence.LATERAL: (
-        "Only the lateral epicondyle has a marker: the femur's turn is assumed from the pelvis, "
-        "and proves nothing."
+        "Only the lateral epicondyle has a marker: the femur's rotation is assumed from the "
+        "pelvis, and proves nothing."
     ),
     bone_landmarks.KneeEvidence.NOMINAL: (
-        "No landmark of this knee is known: the femur stands on the nominal one, and proves "
+        "No landmark of this knee is known: the femur is placed by the nominal knee, and proves "
         "nothing."
     ),
 }
@@ -360,7 +365,7 @@ _PASSES = {
 
 @dataclass(frozen=True, kw_only=True)
 class AxisInCondyle:
-    """One axis at one condyle."""
+    """Position of an axis at one condyle."""
 
     distance: float  # m from the condyle's centre to the axis
     radius: float  # m of the condyle's circle
@@ -373,7 +378,7 @@ class AxisInCondyle:
 
 @dataclass(frozen=True, kw_only=True)
 class AxisInKnee:
-    """One axis at both condyles."""
+    """Position of an axis at both condyles."""
 
     medial: AxisInCondyle
     lateral: AxisInCondyle
@@ -391,7 +396,7 @@ class AxisInKnee:
 
 @dataclass(frozen=True, kw_only=True)
 class KneeAxis:
-    """One knee."""
+    """The axes of one knee relative to its condyles."""
 
     side: str
     evidence: bone_landmarks.KneeEvidence
@@ -403,22 +408,22 @@ class KneeAxis:
     across: Array  # (3,) unit normal of both circles, in the thigh
 
 
-def knee_axes(
+def measure_knee_axes(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, joints: tuple[scene.JointMark, ...]
 ) -> tuple[KneeAxis, ...]:
-    """Right and left knee."""
+    """Measure the axes of right and left knee relative to the condyles."""
     out = []
     bone, pair = bones.bones.meshes["femur"], bones.condyles
     for side in SIDES:
         mark = next(j for j in joints if (j.joint, j.segment) == (f"knee_{side}", f"thigh_{side}"))
-        place, mirror = place_of_femur(bones, person, side), MIRROR[side]
-        femur = Mesh(apply(place, bone.vertices * mirror), bone.triangles)
-        centres = apply(place, np.array([pair.medial.centre, pair.lateral.centre]) * mirror)
+        place, mirror = map_femur(bones, person, side), MIRROR[side]
+        femur = Mesh(apply_map(place, bone.vertices * mirror), bone.triangles)
+        centres = apply_map(place, np.array([pair.medial.centre, pair.lateral.centre]) * mirror)
         # The sagittal plane is scaled alike: the factor is the length of the map of its y axis.
         radii = np.array([pair.medial.radius, pair.lateral.radius]) * float(
             np.linalg.norm(place[:, 1])
         )
-        drawn = apply(place, np.array([bones.femur.lateral, bones.femur.medial]) * mirror)
+        drawn = apply_map(place, np.array([bones.femur.lateral, bones.femur.medial]) * mirror)
         wanted = np.array(
             [person.point(f"thigh_{side}", f"epicondyle_{end}") for end in ("lat", "med")]
         )
@@ -429,8 +434,8 @@ def knee_axes(
                 side=side,
                 evidence=person.knees[side],
                 misfit=float(np.linalg.norm(drawn - wanted, axis=1).max()),
-                fitted=_axis(femur, centres, radii, *fitted) if mark.fitted else None,
-                nominal=_axis(
+                fitted=_measure_axis(femur, centres, radii, *fitted) if mark.fitted else None,
+                nominal=_measure_axis(
                     femur, centres, radii, mark.nominal_centre, mark.nominal_axis, none, none
                 ),
                 centres=centres,
@@ -441,7 +446,7 @@ def knee_axes(
     return tuple(out)
 
 
-def _axis(
+def _measure_axis(
     femur: Mesh,
     centres: Array,
     radii: Array,
@@ -450,9 +455,7 @@ def _axis(
     centre_spread: Array,
     axis_spread: Array,
 ) -> AxisInKnee:
-    """The axis through `start` (3,) m along `direction`; spreads as in `JointMark`, NaN where not
-    known.
-    """
+    """Measure the axis through `start` (3,) m along `direction`; spreads as in `JointMark`."""
     across = np.eye(3) - np.outer(direction, direction)
     tilted = axis_spread @ axis_spread.T
 
@@ -479,29 +482,29 @@ def _axis(
     )
 
 
-def knee_words(knee: KneeAxis) -> list[str]:
-    """Where fitted and nominal axis pass, beside the picture of the knee, and what that proves."""
+def describe_knee(knee: KneeAxis) -> list[str]:
+    """Describe where fitted and nominal axis pass the condyles, and the evidence for it."""
     lines = [] if knee.fitted else ["Not fitted: the axis is the nominal one"]
     for name, axis in (("Fitted (solid)", knee.fitted), ("Nominal (dashed)", knee.nominal)):
         if axis is not None:
             far = [
-                f"{_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm"
+                f"{_format_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm"
                 for end in axis.ends.values()
             ]
-            turn = _with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
+            angle = _format_with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
             places = f"{far[0]} from the medial centre, {far[1]} from the lateral one"
-            lines.append(f"{name}: {_where(axis)}, {places}, {turn}° off their line")
+            lines.append(f"{name}: {_describe_path(axis)}, {places}, {angle}° off their line")
     # How far the bone's epicondyles miss their markers, and palpation's scatter in the two
     # directions across the axis.
     uncertainty = 1e3 * math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
-    sure = (
-        f"Its place is uncertain by about {uncertainty:.0f} mm; the nominal axis lies in it by "
-        "construction."
+    uncertain = (
+        f"Its position is uncertain by about {uncertainty:.0f} mm; the nominal axis is inside it "
+        "by construction."
     )
-    return [*lines, f"{_STANDS[knee.evidence]} {sure}"]
+    return [*lines, f"{_STANDS[knee.evidence]} {uncertain}"]
 
 
-def _where(axis: AxisInKnee) -> str:
+def _describe_path(axis: AxisInKnee) -> str:
     places = {
         name: "circle" if end.distance <= end.radius else "bone" if end.inside else "outside"
         for name, end in axis.ends.items()
@@ -511,5 +514,5 @@ def _where(axis: AxisInKnee) -> str:
     return " and ".join(_PASSES[place][1].format(name) for name, place in places.items())
 
 
-def _with_error(value: float, error: float) -> str:
+def _format_with_error(value: float, error: float) -> str:
     return f"{value:.0f}" if math.isnan(error) else f"{value:.0f} ± {error:.0f}"

@@ -1,6 +1,4 @@
-"""Preset Joints: where the joints lie and what the segments weigh, nominal, fitted, and of a
-made-up person true.
-"""
+"""Preset Joints: nominal, fitted and (synthetic subjects) true joint and inertial parameters."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -12,17 +10,17 @@ from gaitcal.report.page.plain_data import (
     MISSING,
     Block,
     Cell,
-    beside,
-    bullets,
-    cell,
-    fold,
-    heading,
-    named,
-    number,
-    picture,
-    rounded,
-    table,
-    text,
+    fold_blocks,
+    format_name,
+    format_number,
+    make_cell,
+    make_heading,
+    make_list,
+    make_picture,
+    make_table,
+    make_text,
+    pair_blocks,
+    round_number,
 )
 from gaitcal.results import parameter_labels
 
@@ -33,13 +31,13 @@ MOVED = (
 )
 TRUE = " A ring around a dot: calibration found the truth; around zero: the nominal value was true."
 COHORT = (
-    "What the trials leave open, these joints take from {people} people of a cohort ({file}), "
-    "whose mean may lie "
-    "beside the nominal values; which parts of the body it teaches of: preset Provenance."
+    "Parameters that the trials do not determine follow {people} people of a cohort ({file}), "
+    "whose mean may differ "
+    "from the nominal values. Parts of the body with cohort data: preset Provenance."
 )
 NOT_CALIBRATED = (
-    "Joint parameters were not calibrated: all joints lie where the static trial and the "
-    "regressions put them."
+    "Joint parameters were not calibrated: all joint positions come from the static trial and the "
+    "regressions."
 )
 INERTIAL_FILE = (
     "All values, by the names that the other files use: parameters.csv (moments of inertia there "
@@ -49,72 +47,70 @@ INERTIAL_FILE = (
 FEATURES = (
     "Distance (mm) or angle (deg) from the true centre or axis; the place of an axis is where it "
     "crosses the "
-    "segment from side to side. Within: for how many of its parameters the truth lies within ±1.96 "
+    "segment from side to side. Within: number of its parameters with the truth within ±1.96 "
     "standard "
     "errors. “Farther”: calibration led away from the truth."
 )
 SIDE_TITLES = {"r": "Right", "l": "Left", "": "Parameter"}
 
 
-def joint_blocks(calibration: result.Calibration) -> list[Block]:
-    """All of the preset: what was fitted, how far it moved, how sure it is, and how near the truth."""
+def build_joint_blocks(calibration: result.Calibration) -> list[Block]:
+    """Build the preset: fitted parameters, changes, standard errors, differences from the truth."""
     errors = (
         ""
         if calibration.standard_errors or not calibration.trials
         else "; none were computed for this result"
     )
     out = [
-        heading("What was calibrated"),
-        text(
-            f"{parameter_labels.counts_sentence(calibration)} Positions are in the axes of the "
+        make_heading("What was calibrated"),
+        make_text(
+            f"{parameter_labels.summarise_fitted(calibration)} Positions are in the axes of the "
             "named segment: forward, "
             "up, and to the right, on both sides of the body (so a left hip centre lies at a "
             "negative “to the right”). "
-            "A standard error says by how much a value would scatter if the same trials were "
+            "A standard error is the scatter of a value if the same trials were "
             f"recorded again{errors}."
         ),
     ]
-    if blind := parameter_labels.blind_spots(calibration):
-        out += [heading("Not determined by these trials", 4), bullets(blind, "warning")]
+    if blind := parameter_labels.describe_unidentifiable(calibration):
+        out += [make_heading("Not determined by these trials", 4), make_list(blind, "warning")]
     known = calibration.truth.parameters if calibration.truth else ()
     truth = {
         p.name: p.truth * parameter_labels.SHORTER_UNITS.get(p.unit, ("", 1.0))[1] for p in known
     }
-    near = [] if calibration.truth is None else _near_truth(calibration, calibration.truth)
-    return [*out, *_joints(calibration, truth), *_inertias(calibration, truth), *near]
+    near = [] if calibration.truth is None else _build_truth(calibration, calibration.truth)
+    return [*out, *_build_joints(calibration, truth), *_build_inertias(calibration, truth), *near]
 
 
-def _joints(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
-    groups = parameter_labels.joint_groups(calibration)
+def _build_joints(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
+    groups = parameter_labels.group_joint_parameters(calibration)
     if not groups:
-        return [text(NOT_CALIBRATED)]
+        return [make_text(NOT_CALIBRATED)]
     legs = [group for group in groups if (group.right or group.left)[0].part in linkage.LEG_JOINTS]
     others = [group for group in groups if group not in legs]
     out = [
-        heading("Joint parameters: where the joints lie"),
-        text(MOVED + (TRUE if truth else ""), "soft"),
+        make_heading("Joint parameters: positions and axes of the joints"),
+        make_text(MOVED + (TRUE if truth else ""), "soft"),
     ]
     if (prior := calibration.study.joint_prior) is not None:
-        out.append(text(COHORT.format(people=prior.people, file=prior.file)))
-    out += _joint_values(calibration, legs, truth)
+        out.append(make_text(COHORT.format(people=prior.people, file=prior.file)))
+    out += _build_joint_values(calibration, legs, truth)
     if others:
-        rest = _joint_values(calibration, others, truth)
-        out += [fold("Joints of trunk and arms", rest)] if legs else rest
-    if fixed := parameter_labels.fixed_joints(calibration):
+        other_blocks = _build_joint_values(calibration, others, truth)
+        out += [fold_blocks("Joints of trunk and arms", other_blocks)] if legs else other_blocks
+    if fixed := parameter_labels.list_fixed_joints(calibration):
         out.append(
-            text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft")
+            make_text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft")
         )
     return out
 
 
-def _joint_values(
+def _build_joint_values(
     calibration: result.Calibration,
     groups: Sequence[parameter_labels.ParameterGroup],
     truth: Mapping[str, float],
 ) -> list[Block]:
-    """How far each parameter moved, in pictures of positions and orientations, and all values in
-    tables.
-    """
+    """Build pictures of changes of positions and orientations, and tables of all values."""
     settings = calibration.study.settings
     rows = [
         r
@@ -127,32 +123,32 @@ def _joint_values(
         ("mm", "Positions of joints: change in mm", settings.position_bound_mm),
         ("deg", "Orientations of joints: change in deg", settings.orientation_bound_deg),
     ):
-        if found := [_interval(row, truth, bound) for row in rows if row.unit == unit]:
-            pictures.append([heading(title, 4), picture("intervals", unit, found)])
-    out = beside(pictures)
+        if found := [_build_interval(row, truth, bound) for row in rows if row.unit == unit]:
+            pictures.append([make_heading(title, 4), make_picture("intervals", unit, found)])
+    out = pair_blocks(pictures)
     for group in groups:
-        out += [heading(group.title, 4), *_tables(group, truth)]
+        out += [make_heading(group.title, 4), *_build_tables(group, truth)]
     return out
 
 
-def _interval(
-    row: parameter_labels.Row, truth: Mapping[str, float], bound: float
+def _build_interval(
+    row: parameter_labels.LabelledParameter, truth: Mapping[str, float], bound: float
 ) -> dict[str, Any]:
     return {
-        "label": row.words.replace(" in the ", ", "),
+        "label": row.title.replace(" in the ", ", "),
         "side": row.side,
-        "nominal": rounded(row.nominal),
-        "fitted": rounded(row.fitted),
-        "se": rounded(row.error),
-        "truth": rounded(truth.get(row.name)),
-        "bounds": [rounded(row.nominal - bound), rounded(row.nominal + bound)],
+        "nominal": round_number(row.nominal),
+        "fitted": round_number(row.fitted),
+        "se": round_number(row.error),
+        "truth": round_number(truth.get(row.name)),
+        "bounds": [round_number(row.nominal - bound), round_number(row.nominal + bound)],
     }
 
 
-def _tables(
+def _build_tables(
     group: parameter_labels.ParameterGroup, truth: Mapping[str, float], percent: bool = False
 ) -> list[Block]:
-    """Right beside left; one table where there are no sides. `percent`: changes also in percent."""
+    """Build tables of both sides side by side; `percent`: changes also in percent."""
     sided = bool(group.left) or not percent
     out = []
     for rows in (group.right, group.left):
@@ -160,135 +156,146 @@ def _tables(
             side = rows[0].side if sided else ""
             change = "Change ± SE" if any(row.error is not None for row in rows) else "Change"
             known = any(row.name in truth for row in rows)
-            head: list[Cell] = [cell(SIDE_TITLES[side], side=side), "Nominal", "Fitted", change]
+            head: list[Cell] = [
+                make_cell(SIDE_TITLES[side], side=side),
+                "Nominal",
+                "Fitted",
+                change,
+            ]
             head += ["Truth"] if known else []
-            out.append([table(head, [_row(row, truth, percent, known) for row in rows])])
-    return beside(out)
+            out.append([make_table(head, [_build_row(row, truth, percent, known) for row in rows])])
+    return pair_blocks(out)
 
 
-def _row(
-    row: parameter_labels.Row, truth: Mapping[str, float], percent: bool, known: bool
+def _build_row(
+    row: parameter_labels.LabelledParameter, truth: Mapping[str, float], percent: bool, known: bool
 ) -> list[Cell]:
     digits = row.digits
-    nominal, fitted = number(row.nominal, digits), number(row.fitted, digits)
-    true: list[Cell] = [number(truth.get(row.name), digits)] if known else []
-    unseen, at_bound = row.status == "unidentifiable", row.status == "at bound"
-    if unseen and fitted == nominal:
+    nominal, fitted = format_number(row.nominal, digits), format_number(row.fitted, digits)
+    true: list[Cell] = [format_number(truth.get(row.name), digits)] if known else []
+    undetermined, at_bound = row.status == "unidentifiable", row.status == "at bound"
+    if undetermined and fitted == nominal:
         return [
-            cell(row.words, unit=row.unit),
+            make_cell(row.title, unit=row.unit),
             nominal,
-            cell("kept, not determined", tone="look"),
+            make_cell("kept, not determined", tone="look"),
             MISSING,
             *true,
         ]
-    change = number(row.change, digits, True)
+    change = format_number(row.change, digits, True)
     if row.error is not None:
-        change += f" ± {number(row.error, digits)}"
+        change += f" ± {format_number(row.error, digits)}"
     share = (
-        f"({number(100.0 * row.change / abs(row.nominal), 0, True)} %)"
+        f"({format_number(100.0 * row.change / abs(row.nominal), 0, True)} %)"
         if percent and row.nominal
         else ""
     )
     return [
-        cell(f"{row.words}, not determined" if unseen else row.words, unit=row.unit),
+        make_cell(f"{row.title}, not determined" if undetermined else row.title, unit=row.unit),
         nominal,
-        cell(
+        make_cell(
             f"{fitted}, at its bound" if at_bound else fitted,
-            tone="look" if at_bound or unseen else "",
+            tone="look" if at_bound or undetermined else "",
         ),
-        cell(change, unit=share),
+        make_cell(change, unit=share),
         *true,
     ]
 
 
-def _inertias(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
-    groups = parameter_labels.inertial_groups(calibration)
+def _build_inertias(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
+    groups = parameter_labels.group_inertial_parameters(calibration)
     if not groups:
         measured = any(
             t.loads is not None and t.loads.reactions.valid.any() for t in calibration.trials
         )
         why = "" if measured else ": that needs a walking trial with force plates"
-        words = (
+        explanation = (
             f"Inertial parameters were not calibrated{why}. They come from the anthropometric "
             "table."
         )
-        return [text(words), text(INERTIAL_FILE, "soft")]
-    out: list[Block] = [heading("Inertial parameters: masses, mass centres, moments of inertia")]
+        return [make_text(explanation), make_text(INERTIAL_FILE, "soft")]
+    out: list[Block] = [
+        make_heading("Inertial parameters: masses, mass centres, moments of inertia")
+    ]
     for group in groups:
-        out += [heading(group.title, 4), *_tables(group, truth, percent=True)]
-    return [*out, text(INERTIAL_FILE, "soft")]
+        out += [make_heading(group.title, 4), *_build_tables(group, truth, percent=True)]
+    return [*out, make_text(INERTIAL_FILE, "soft")]
 
 
 Errors = tuple[float, float, str]
-"""RMS error, distance or angle: nominal, fitted; in how many of its parts the truth lies within
+"""RMS error, distance or angle: nominal, fitted; number of its parts with the truth within
 1.96 standard errors, `2 of 3` or `98 %`, a dash without standard errors."""
 
 
-def _near_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Block]:
+def _build_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Block]:
     out = [
-        heading("How near the truth"),
-        text(
-            "This person is made up, so that what a calibration should find is known: the study "
-            "file names it. What "
-            "pictures, tables and curves call truth is that; nothing of it was used to calibrate. "
+        make_heading("How near the truth"),
+        make_text(
+            "This subject is synthetic, so that the true values are known: the study file declares "
+            "them. Pictures, "
+            "tables and curves call them truth; the calibration did not use them. "
             f"{truth_comparison.settings_sentence(calibration)} "
             f"{truth_comparison.truth_sentence(truth)}"
         ),
-        table(
+        make_table(
             ["RMS error", "Over", "Nominal", "Calibrated", "Truth within ±1.96 SE"],
             [
                 [
-                    cell(row.words, unit=row.unit),
+                    make_cell(row.words, unit=row.unit),
                     row.over,
-                    number(row.nominal, 2),
-                    _fitted(row.fitted, row.farther, 2),
-                    MISSING if row.share is None else f"{number(100.0 * row.share, 0)} %",
+                    format_number(row.nominal, 2),
+                    _format_fitted_error(row.fitted, row.farther, 2),
+                    MISSING if row.share is None else f"{format_number(100.0 * row.share, 0)} %",
                 ]
                 for row in truth_comparison.sums(calibration, truth)
             ],
         ),
     ]
-    if turning := truth_comparison.turning_sentence(calibration):
-        out.append(text(turning, "soft"))
+    if turning_text := truth_comparison.turning_sentence(calibration):
+        out.append(make_text(turning_text, "soft"))
     if not_compared := truth_comparison.not_compared_sentence(truth):
-        out.append(text(not_compared))
+        out.append(make_text(not_compared))
     if truth.features:
         features = []
         for f in truth.features:
             within = f"{sum(f.within)} of {len(f.within)}" if f.within else MISSING
             features.append((f"{f.words}, {f.unit}", f.side, (f.nominal, f.fitted, within)))
-        out.append(heading("Joint centres and axes of the legs", 4))
-        out += [text(FEATURES, "soft"), _sided("Centre or axis", features)]
+        out.append(make_heading("Joint centres and axes of the legs", 4))
+        out += [make_text(FEATURES, "soft"), _build_two_sided_table("Centre or axis", features)]
     trials = {
         name: truth_comparison.curve_rows(calibration, truth, name)
         for name in truth_comparison.compared_trials(calibration, truth)
     }
     for kind, unit in (("angle", "deg"), ("moment", "N·m")):
         for name, rows in trials.items():
-            if found := _curve_errors(getattr(row, kind) for row in rows):
-                frames = _frames(rows) if kind == "angle" else "the valid frames"
-                words = (
-                    f"RMS error over {frames}, {unit}, and in how many of them the truth lies "
+            if found := _collect_curve_errors(getattr(row, kind) for row in rows):
+                frames = _count_frames(rows) if kind == "angle" else "the valid frames"
+                explanation = (
+                    f"RMS error over {frames}, {unit}, and the share of them with the truth "
                     "within ±1.96 "
                 )
-                words += "standard errors."
-                title = f"Joint {kind}s of the legs, trial {named(name)}"
+                explanation += "standard errors."
+                title = f"Joint {kind}s of the legs, trial {format_name(name)}"
                 out.append(
-                    fold(
-                        title, [text(words, "soft"), _sided(f"{kind.capitalize()}, {unit}", found)]
+                    fold_blocks(
+                        title,
+                        [
+                            make_text(explanation, "soft"),
+                            _build_two_sided_table(f"{kind.capitalize()}, {unit}", found),
+                        ],
                     )
                 )
     return [
         *out,
-        text(
+        make_text(
             "Every parameter and curve: folder truth of the result; “truth” in summary.json.",
             "soft",
         ),
     ]
 
 
-def _frames(rows: Iterable[truth_comparison.CurveRow]) -> str:
-    """`all 415 frames`, or those that the truth has."""
+def _count_frames(rows: Iterable[truth_comparison.CurveRow]) -> str:
+    """Count the compared frames in words: `all 415 frames`, or those of the truth."""
     some, every = min(
         (int(r.angle.compared.sum()), len(r.angle.compared)) for r in rows if r.angle is not None
     )
@@ -299,8 +306,8 @@ def _frames(rows: Iterable[truth_comparison.CurveRow]) -> str:
     )
 
 
-def _curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, Errors]]:
-    """Words, side and errors of each curve that was compared."""
+def _collect_curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, Errors]]:
+    """Collect title, side and errors of each compared curve."""
     out = []
     for curve in curves:
         if curve is not None and curve.rms is not None and curve.nominal_rms is not None:
@@ -316,30 +323,34 @@ def _curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, E
     return out
 
 
-def _fitted(value: float, farther: bool, digits: int = 1) -> Cell:
-    """An error after calibration; where it led away from the truth, by as much as is shown, that is
-    said.
-    """
+def _format_fitted_error(value: float, farther: bool, digits: int = 1) -> Cell:
+    """Format an error after calibration, marked if calibration increased it visibly."""
     return (
-        cell(f"farther: {number(value, digits)}", tone="look") if farther else number(value, digits)
+        make_cell(f"farther: {format_number(value, digits)}", tone="look")
+        if farther
+        else format_number(value, digits)
     )
 
 
-def _sided(title: str, found: Iterable[tuple[str, str, Errors]]) -> Block:
-    """One row for both sides of the body."""
+def _build_two_sided_table(title: str, found: Iterable[tuple[str, str, Errors]]) -> Block:
+    """Build a table with one row for both sides of the body."""
     rows: dict[str, dict[str, list[Cell]]] = {}
-    for words, side, (nominal, fitted, within) in found:
+    for title_of_row, side, (nominal, fitted, within) in found:
         farther = round(fitted, 1) > round(nominal, 1)
-        rows.setdefault(words, {})[side] = [number(nominal), _fitted(fitted, farther), within]
+        rows.setdefault(title_of_row, {})[side] = [
+            format_number(nominal),
+            _format_fitted_error(fitted, farther),
+            within,
+        ]
     head: list[Cell] = [title]
     for side in "rl":
-        head.append(cell(f"{SIDE_TITLES[side]}: nominal", side=side))
-        head += [cell("calibrated", side=side), cell("within", side=side)]
+        head.append(make_cell(f"{SIDE_TITLES[side]}: nominal", side=side))
+        head += [make_cell("calibrated", side=side), make_cell("within", side=side)]
     none: list[Cell] = [MISSING] * 3
-    return table(
+    return make_table(
         head,
         [
-            [cell(words), *cells.get("r", none), *cells.get("l", none)]
-            for words, cells in rows.items()
+            [make_cell(title_of_row), *cells.get("r", none), *cells.get("l", none)]
+            for title_of_row, cells in rows.items()
         ],
     )

@@ -1,7 +1,7 @@
-"""The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors.
+"""Monte Carlo study in the preset Trust: ranked lists of expected errors.
 
-The page is made before any draw: blocks of a study carry a mark, so that a study that goes on
-replaces its own. Only its command reads this module, and with it the libraries of a study.
+The page exists before any draw. Blocks of a study carry a mark, so that a later run replaces them.
+Only the command of the study imports this module and its libraries.
 """
 
 from collections.abc import Mapping
@@ -19,14 +19,14 @@ from gaitcal.montecarlo.protocol import ReactionFrame, Varied
 from gaitcal.report.page.key_figures import KNEE_ADDUCTION
 from gaitcal.report.page.plain_data import (
     Block,
-    beside,
-    cell,
-    fold,
-    heading,
-    named,
-    number,
-    table,
-    text,
+    fold_blocks,
+    format_name,
+    format_number,
+    make_cell,
+    make_heading,
+    make_table,
+    make_text,
+    pair_blocks,
 )
 
 PART: Final = "montecarlo"  # Mark of the blocks of a study
@@ -46,10 +46,9 @@ OPEN: Final = (
     "(gaitcal montecarlo --until-converged)."
 )
 BESIDE: Final = (
-    "Percentiles of all draws, means with their sign, the shares of every parameter, and all of it "
-    "with the ground "
-    "reactions carried along with the foot, as a disturbed model puts it (the published study does "
-    "not say which it "
+    "Percentiles of all draws, signed means, the shares of every parameter, and the same with "
+    "ground reactions that "
+    "move with the foot of the disturbed model (the published study does not specify which it "
     "used): tables and figures of montecarlo/ in the folder of the result."
 )
 Levels = dict[tuple[Varied, str, str, str], list[dict[str, Any]]]
@@ -60,7 +59,7 @@ ordered by level.
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedError:
-    """From one source, RMS over the trial in %BW·H."""
+    """Error due to one source, RMS over the trial in %BW·H."""
 
     varied: Varied
     level: float  # Per cent of the bounds
@@ -70,7 +69,7 @@ class ExpectedError:
     high: float  # 10 % of the draws are above
 
 
-def _expected(
+def _make_expected_error(
     varied: Varied, level: float, row: Mapping[str, Any], beyond: bool = False
 ) -> ExpectedError:
     average, low, high = (float(row[key]) for key in ("average", "p10", "p90"))
@@ -79,8 +78,8 @@ def _expected(
     )
 
 
-def _levels(statistics: pd.DataFrame) -> Levels:
-    """The rows of each quantity with any draws."""
+def _group_by_level(statistics: pd.DataFrame) -> Levels:
+    """Group the rows of each quantity with draws, ordered by level."""
     out: Levels = {}
     known = statistics[statistics["draws"] > 0].sort_values("level", kind="stable")
     for row in known.to_dict("records"):
@@ -90,23 +89,23 @@ def _levels(statistics: pd.DataFrame) -> Levels:
     return out
 
 
-def expected_errors(
+def collect_expected_errors(
     statistics: pd.DataFrame, marker_rms: float | None, side: str
 ) -> dict[str, tuple[ExpectedError, ...]]:
-    """Torque (`knee_adduction_l`) of one leg, ground reactions as measured -> its sources, largest
-    first, without undisturbed ones.
+    """Collect torque -> its error sources, largest first, with ground reactions as measured.
 
-    `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as
-    was studied.
+    `marker_rms`: mm, selects the level of joints and markers; None: the highest level studied.
     """
-    levels = _levels(statistics)
+    levels = _group_by_level(statistics)
     causes = (
         {}
         if marker_rms is None
         else {cause.varied: cause for cause in expect(statistics, marker_rms, side)}
     )
     of_cause = {
-        (varied, row["torque"], row["grf"]): _expected(varied, cause.level, row, cause.beyond)
+        (varied, row["torque"], row["grf"]): _make_expected_error(
+            varied, cause.level, row, cause.beyond
+        )
         for varied, cause in causes.items()
         for row in cause.torques.to_dict("records")
     }
@@ -117,148 +116,168 @@ def expected_errors(
             if varied in causes:
                 found.append(of_cause[varied, torque, FIXED.value])
             elif rows := levels.get((varied, torque, FIXED.value, "rms")):
-                found.append(_expected(varied, rows[-1]["level"], rows[-1]))
+                found.append(_make_expected_error(varied, rows[-1]["level"], rows[-1]))
         out[torque] = tuple(sorted(found, key=lambda e: -e.average))
     return out
 
 
-def with_monte_carlo(
+def add_monte_carlo(
     data: Mapping[str, Any],
     study: MonteCarloStudy,
     *,
     marker_rms: float | None = None,
     contributions: pd.DataFrame | None = None,
 ) -> dict[str, Any]:
-    """The page's data with a study in it, in the place of an earlier one.
+    """Add a study to page data, in place of an earlier one.
 
-    `marker_rms`: mm, of pelvis and legs in the trial of the study, to be read in torque errors;
-    None: not known. `contributions`: from `variance_contributions`: which parameter matters; None
-    leaves that out.
+    Parameters
+    ----------
+    data
+        Page data.
+    study
+        The Monte Carlo study.
+    marker_rms
+        mm, of pelvis and legs in the trial of the study; None: unknown.
+    contributions
+        From `variance_contributions`; None: omitted.
+
+    Returns
+    -------
+    dict
+        Page data.
     """
     sections = dict(data.get("sections", {}))
     kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]
     new = [
-        {**block, "part": PART} for block in monte_carlo_blocks(study, marker_rms, contributions)
+        {**block, "part": PART}
+        for block in build_monte_carlo_blocks(study, marker_rms, contributions)
     ]
     first = next((k for k, block in enumerate(kept) if block["kind"] == "heading"), len(kept))
     return {**data, "sections": {**sections, PRESET: [*kept[:first], *new, *kept[first:]]}}
 
 
-def monte_carlo_blocks(
+def build_monte_carlo_blocks(
     study: MonteCarloStudy,
     marker_rms: float | None = None,
     contributions: pd.DataFrame | None = None,
 ) -> list[Block]:
-    """What a study says, the knee's adduction moment first."""
+    """Build the blocks of a study, the knee adduction moment first."""
     return [
-        heading("What errors of model and markers do to the moments"),
-        *_explained(study),
-        *_ranked(study, marker_rms),
-        *([] if contributions is None else _contributions(contributions, SHOWN_SIDE)),
-        text(BESIDE, "soft"),
+        make_heading("What errors of model and markers do to the moments"),
+        *_explain_study(study),
+        *_rank_sources(study, marker_rms),
+        *([] if contributions is None else _build_contributions(contributions, SHOWN_SIDE)),
+        make_text(BESIDE, "soft"),
     ]
 
 
-def _explained(study: MonteCarloStudy) -> list[Block]:
+def _explain_study(study: MonteCarloStudy) -> list[Block]:
     s = study.settings
     out = [
-        text(
-            f"A Monte Carlo study of trial {named(study.case.name)}: this person's model and "
+        make_text(
+            f"A Monte Carlo study of trial {format_name(study.case.name)}: this person's model and "
             "markers disturbed at "
-            f"random, {number(study.plan.draws, 0)} times for each cause and level, and the motion "
+            f"random, {format_number(study.plan.draws, 0)} times for each cause and level, and the motion "
             "fitted again each "
             "time. At a level of 100 % joint positions are off by up to "
-            f"{number(s.position_mm, 0)} mm, joint axes by "
-            f"up to {number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of "
+            f"{format_number(s.position_mm, 0)} mm, joint axes by "
+            f"up to {format_number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of "
             "inertia by up to "
-            f"{number(s.inertial_percent, 0)} %, and markers by waves of up to "
-            f"{number(s.noise_mm, 0)} mm. Errors are "
+            f"{format_number(s.inertial_percent, 0)} %, and markers by waves of up to "
+            f"{format_number(s.noise_mm, 0)} mm. Errors are "
             "RMS over the trial, in percent of body weight times height (%BW·H) and in N·m/kg."
         )
     ]
     if not study.converged:
-        out.append(text(OPEN, "warning"))
+        out.append(make_text(OPEN, "warning"))
     if study.failed:
-        left = f"{number(study.failed, 0)} of {number(len(study.draws), 0)} draws"
+        left = f"{format_number(study.failed, 0)} of {format_number(len(study.draws), 0)} draws"
         out.append(
-            text(f"{left} did not converge and are left out of every figure below.", "warning")
+            make_text(f"{left} did not converge and are left out of every figure below.", "warning")
         )
-    return [*out, *(text(f"{note}.", "soft") for note in study.notes)]
+    return [*out, *(make_text(f"{note}.", "soft") for note in study.notes)]
 
 
-def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
-    """For each moment its sources, the largest expected error first."""
+def _rank_sources(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
+    """Rank the sources of each moment by their expected error."""
     meaning = "Each source by itself, at the highest level of the study."
     if marker_rms is not None:
         meaning = (
-            f"The calibrated model meets the markers of pelvis and legs to {number(marker_rms)} "
+            f"The calibrated model meets the markers of pelvis and legs to {format_number(marker_rms)} "
             "mm. Joints and marker "
-            "noise stand here at the level at which each by itself would have made that error, "
-            "masses and inertia, "
-            "which no marker error tells of, at the highest level of the study."
+            "noise are given at the level at which each of them alone would cause that error. "
+            "Masses and inertia have no effect on marker errors and are given at the highest level "
+            "of the study."
         )
     errors: dict[str, tuple[ExpectedError, ...]] = {}
     for side in SIDES:
-        errors |= expected_errors(study.statistics, marker_rms, side)
+        errors |= collect_expected_errors(study.statistics, marker_rms, side)
     lists: dict[str, list[Block]] = {}
     for name in TORQUES:
         of_sides = {side: errors[f"{name}_{side}"] for side in SIDES}
         if tables := [
-            [_source_table(study, side, found)] for side, found in of_sides.items() if found
+            [_build_source_table(study, side, found)] for side, found in of_sides.items() if found
         ]:
-            lists[name] = beside(tables)
+            lists[name] = pair_blocks(tables)
     if not lists:
         return []
-    out = [text(meaning)]
+    out = [make_text(meaning)]
     if first := lists.pop(KNEE_ADDUCTION, None):
         title = f"Expected error of your {TORQUE_WORDS[KNEE_ADDUCTION]} moment, RMS over the trial"
-        out += [heading(title, 4), *first]
+        out += [make_heading(title, 4), *first]
     others = [
-        b for name, of in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *of)
+        b
+        for name, blocks in lists.items()
+        for b in (make_heading(capitalised(TORQUE_WORDS[name]), 4), *blocks)
     ]
-    return [*out, fold("Expected error of the other moments", others)]
+    return [*out, fold_blocks("Expected error of the other moments", others)]
 
 
-def _source_table(study: MonteCarloStudy, side: str, errors: tuple[ExpectedError, ...]) -> Block:
+def _build_source_table(
+    study: MonteCarloStudy, side: str, errors: tuple[ExpectedError, ...]
+) -> Block:
     subject, s = study.case.subject, study.settings
     to_kg = subject.bwh / 100.0 / subject.mass
     rows = []
     for e in errors:
         share = e.level / 100.0
         size = {
-            Varied.JP: f"up to {number(share * s.position_mm)} mm and "
-            f"{number(share * s.orientation_deg)} deg",
-            Varied.IP: f"up to {number(share * s.inertial_percent, 0)} %",
-            Varied.NOISE: f"waves of up to {number(share * s.noise_mm)} mm",
+            Varied.JP: f"up to {format_number(share * s.position_mm)} mm and "
+            f"{format_number(share * s.orientation_deg)} deg",
+            Varied.IP: f"up to {format_number(share * s.inertial_percent, 0)} %",
+            Varied.NOISE: f"waves of up to {format_number(share * s.noise_mm)} mm",
         }[e.varied]
         beyond = ", and more than that" if e.beyond else ""
         rows.append(
             [
-                cell(f"{SOURCE_WORDS[e.varied]}: {size}{beyond}"),
-                number(e.average, 2),
-                number(to_kg * e.average, 3),
-                f"{number(e.low, 2)} to {number(e.high, 2)}",
+                make_cell(f"{SOURCE_WORDS[e.varied]}: {size}{beyond}"),
+                format_number(e.average, 2),
+                format_number(to_kg * e.average, 3),
+                f"{format_number(e.low, 2)} to {format_number(e.high, 2)}",
             ]
         )
-    head = [cell(capitalised(SIDE_WORDS[side]), side=side), "%BW·H", "N·m/kg", "10 to 90 %, %BW·H"]
-    return table(head, rows)
+    head = [
+        make_cell(capitalised(SIDE_WORDS[side]), side=side),
+        "%BW·H",
+        "N·m/kg",
+        "10 to 90 %, %BW·H",
+    ]
+    return make_table(head, rows)
 
 
-def _contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
-    """The share of the most important parameters in the variance of the knee adduction moment's
-    error.
-    """
+def _build_contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
+    """Build the shares of the main parameters in the variance of the knee adduction moment."""
     of_leg, groups = variance_shares(contributions, FIXED, side)
     shares = pd.concat([of_leg.rename(index=parameter_words), groups])[f"{KNEE_ADDUCTION}_{side}"]
     first = shares.sort_values(ascending=False, kind="stable").head(MOST_PARAMETERS)
     return [
-        heading(
+        make_heading(
             f"Which parameter matters for the {SIDE_WORDS[side]} {TORQUE_WORDS[KNEE_ADDUCTION]} "
             "moment",
             4,
         ),
-        table(
+        make_table(
             ["Parameter", "% of the variance"],
-            [[cell(words), number(value, 0)] for words, value in first.items()],
+            [[make_cell(title), format_number(value, 0)] for title, value in first.items()],
         ),
     ]

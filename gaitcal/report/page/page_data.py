@@ -1,17 +1,17 @@
-"""Everything that the page tells beside the body in motion, as plain data: `page.json` of the
-folder of a result.
+"""Page data: everything on the page except the body in motion, as `page.json` of a result.
 
-person, program     who, made when and with what
-verdict, lines      how far it can be believed; the three lines at the top of the page
-measures            what steps are called
-bands               healthy people, where they are given
-trials              curves, events, strides of each (`trial_data`), with sections of their own
-sections            preset of the page -> blocks: headings, sentences, tables, pictures of intervals
+person, program     subject; date and version
+verdict, lines      the verdict; the three lines on top of the page
+measures            titles of spatiotemporal measures
+bands               normative data, if there are any
+trials              curves, events, strides and sections of each trial (`trial_data`)
+sections            preset of the page -> blocks: headings, text, tables, pictures of intervals
 
-The page is made from it again at any time; trials of several runs of one person are joined here.
+The page can be made from it again at any time.
 """
 
 import datetime
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -82,20 +82,33 @@ it is divided.
 _NO_BACKTICKS: Final = str.maketrans("", "", "`")
 
 
-def calibration_page_data(
+def build_calibration_page_data(
     calibration: Calibration,
     norm: Norm | None = None,
     manifest: Mapping[str, object] | None = None,
     scores: Sequence[profile_score.Score] = (),
 ) -> dict[str, Any]:
-    """Of a calibration.
+    """Build the page data of a calibration.
 
-    `norm`: healthy people, to be drawn behind angles, moments and powers. `manifest`: versions,
-    settings and hashes of the inputs. `scores`: how far it is from the norm.
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+    norm
+        Normative data behind angles, moments and powers.
+    manifest
+        Versions, settings and input hashes.
+    scores
+        Gait Variable Scores and Gait Profile Scores.
+
+    Returns
+    -------
+    dict
+        The content of `page.json`.
     """
     truth = calibration.truth
     trials = [
-        trial_data.trial_page_data(
+        trial_data.build_trial_page_data(
             calibration.model,
             trial,
             verdict=calibration.verdict.trials.get(trial.name),
@@ -105,89 +118,101 @@ def calibration_page_data(
         for trial in calibration.trials
     ]
     return {
-        **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": key_figures.top_lines(calibration, page_peaks(trials)),
+        **build_person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
+        "lines": key_figures.build_top_lines(calibration, average_page_peaks(trials)),
         "trials": trials,
-        "sections": result_sections(calibration, norm, manifest, scores),
+        "sections": build_result_sections(calibration, norm, manifest, scores),
     }
 
 
-def result_sections(
+def build_result_sections(
     calibration: Calibration,
     norm: Norm | None = None,
     manifest: Mapping[str, object] | None = None,
     scores: Sequence[profile_score.Score] = (),
 ) -> plain_data.Sections:
-    """Of the whole result; what belongs to one trial stands with the trial."""
+    """Build the sections of the whole result; those of one trial are stored with the trial."""
     sections = {
-        "clinician": key_figures.clinician_blocks(calibration, norm or Norm(), scores),
-        "fit": trust_sections.fit_blocks(calibration),
-        "joints": joint_sections.joint_blocks(calibration),
-        "trust": trust_sections.trust_blocks(calibration),
-        "provenance": provenance.provenance_blocks(calibration, manifest or {}),
+        "clinician": key_figures.build_clinician_blocks(calibration, norm or Norm(), scores),
+        "fit": trust_sections.build_fit_blocks(calibration),
+        "joints": joint_sections.build_joint_blocks(calibration),
+        "trust": trust_sections.build_trust_blocks(calibration),
+        "provenance": provenance.build_provenance_blocks(calibration, manifest or {}),
     }
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def further_page_data(
+def build_further_page_data(
     model: SubjectModel,
     trials: Sequence[TrialResult],
     verdict: Verdict,
     relative_to: Mapping[str, float] | None = None,
     origin: provenance.Origin | None = None,
 ) -> dict[str, Any]:
-    """Of further trials of a calibrated person.
+    """Build the page data of further trials of a calibrated subject.
 
-    `relative_to`: as of `curves_of`.
-    `origin`: the calibration; None where nothing is known of it.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    trials
+        The further trials.
+    verdict
+        On these trials.
+    relative_to
+        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+    origin
+        The calibration; None if unknown.
+
+    Returns
+    -------
+    dict
+        The content of `page.json`.
     """
     of_trials = []
     for trial in trials:
-        data = trial_data.trial_page_data(
+        data = trial_data.build_trial_page_data(
             model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to
         )
         of_trials.append(
             {
                 **data,
-                "sections": {**data["sections"], "provenance": provenance.recorded_blocks(trial)},
+                "sections": {
+                    **data["sections"],
+                    "provenance": provenance.build_recording_blocks(trial),
+                },
             }
         )
-    person = person_page_data(model.subject, verdict)
+    person = build_person_page_data(model.subject, verdict)
     return {
         **person,
         "lines": [
-            verdict_line(person["verdict"]),
-            *key_figures.further_lines(model, trials, page_peaks(of_trials)),
+            format_verdict_line(person["verdict"]),
+            *key_figures.build_further_lines(model, trials, average_page_peaks(of_trials)),
         ],
         "trials": of_trials,
-        "sections": {} if origin is None else provenance.further_sections(origin),
+        "sections": {} if origin is None else provenance.build_further_sections(origin),
     }
 
 
-def person_page_data(
+def build_person_page_data(
     subject: Subject,
     verdict: Verdict,
     norm: Norm | None = None,
     scores: Sequence[profile_score.Score] = (),
 ) -> dict[str, Any]:
-    """What does not belong to one trial; bands in the units and with the signs of curves."""
+    """Build the page data that belong to no single trial; bands in the units of the curves."""
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
-        sides = {
-            s: [
-                [plain_data.rounded(value) for value in part]
-                for part in band.for_person(subject, s)
-            ]
-            for s in linkage.SIDES
+        entry: dict[str, Any] = {
+            "base": coordinate_of(name),
+            "kind": kind_of(name).words,
+            "source": band.source,
         }
-        bands.append(
-            {
-                "base": coordinate_of(name),
-                "kind": kind_of(name).words,
-                "source": band.source,
-                **sides,
-            }
-        )
+        for side in linkage.SIDES:
+            mean, sd = band.for_person(subject, side)
+            entry[side] = [list(map(plain_data.round_number, part)) for part in (mean, sd)]
+        bands.append(entry)
     return {
         "format": FORMAT,
         "program": f"gaitcal {package_version('gaitcal')}",
@@ -200,9 +225,9 @@ def person_page_data(
             "sex": subject.sex,
             "weight": subject.weight,
             "bwh": subject.bwh,
-            "facts": [list(fact) for fact in person_facts(subject)],
+            "facts": [list(fact) for fact in list_person_facts(subject)],
         },
-        "verdict": verdict_page_data(verdict),
+        "verdict": build_verdict_page_data(verdict),
         "lines": [],
         "measures": [
             {
@@ -227,37 +252,36 @@ def person_page_data(
                 "side": s.side,
                 "base": s.variable,
                 "title": profile_score.score_title(s),
-                "score": rounded_score(s.score),
-                "se": rounded_score(s.error),
-                "norm": rounded_score(s.norm),
+                "score": round_score(s.score),
+                "se": round_score(s.error),
+                "norm": round_score(s.norm),
             }
             for s in scores
         ],
     }
 
 
-def rounded_score(value: float) -> float | None:
-    """Deg to a hundredth; None where it is not known."""
+def round_score(value: float) -> float | None:
+    """Round a score to a hundredth of a degree; None if unknown."""
     return round(value, 2) if math.isfinite(value) else None
 
 
-def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
-    """Label and value of what is known of person and session, as page and report head with it.
+def list_person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
+    """List label and value of what is known of subject and session, as page and report show it.
 
-    Of whom no age is known, it says so; and by which table the masses start, where that is one of
-    adults.
+    Missing age, sex and date are listed as missing, and so is the use of the adults' mass table.
     """
     record = subject.record
-    age = "not told" if subject.age is None else f"{subject.age:.1f} years"
+    age = "not given" if subject.age is None else f"{subject.age:.1f} years"
     adults = anthropometry.is_probably_child(subject)
     facts = (
         ("Name or code", subject.name),
         (
             "Session",
             ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session))))
-            or "date not told",
+            or "date not recorded",
         ),
-        ("Sex", subject.sex or "not told"),
+        ("Sex", subject.sex or "not given"),
         ("Age", f"{age}, born {record.birth_date}" if record.birth_date else age),
         ("Diagnosis", record.diagnosis),
         ("Affected side", record.affected_side),
@@ -268,21 +292,21 @@ def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
             f"{subject.height:.3f} m"
             + (f" ± {subject.height_error:.2f} m" if subject.height_error else ""),
         ),
-        ("Segment masses", "adults' table: no age told" if adults else ""),
+        ("Segment masses", "adults' table: age not given" if adults else ""),
         ("Laboratory", record.laboratory),
     )
     return tuple((label, value) for label, value in facts if value)
 
 
-def verdict_page_data(verdict: Verdict) -> dict[str, Any]:
-    """Judgement and reasons, the worst first."""
+def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
+    """Build verdict and reasons, the most severe first."""
     return {
         "judgement": verdict.judgement.value,
         "sentence": verdict.sentence,
         "forced": verdict.forced,
         "reasons": [
             {
-                **explained_code(reason.code),
+                **explain_code(reason.code),
                 "severity": reason.severity.value,
                 "cause": moments.explained(reason.cause),
                 "evidence": moments.explained(reason.evidence),
@@ -295,63 +319,59 @@ def verdict_page_data(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
-    """The line at the top of the page that tells the verdict, and its worst reason."""
+def format_verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
+    """Format the line on top of the page: the verdict with its most severe reason."""
     judgement = Judgement(verdict["judgement"])
-    words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
+    text = f"{judgement.value.capitalize()}. {verdict['sentence']}"
     if verdict["reasons"]:
-        worst, *rest = verdict["reasons"]
+        worst, *others = verdict["reasons"]
         where = (
-            f" ({', '.join(plain_data.visible(name) for name in worst['trials'])})"
+            f" ({', '.join(plain_data.replace_control_characters(name) for name in worst['trials'])})"
             if worst["trials"]
             else ""
         )
-        words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
-    return {"tone": key_figures.TONES[judgement], "text": plain_data.visible(words)}
+        text += f" {'Worst' if others else 'Because'}: {worst['cause']}{where}."
+    return {
+        "tone": key_figures.TONES[judgement],
+        "text": plain_data.replace_control_characters(text),
+    }
 
 
-def explained_code(code: Code) -> dict[str, Any]:
-    """`code`, `title` and `page` of a reason: what `gaitcal explain` says, as blocks, to be there
-    without a network.
-    """
+def explain_code(code: Code) -> dict[str, Any]:
+    """Return `code`, `title` and `page` of a reason: the text of `gaitcal explain` as blocks."""
     explanation = explanation_of(code)
     blocks: list[plain_data.Block] = []
     for part, pieces in parts_of(explanation.text):
-        blocks.append(plain_data.heading(part, 3))
+        blocks.append(plain_data.make_heading(part, 3))
         for piece in pieces:
             if isinstance(piece, Paragraph):
-                blocks.append(plain_data.text(piece.text.translate(_NO_BACKTICKS)))
+                blocks.append(plain_data.make_text(piece.text.translate(_NO_BACKTICKS)))
             elif isinstance(piece, Bullets):
                 blocks.append(
-                    plain_data.bullets(item.translate(_NO_BACKTICKS) for item in piece.items)
+                    plain_data.make_list(item.translate(_NO_BACKTICKS) for item in piece.items)
                 )
             else:
-                blocks.append(plain_data.text(" ".join(piece.lines), "soft"))
+                blocks.append(plain_data.make_text(" ".join(piece.lines), "soft"))
     return {"code": code.value, "title": explanation.title, "page": blocks}
 
 
-def coordinate_rows() -> list[dict[str, Any]]:
-    """Small multiples: joints with their coordinates, and the power over all axes."""
+def list_coordinate_rows() -> list[dict[str, Any]]:
+    """List joints with their coordinates and joint power, one row of small plots each."""
     rows = (*coordinates.COORDINATE_TABLE.values(), *coordinates.SEGMENT_ANGLES.values())
-    return [
-        {
-            "joint": key,
-            "title": group.title,
-            "power": group.power or None,
-            "rows": [row.name for row in rows if row.group == key],
-        }
-        for key, group in coordinates.GROUPS.items()
-    ]
+    out = []
+    for key, group in coordinates.GROUPS.items():
+        names = [row.name for row in rows if row.group == key]
+        entry = {"joint": key, "title": group.title, "power": group.power or None, "rows": names}
+        out.append(entry)
+    return out
 
 
-def conventions_data() -> dict[str, Any]:
-    """The joints of curves, and every convention that a reader may choose, as `gait/conventions.py`
-    has it.
+def build_conventions() -> dict[str, Any]:
+    """Build the joints of curves and all conventions of the page (`gait/conventions.py`).
 
-    `signs`: signs -> whose moment -> `hip_flexion/moment` -> its title, and of each side of a
-    stride (empty: over time) the factor of a value in the files, and what a positive one means.
-    `units`: unit of moments -> kind -> its words and digits, and by what of the person values are
-    divided.
+    `signs`: signs -> acting body -> `hip_flexion/moment` -> title and, for each side of a stride
+    (empty: over time), the factor of a value in the files and the meaning of positive values.
+    `units`: unit of moments -> kind -> title, digits, factor and divisor of values.
     """
     body, one = Subject(name="", mass=1.0, height=1.0, sex="male"), np.ones(1)
     powers = {group.power: " over all axes" for group in coordinates.GROUPS.values() if group.power}
@@ -367,7 +387,7 @@ def conventions_data() -> dict[str, Any]:
         *((name, CurveKind.FORCE) for name in GROUND_FORCES),
     )
 
-    def told(convention: Convention, name: str, kind: CurveKind) -> dict[str, Any]:
+    def describe(convention: Convention, name: str, kind: CurveKind) -> dict[str, Any]:
         variable = name if kind is CurveKind.FORCE else f"{name}{kind.ending}"
         sides = {
             side: [
@@ -379,36 +399,29 @@ def conventions_data() -> dict[str, Any]:
         }
         return {"title": convention.title(variable), **sides}
 
-    return {
-        "joints": coordinate_rows(),
-        "signs": {
-            signs.value: {
-                acting.key: {
-                    f"{name}/{kind.words}": told(Convention(signs=signs, acting=acting), name, kind)
-                    for name, kind in every
-                }
-                for acting in Acting
-            }
-            for signs in Signs
-        },
-        "units": {
-            unit: {
-                kind.words: dict(zip(("words", "digits", "times", "per"), of, strict=True))
-                for kind, of in zip(CurveKind, kinds, strict=True)
-            }
-            for unit, kinds in UNITS.items()
-        },
-    }
+    by_signs: dict[str, dict[str, Any]] = {}
+    for signs, acting in itertools.product(Signs, Acting):
+        convention = Convention(signs=signs, acting=acting)
+        by_signs.setdefault(signs.value, {})[acting.key] = {
+            f"{name}/{kind.words}": describe(convention, name, kind) for name, kind in every
+        }
+    units: dict[str, dict[str, Any]] = {}
+    for unit, kinds in UNITS.items():
+        units[unit] = {}
+        for kind, values in zip(CurveKind, kinds, strict=True):
+            keys = ("words", "digits", "times", "per")
+            units[unit][kind.words] = dict(zip(keys, values, strict=True))
+    return {"joints": list_coordinate_rows(), "signs": by_signs, "units": units}
 
 
-def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
-    """Over the straight strides, or repetitions, of trials of a page."""
+def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
+    """Average the peaks over straight strides or repetitions of trials of a page."""
     return peaks.peak_means(
         (
             trial["activity"],
             trial["name"],
             s["side"],
-            {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()},
+            {name: np.array(values, dtype=np.float64) for name, values in s["peaks"].items()},
         )
         for trial in trials
         for s in trial["strides"]
@@ -416,9 +429,18 @@ def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...
     )
 
 
-def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Side -> % of the stride at which stance ends, the mean over straight strides of trials of a
-    page.
+def average_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Average the end of stance over straight strides of trials of a page.
+
+    Parameters
+    ----------
+    trials
+        Page data of trials.
+
+    Returns
+    -------
+    dict
+        Side -> % of the stride.
     """
     found: dict[str, list[float]] = {side: [] for side in linkage.SIDES}
     for s in (s for trial in trials for s in trial["strides"] if not s["turns"]):
@@ -427,12 +449,10 @@ def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     return {side: float(np.mean(percents)) for side, percents in found.items() if percents}
 
 
-def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of peaks of each activity, over its straight strides, each with what the
-    legs have of it.
-    """
+def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Build the rows of the table of peaks of each activity, over its straight strides."""
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for mean in page_peaks(data["trials"]):
+    for mean in average_page_peaks(data["trials"]):
         peak = mean.peak
         row = {
             "activity": mean.activity,
@@ -444,7 +464,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
             "apart": peak.figure is peaks.PeakKind.RANGE,
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
-        leg = {name: plain_data.rounded(value) for name, value in figures.items()}
+        leg = {name: plain_data.round_number(value) for name, value in figures.items()}
         rows.setdefault((mean.activity, peak.name), row)[mean.side] = {
             **leg,
             "n": mean.n,
@@ -453,25 +473,20 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     return list(rows.values())
 
 
-def thinned(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, Any]:
-    """Page data with at most so many letters of packed curves, of every second, third, ... frame;
-    as it is where it has no more.
-    """
-    every = max(1, -(-sum(map(plain_data.curve_letters, data["trials"])) // most))
+def thin_page_data(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, Any]:
+    """Thin the curves to at most `most` characters: every second, third, ... frame stays."""
+    every = max(1, -(-sum(map(plain_data.count_curve_letters, data["trials"])) // most))
     return (
         data
         if every == 1
-        else {
-            **data,
-            "trials": [plain_data.thinned_trial(trial, every) for trial in data["trials"]],
-        }
+        else {**data, "trials": [plain_data.thin_trial(trial, every) for trial in data["trials"]]}
     )
 
 
-def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
-    """A sentence for every trial whose curves hold some frames only."""
+def report_thinned_curves(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Report every trial whose curves contain only some of its frames."""
     return tuple(
-        f"{trial['name']}: its curves hold one frame in {trial['every']} of {trial['frames']}; a "
+        f"{trial['name']}: its curves show one frame in {trial['every']} of {trial['frames']}; a "
         "short peak may be "
         "lower in the page than in the tables"
         for trial in data["trials"]
@@ -480,14 +495,27 @@ def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def write_page_data(data: Mapping[str, Any], path: Path) -> None:
-    """Write page data; the page reads the same text."""
-    path.write_text(plain_data.script_json(data), encoding="utf-8")
+    """Write page data; the page contains the same text."""
+    path.write_text(plain_data.dump_script_json(data), encoding="utf-8")
 
 
 def read_page_data(path: Path) -> dict[str, Any]:
-    """Read back what `write_page_data` wrote.
+    """Read page data.
 
-    Raises InputError: The file is not there, or is no page data of this version.
+    Parameters
+    ----------
+    path
+        `page.json`.
+
+    Returns
+    -------
+    dict
+        As `write_page_data` wrote it.
+
+    Raises
+    ------
+    InputError
+        The file is missing, or has another format version.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

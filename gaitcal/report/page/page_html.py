@@ -1,12 +1,7 @@
-"""`result.html`: body, curves and tables of a result in one file that opens offline; `cohort.html`
-likewise.
+"""Render `result.html` and `cohort.html`, files that open offline, and join pages of several runs.
 
-MeshCat's own JavaScript viewer, uPlot, our scripts, and the result as data stand inline. A
-Content-Security-Policy in the file lets exactly these scripts run, known by their SHA-256, and
-forbids every request: whatever a marker or a subject is called, it is text.
-
-Page data of several runs of one person are joined here: further trials after those of a
-calibration, or some alone.
+MeshCat's viewer, uPlot, our scripts and the data are inline. A Content-Security-Policy admits these
+scripts only, by their SHA-256, and forbids every request. Names of markers and subjects are text.
 """
 
 import base64
@@ -26,7 +21,7 @@ from gaitcal.errors import Code, GaitcalError
 from gaitcal.model.linkage import SIDES
 from gaitcal.quality.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.report.page import bone_files, bone_placement, page_data, plain_data, scene_file
-from gaitcal.report.page.body_meshes import PACKAGE, body_meshes
+from gaitcal.report.page.body_meshes import PACKAGE, read_body_meshes
 from gaitcal.report.page.scene import MotionScene, Scene
 
 SCRIPTS = (
@@ -71,8 +66,8 @@ file.
 PLOTS = "libraries/uPlot"  # The library that draws curves
 
 
-def policy(*scripts: str) -> str:
-    """A Content-Security-Policy under which only these inline scripts run and nothing is requested."""
+def build_policy(*scripts: str) -> str:
+    """Build a Content-Security-Policy that admits these inline scripts only, and no request."""
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
         for s in scripts
@@ -83,10 +78,8 @@ def policy(*scripts: str) -> str:
     )
 
 
-def _inline(script: str) -> str:
-    """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we
-    do.
-    """
+def _escape_script(script: str) -> str:
+    """Escape a script for use inside `<script>`, with the line breaks that a browser hashes."""
     text = script.replace("\r\n", "\n").replace("\r", "\n")
     return (
         text.replace("<!--", "<\\!--")
@@ -95,14 +88,14 @@ def _inline(script: str) -> str:
     )
 
 
-def _part(name: str) -> str:
-    """A file of this folder."""
+def _read_part(name: str) -> str:
+    """Read a file of this folder."""
     return (files("gaitcal.report.page") / name).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
-class Shown:
-    """One result as the page takes it."""
+class PageContent:
+    """Scene and data of one page."""
 
     scene: Scene
     data: Mapping[str, Any] | None = (
@@ -110,24 +103,39 @@ class Shown:
     )
 
 
-def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
-    """The page of a result.
+def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) -> str:
+    """Render the page of a result.
 
-    `bones`: None: those of the installed `myo-sim`, and no bones where it is not installed.
+    Parameters
+    ----------
+    shown
+        Scene and data.
+    bones
+        None: those of the installed `myo-sim`; no bones if it is not installed.
 
-    Raises GaitcalError: MeshCat is not installed.
+    Returns
+    -------
+    str
+        HTML.
+
+    Raises
+    ------
+    GaitcalError
+        MeshCat is not installed.
     """
-    bones = bones or bone_files.installed_bones()
-    scene = scene_file.scene_json(
-        shown.scene, body_meshes(), None if bones is None else bone_placement.landmarked(bones)
+    bones = bones or bone_files.find_installed_bones()
+    scene = scene_file.dump_scene_json(
+        shown.scene,
+        read_body_meshes(),
+        None if bones is None else bone_placement.find_landmarks(bones),
     )
-    data = plain_data.script_json(
+    data = plain_data.dump_script_json(
         shown.data
-        and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)}
+        and {**page_data.thin_page_data(shown.data), "peaks": page_data.build_peak_rows(shown.data)}
     )
-    viewer, licences = _meshcat()
-    content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
-    content["CONVENTIONS"] = plain_data.script_json(page_data.conventions_data())
+    viewer, licences = _read_meshcat()
+    content = _collect_scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
+    content["CONVENTIONS"] = plain_data.dump_script_json(page_data.build_conventions())
     content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
     of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
     content["LICENCES"] = "\n\n".join(
@@ -135,18 +143,25 @@ def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
     ).replace("<", "‹")
     # One pass over the template: what a name holds is never looked at again.
     return re.sub(
-        r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html")
+        r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _read_part("templates/page.html")
     )
 
 
 def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
-    """Write the page of a cohort, piece by piece, as its people may be many.
+    """Write the page of a cohort piece by piece, as cohorts may be large.
 
-    `data`: the pieces of each of `COHORT_DATA`, asked for when they are due.
+    Parameters
+    ----------
+    path
+        The file.
+    data
+        The pieces of each of `COHORT_DATA`, generated when they are needed.
     """
-    content = _scripts_and_styles(COHORT_SCRIPTS, COHORT_STYLES)
+    content = _collect_scripts_and_styles(COHORT_SCRIPTS, COHORT_STYLES)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
-        for number, piece in enumerate(re.split(r"@@([A-Z]+)@@", _part("templates/cohort.html"))):
+        for number, piece in enumerate(
+            re.split(r"@@([A-Z]+)@@", _read_part("templates/cohort.html"))
+        ):
             if number % 2 == 0:
                 stream.write(piece)
             elif piece in COHORT_DATA:
@@ -155,29 +170,27 @@ def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
                 stream.write(content[piece])
 
 
-def _scripts_and_styles(
+def _collect_scripts_and_styles(
     scripts: Sequence[str], styles: Sequence[str], **first: str
 ) -> dict[str, str]:
-    """What a template has a place for; `first`: scripts that run before all others."""
+    """Collect what a template needs; `first`: scripts that run before all others."""
     running = {
-        **{name.upper(): _inline(script) for name, script in first.items()},
-        "PLOTS": _inline(_part(f"{PLOTS}.iife.min.js")),
-        "PAGE": _inline("\n".join(_part(f"scripts/{name}") for name in scripts)),
+        **{name.upper(): _escape_script(script) for name, script in first.items()},
+        "PLOTS": _escape_script(_read_part(f"{PLOTS}.iife.min.js")),
+        "PAGE": _escape_script("\n".join(_read_part(f"scripts/{name}") for name in scripts)),
     }
     return {
-        "POLICY": policy(*running.values()),
+        "POLICY": build_policy(*running.values()),
         "STYLE": "\n".join(
-            [_part(f"{PLOTS}.min.css"), *(_part(f"styles/{name}") for name in styles)]
+            [_read_part(f"{PLOTS}.min.css"), *(_read_part(f"styles/{name}") for name in styles)]
         ),
-        "LICENCES": f"uPlot\n\n{_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
+        "LICENCES": f"uPlot\n\n{_read_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
         **running,
     }
 
 
-def _meshcat() -> tuple[str, list[str]]:
-    """MeshCat's viewer and the licences of what stands in the page, without importing MeshCat's
-    server.
-    """
+def _read_meshcat() -> tuple[str, list[str]]:
+    """Read MeshCat's viewer and the licences on the page, without importing MeshCat."""
     spec = find_spec("meshcat")
     places = list(spec.submodule_search_locations or ()) if spec else []
     if not places:
@@ -206,47 +219,72 @@ def _meshcat() -> tuple[str, list[str]]:
     return script, [*licences, *([f"Body meshes of {PACKAGE}\n\n{text}"] if text else [])]
 
 
-def sentences(shown: Shown) -> tuple[str, ...]:
-    """What the page of a result leaves out, for every trial of which it holds some frames only."""
-    curves = () if shown.data is None else page_data.curves_left_out(page_data.thinned(shown.data))
-    return (*scene_file.left_out(shown.scene), *curves)
+def list_omissions(shown: PageContent) -> tuple[str, ...]:
+    """List the trials of which the page shows only some frames.
+
+    Parameters
+    ----------
+    shown
+        Scene and data.
+
+    Returns
+    -------
+    tuple of str
+        One sentence for each.
+    """
+    curves = (
+        ()
+        if shown.data is None
+        else page_data.report_thinned_curves(page_data.thin_page_data(shown.data))
+    )
+    return (*scene_file.report_thinned_frames(shown.scene), *curves)
 
 
-def with_trials(
+def append_trials(
     scene: Scene, further: Scene, names: Mapping[str, str] | None = None
 ) -> Scene | None:
-    """The scene with the trials of another one after its own; None where they have other segments.
+    """Append the trials of another scene; None if it has other segments.
 
-    `names`: other names for trials of `further`: old -> new.
+    `names`: new names of trials of `further`: old -> new.
     """
     if further.segments != scene.segments:
         return None
     new = names or {}
     trials = (
         replace(
-            _with_markers(trial, further.labels, scene.labels), name=new.get(trial.name, trial.name)
+            _reorder_markers(trial, further.labels, scene.labels),
+            name=new.get(trial.name, trial.name),
         )
         for trial in further.trials
     )
     return replace(scene, trials=(*scene.trials, *trials))
 
 
-def after_trials(scene: Scene, earlier: Scene) -> Scene | None:
-    """The scene with those trials of an earlier one before its own whose names it does not have;
-    None as above.
+def prepend_trials(scene: Scene, earlier: Scene) -> Scene | None:
+    """Prepend the trials of an earlier scene.
+
+    Parameters
+    ----------
+    scene
+        The new scene.
+    earlier
+        Its trials stay unless a new one has the same name.
+
+    Returns
+    -------
+    Scene or None
+        None if the scenes have different segments.
     """
     names = {trial.name for trial in scene.trials}
     kept = tuple(trial for trial in earlier.trials if trial.name not in names)
-    joined = with_trials(replace(scene, trials=()), replace(earlier, trials=kept))
+    joined = append_trials(replace(scene, trials=()), replace(earlier, trials=kept))
     return None if joined is None else replace(joined, trials=(*joined.trials, *scene.trials))
 
 
-def _with_markers(
+def _reorder_markers(
     trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str, ...]
 ) -> MotionScene:
-    """The trial with the measured markers in the order of another model; NaN for one that it did
-    not have.
-    """
+    """Reorder the measured markers of a trial for another model; NaN for missing markers."""
     if labels == wanted:
         return trial
     measured = np.full((len(trial.time), len(wanted), 3), np.nan, dtype=np.float32)
@@ -256,32 +294,45 @@ def _with_markers(
     return replace(trial, measured=measured)
 
 
-def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    """Page data of further trials, after those of an earlier run that it does not hold itself."""
+def merge_page_data(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge page data of further trials with those of an earlier run.
+
+    Parameters
+    ----------
+    earlier
+        Its trials stay unless a new one has the same name.
+    new
+        Page data of the new run.
+
+    Returns
+    -------
+    dict
+        Page data.
+    """
     names = {trial["name"] for trial in new["trials"]}
-    kept = only(
+    kept = select_trials(
         earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names]
     )
-    verdict, rest = _joined_verdict(kept, new), list(new["lines"][1:])
+    verdict, other_lines = _combine_verdicts(kept, new), list(new["lines"][1:])
     if kept["trials"]:
-        last = ", ".join(plain_data.visible(name) for name in sorted(names))
-        rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
+        last = ", ".join(plain_data.replace_control_characters(name) for name in sorted(names))
+        other_lines[-1:] = [
+            {**line, "text": f"{last}: {line['text']}"} for line in other_lines[-1:]
+        ]
     trials = [*kept["trials"], *new["trials"]]
     return {
         **new,
         "trials": trials,
         "verdict": verdict,
-        "lines": [page_data.verdict_line(verdict), *rest],
+        "lines": [page_data.format_verdict_line(verdict), *other_lines],
     }
 
 
-def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
-    """Page data of a calibration with further trials after its own; none of them may have the name
-    of its own.
-    """
-    verdict, lines = _joined_verdict(data, further), list(data["lines"])
+def append_page_data(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
+    """Append further trials to the page data of a calibration; their names must be new."""
+    verdict, lines = _combine_verdicts(data, further), list(data["lines"])
     if verdict["sentence"] != data["verdict"]["sentence"]:
-        lines[:1] = [page_data.verdict_line(verdict)]
+        lines[:1] = [page_data.format_verdict_line(verdict)]
     return {
         **data,
         "lines": lines,
@@ -291,11 +342,24 @@ def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str
     }
 
 
-def only(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
-    """Page data of further trials with some of them alone, and the reasons about these."""
+def select_trials(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Select some trials from page data, with the reasons about them.
+
+    Parameters
+    ----------
+    data
+        Page data of further trials.
+    names
+        Trials to keep.
+
+    Returns
+    -------
+    dict
+        Page data.
+    """
     trials = [trial for trial in data["trials"] if trial["name"] in names]
     about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
-    judgement = _common(
+    judgement = _combine_judgements(
         trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None
     )
     if about and judgement is Judgement.TRUSTWORTHY:
@@ -307,13 +371,24 @@ def only(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     }
 
 
-def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
-    """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it
-    is there already.
+def add_doubts(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
+    """Add warnings to the verdict of page data, unless they are there already.
+
+    Parameters
+    ----------
+    data
+        Page data.
+    doubts
+        Trial, cause and action of each warning.
+
+    Returns
+    -------
+    dict
+        Page data; a trustworthy verdict becomes doubtful.
     """
     verdict = data["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
-    code = page_data.explained_code(Code.RESULT_EDITED)
+    code = page_data.explain_code(Code.RESULT_EDITED)
     new = [
         {
             **code,
@@ -338,8 +413,8 @@ def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> 
     }
 
 
-def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    """Page data whose trials have other names: old -> new."""
+def rename_trials(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Rename trials in page data: old -> new."""
     reasons = [
         {**reason, "trials": [names.get(name, name) for name in reason["trials"]]}
         for reason in data["verdict"]["reasons"]
@@ -350,8 +425,8 @@ def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]
     return {**data, "trials": trials, "verdict": {**data["verdict"], "reasons": reasons}}
 
 
-def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """The verdict on both: refused or trustworthy where everything is, and doubtful otherwise."""
+def _combine_verdicts(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Combine two verdicts: refused or trustworthy if both are, else doubtful."""
     parts = [data["verdict"] for data in (one, other) if data["trials"]]
     trials = {}
     for trial in (*one["trials"], *other["trials"]):
@@ -361,7 +436,7 @@ def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[st
                 judgement=Judgement(verdict["judgement"]), legs=legs
             )
     judged = Verdict(
-        judgement=_common(part["judgement"] for part in parts),
+        judgement=_combine_judgements(part["judgement"] for part in parts),
         reasons=(),
         trials=trials,
         forced=any(part.get("forced", False) for part in parts),
@@ -378,7 +453,7 @@ def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[st
     }
 
 
-def _common(judgements: Iterable[str]) -> Judgement:
-    """What all are; doubtful where they differ, trustworthy where there are none."""
+def _combine_judgements(judgements: Iterable[str]) -> Judgement:
+    """Combine judgements: the common one; doubtful if they differ; trustworthy without any."""
     found = {Judgement(name) for name in judgements} or {Judgement.TRUSTWORTHY}
     return found.pop() if len(found) == 1 else Judgement.DOUBTFUL

@@ -1,7 +1,7 @@
-"""Preset Provenance: what was recorded, how it was computed, with what, and what was assumed.
+"""Preset Provenance: recordings, phases, settings, versions and assumptions.
 
-Further trials of a calibrated person tell it of themselves; what the calibration's own page tells
-of joints and provenance is told again, as that of the calibration.
+The page of further trials describes these trials, and repeats what the calibration's page contains
+about joints and provenance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -43,87 +43,86 @@ COPIED: Final = (
     "clinician",
     "joints",
     "provenance",
-)  # Presets of the calibration's page that are told again
+)  # Presets of the calibration's page that are repeated
 EDITED: Final = (
-    "The model, or another file of the result, was edited since: what is told of it below may not "
-    "hold."
+    "The model, or another file of the result, was edited since: the description below may be "
+    "outdated."
 )
 NOT_KNOWN: Final = (
-    "The page of the calibration cannot be read: its summary.json and manifest.json tell what was "
-    "done."
+    "The page of the calibration cannot be read: see its summary.json and manifest.json."
 )
 
 
-def provenance_blocks(
+def build_provenance_blocks(
     calibration: Calibration, manifest: Mapping[str, object]
 ) -> list[plain_data.Block]:
-    """Of the whole result; `manifest`: versions, settings and hashes of the inputs."""
+    """Build the blocks of the whole result; `manifest`: versions, settings and input hashes."""
     settings = [
-        [plain_data.cell(name), plain_data.cell(value)]
-        for name, value in _flat(
+        [plain_data.make_cell(name), plain_data.make_cell(value)]
+        for name, value in _flatten(
             {key: value for key, value in manifest.items() if key not in NO_SETTINGS}
         )
     ]
     return [
-        *_recordings(calibration),
-        *_assumptions(calibration),
-        *_phases(calibration.phases),
-        plain_data.heading("Versions and settings"),
-        plain_data.table(["Name", plain_data.words_column("Value")], settings),
-        *_hashes(manifest.get(HASHES)),
-        plain_data.text(FILES, "soft"),
+        *_build_recordings(calibration),
+        *_build_assumptions(calibration),
+        *_build_phases(calibration.phases),
+        plain_data.make_heading("Versions and settings"),
+        plain_data.make_table(["Name", plain_data.make_text_column("Value")], settings),
+        *_build_hashes(manifest.get(HASHES)),
+        plain_data.make_text(FILES, "soft"),
     ]
 
 
-def _file_name(source: str) -> str:
-    """The name alone: a folder's name may say who the person is."""
+def _get_file_name(source: str) -> str:
+    """Return the file name without folders, whose names may identify the subject."""
     return PureWindowsPath(PurePosixPath(source).name).name or source
 
 
-def _recordings(calibration: Calibration) -> list[plain_data.Block]:
+def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
     head: list[plain_data.Cell] = [
         "Trial",
-        plain_data.words_column("Used as"),
-        plain_data.words_column("File"),
+        plain_data.make_text_column("Used as"),
+        plain_data.make_text_column("File"),
     ]
-    head += ["Length", "Frames", "Rate", "Markers", "Seen", "Force plates"]
+    head += ["Length", "Frames", "Rate", "Markers", "Visible", "Force plates"]
     rows: list[list[plain_data.Cell]] = []
     for trial in calibration.study.trials:
         recording = trial.recording
-        seen = np.isfinite(recording.markers).all(axis=2)
+        visible = np.isfinite(recording.markers).all(axis=2)
         rows.append(
             [
-                plain_data.cell(plain_data.named(trial.name)),
-                plain_data.cell(role_words(trial.role, trial.joint)),
-                plain_data.cell(plain_data.named(_file_name(recording.source))),
-                f"{plain_data.number(float(recording.time[-1] - recording.time[0]), 2)} s",
-                plain_data.number(len(recording.time), 0),
-                f"{plain_data.number(recording.rate, 0)} Hz",
+                plain_data.make_cell(plain_data.format_name(trial.name)),
+                plain_data.make_cell(role_words(trial.role, trial.joint)),
+                plain_data.make_cell(plain_data.format_name(_get_file_name(recording.source))),
+                f"{plain_data.format_number(float(recording.time[-1] - recording.time[0]), 2)} s",
+                plain_data.format_number(len(recording.time), 0),
+                f"{plain_data.format_number(recording.rate, 0)} Hz",
                 str(len(recording.labels)),
-                f"{plain_data.number(100.0 * float(seen.mean()) if seen.size else 0.0)} %",
+                f"{plain_data.format_number(100.0 * float(visible.mean()) if visible.size else 0.0)} %",
                 str(len(recording.plates) or "none"),
             ]
         )
     subject = calibration.model.subject
     person = (
-        f"Body mass {plain_data.number(subject.mass)} kg, height "
-        f"{plain_data.number(subject.height, 3)} m, "
+        f"Body mass {plain_data.format_number(subject.mass)} kg, height "
+        f"{plain_data.format_number(subject.height, 3)} m, "
         f"anthropometric table {subject.sex or 'of women and men in the mean'}; "
         f"marker set {calibration.study.marker_set.name}."
     )
     return [
-        plain_data.heading("What was recorded"),
-        plain_data.text(person),
-        plain_data.table(head, rows),
+        plain_data.make_heading("What was recorded"),
+        plain_data.make_text(person),
+        plain_data.make_table(head, rows),
     ]
 
 
-def _assumptions(calibration: Calibration) -> list[plain_data.Block]:
-    out = [plain_data.heading("What was assumed")]
+def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
+    out = [plain_data.make_heading("What was assumed")]
     if not calibration.notes:
-        out.append(plain_data.text("Nothing beyond the study file."))
+        out.append(plain_data.make_text("Nothing beyond the study file."))
     prefixes = {trial.name: f"{trial.name}: " for trial in calibration.trials}
-    out += note_blocks(
+    out += build_note_blocks(
         [note for note in calibration.notes if not note.startswith(tuple(prefixes.values()))]
     )
     for name, prefix in prefixes.items():
@@ -131,150 +130,164 @@ def _assumptions(calibration: Calibration) -> list[plain_data.Block]:
             note.removeprefix(prefix) for note in calibration.notes if note.startswith(prefix)
         ]:
             out.append(
-                plain_data.fold(
-                    f"Trial {plain_data.named(name)}: {counted(len(notes), 'note')}",
-                    note_blocks(notes),
+                plain_data.fold_blocks(
+                    f"Trial {plain_data.format_name(name)}: {counted(len(notes), 'note')}",
+                    build_note_blocks(notes),
                 )
             )
     if calibration.model.frozen:
         held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
         out.append(
-            plain_data.text(f"No marker shows {held}: the trunk stays upright, arms hang along it.")
+            plain_data.make_text(
+                f"No marker determines {held}: the trunk is kept upright, arms hang down."
+            )
         )
     return out
 
 
-def note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
-    """Notes as a list; long ones stand below it, folded away."""
+def build_note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
+    """Build a list of notes; long ones are folded below it."""
     short = [note for note in notes if len(note) <= LONG_NOTE]
     long = [
-        plain_data.fold(f"{note[:120]}…", [plain_data.text(note)])
+        plain_data.fold_blocks(f"{note[:120]}…", [plain_data.make_text(note)])
         for note in notes
         if len(note) > LONG_NOTE
     ]
-    return [plain_data.bullets(short), *long] if short else [*long]
+    return [plain_data.make_list(short), *long] if short else [*long]
 
 
-def _phases(phases: Sequence[Phase]) -> list[plain_data.Block]:
+def _build_phases(phases: Sequence[Phase]) -> list[plain_data.Block]:
     if not phases:
         return [
-            plain_data.heading("Phases of the calibration"),
-            plain_data.text("No phase was run."),
+            plain_data.make_heading("Phases of the calibration"),
+            plain_data.make_text("No phase was run."),
         ]
     head: list[plain_data.Cell] = [
         "Phase",
-        plain_data.words_column("Trials"),
+        plain_data.make_text_column("Trials"),
         "Parameters",
-        plain_data.words_column("Status"),
+        plain_data.make_text_column("Status"),
     ]
     rows: list[list[plain_data.Cell]] = []
     for phase in phases:
-        words = PHASES.get(phase.name, phase.name)
+        title = PHASES.get(phase.name, phase.name)
         if phase.name.startswith("joint:"):
-            words = f"{joint_words(phase.name.removeprefix('joint:'))}, from its own trials"
+            title = f"{joint_words(phase.name.removeprefix('joint:'))}, from its functional trials"
         rows.append(
             [
-                plain_data.cell(words),
-                plain_data.cell(", ".join(plain_data.named(trial) for trial in phase.trials)),
+                plain_data.make_cell(title),
+                plain_data.make_cell(
+                    ", ".join(plain_data.format_name(trial) for trial in phase.trials)
+                ),
                 str(phase.parameters),
-                plain_data.cell(phase.status, tone="good" if phase.converged else "look"),
+                plain_data.make_cell(phase.status, tone="good" if phase.converged else "look"),
             ]
         )
-    return [plain_data.heading("Phases of the calibration"), plain_data.table(head, rows)]
+    return [plain_data.make_heading("Phases of the calibration"), plain_data.make_table(head, rows)]
 
 
-def _hashes(inputs: object) -> list[plain_data.Block]:
+def _build_hashes(inputs: object) -> list[plain_data.Block]:
     if not isinstance(inputs, Mapping) or not inputs:
         return []
     rows: list[list[plain_data.Cell]] = [
-        [plain_data.cell(plain_data.named(_file_name(str(name)))), plain_data.cell(value)]
+        [
+            plain_data.make_cell(plain_data.format_name(_get_file_name(str(name)))),
+            plain_data.make_cell(value),
+        ]
         for name, value in inputs.items()
     ]
     return [
-        plain_data.heading("Inputs"),
-        plain_data.table(["File", plain_data.words_column("SHA-256")], rows),
+        plain_data.make_heading("Inputs"),
+        plain_data.make_table(["File", plain_data.make_text_column("SHA-256")], rows),
     ]
 
 
-def _flat(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Nested tables as rows of dotted names and values."""
+def _flatten(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Flatten nested tables to rows of dotted names and values."""
     for key, value in manifest.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{name}.")
+            yield from _flatten(value, f"{name}.")
         elif isinstance(value, list | tuple):
-            yield name, ", ".join(plain_data.visible(v) for v in value) or plain_data.MISSING
+            yield (
+                name,
+                ", ".join(plain_data.replace_control_characters(v) for v in value)
+                or plain_data.MISSING,
+            )
         else:
             yield name, plain_data.MISSING if value is None else str(value)
 
 
 @dataclass(frozen=True)
 class Origin:
-    """The calibration that further trials come after."""
+    """The calibration on which further trials are based."""
 
     data: Mapping[str, Any]  # Of its page; empty where it cannot be read
     edited: bool  # One of its files is not as it was written
 
 
-def further_sections(origin: Origin) -> plain_data.Sections:
-    """Of the calibration, for the page of its further trials."""
+def build_further_sections(origin: Origin) -> plain_data.Sections:
+    """Build the sections about the calibration, for the page of its further trials."""
     found = origin.data.get("sections")
     known = found if isinstance(found, Mapping) else {}
     sections: plain_data.Sections = {preset: list(known.get(preset) or ()) for preset in COPIED}
-    edited = [plain_data.text(EDITED, "warning")] if origin.edited else []
+    edited = [plain_data.make_text(EDITED, "warning")] if origin.edited else []
     if joints := sections["joints"]:
         sections["joints"] = [
             *edited,
-            plain_data.text("Of the calibration, not of these trials:", "soft"),
+            plain_data.make_text("Of the calibration, not of these trials:", "soft"),
             *joints,
         ]
-    whole = sections["provenance"]
+    provenance_blocks = sections["provenance"]
     folded = (
-        [plain_data.fold("Recordings, phases, settings and versions of the calibration", whole)]
-        if whole
+        [
+            plain_data.fold_blocks(
+                "Recordings, phases, settings and versions of the calibration", provenance_blocks
+            )
+        ]
+        if provenance_blocks
         else []
     )
-    sections["provenance"] = [*_model(origin.data), *edited, *folded]
+    sections["provenance"] = [*_describe_model(origin.data), *edited, *folded]
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def _model(data: Mapping[str, Any]) -> list[plain_data.Block]:
-    """Whose calibration, when, and how far it can be believed."""
-    out = [plain_data.heading("The model of these trials")]
+def _describe_model(data: Mapping[str, Any]) -> list[plain_data.Block]:
+    """Describe the calibration: date, trials and verdict."""
+    out = [plain_data.make_heading("The model of these trials")]
     try:
         judgement, sentence = data["verdict"]["judgement"], data["verdict"]["sentence"]
         trials = (
-            ", ".join(plain_data.named(trial["name"]) for trial in data["trials"])
+            ", ".join(plain_data.format_name(trial["name"]) for trial in data["trials"])
             or "no moving trial"
         )
         made = f"Calibrated on {data['made']} with {data['program']} from {trials}."
     except (KeyError, TypeError):
-        return [*out, plain_data.text(NOT_KNOWN, "warning")]
+        return [*out, plain_data.make_text(NOT_KNOWN, "warning")]
     return [
         *out,
-        plain_data.text(
-            f"{made} It is not fitted anew to these trials. Its own verdict: {judgement}. "
-            f"{sentence}"
+        plain_data.make_text(
+            f"{made} It is not fitted again to these trials. Verdict on it: {judgement}. {sentence}"
         ),
     ]
 
 
-def recorded_blocks(trial: TrialResult) -> list[plain_data.Block]:
-    """What one further trial is made of."""
+def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
+    """Build the description of the recording of one further trial."""
     recording, time = trial.recording, trial.body.time
     plates = (
         counted(len(recording.plates), "force plate") if recording.plates else "no force plates"
     )
-    words = (
+    description = (
         f"{role_words(trial.role, trial.joint).capitalize()}, from the file "
-        f"{plain_data.named(_file_name(recording.source))}: "
-        f"{plain_data.number(float(time[-1] - time[0]), 2)} s, "
-        f"{plain_data.number(len(time), 0)} frames at {plain_data.number(recording.rate, 0)} Hz, "
+        f"{plain_data.format_name(_get_file_name(recording.source))}: "
+        f"{plain_data.format_number(float(time[-1] - time[0]), 2)} s, "
+        f"{plain_data.format_number(len(time), 0)} frames at {plain_data.format_number(recording.rate, 0)} Hz, "
         f"{len(recording.labels)} markers, {plates}."
     )
     notes = [note.removeprefix(f"{trial.name}: ") for note in trial.notes]
     return [
-        plain_data.heading(f"Trial {plain_data.named(trial.name)}"),
-        plain_data.text(words),
-        *note_blocks(notes),
+        plain_data.make_heading(f"Trial {plain_data.format_name(trial.name)}"),
+        plain_data.make_text(description),
+        *build_note_blocks(notes),
     ]

@@ -1,17 +1,18 @@
-"""What the page shows in space: a calibrated person in all trials, and no numerics.
+"""The scene of a page: a calibrated subject in all trials, without numerics.
 
-A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the folder of
-the result, and shown from that file alone.
+A scene is made from a calibration once, saved as `scene.npz` in the result, and shown from that
+file.
 
-A joint lies in the two segments that it connects. Its frames (`export/opensim/osim_writer.py`) hold
-its constants, those before the first coordinate in the parent and those after the last in the
+A joint belongs to the two segments that it connects. Its frames (`export/opensim/osim_writer.py`)
+contain its constants: those before the first coordinate in the parent, those after the last in the
 child:
 
-    centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
+    centre = translation of X
+    axis   = sign * R[:, axis of the coordinate next to that segment]
 
-Standard errors s_p of the joint parameters p spread into centre and axis through the Jacobian, cov
-= sum_p s_p^2 (d./dp)(d./dp)^T, parameters taken as uncorrelated (the table of errors tells no
-more); its matrix square root is kept, whose columns are the half axes of the one-sigma ellipsoid.
+Standard errors s_p of the joint parameters p propagate to centre and axis through the Jacobian, cov
+= sum_p s_p^2 (d./dp)(d./dp)^T, with parameters taken as uncorrelated, as the table of errors has no
+correlations. The columns of its matrix square root are the half axes of the one-sigma ellipsoid.
 """
 
 from collections.abc import Mapping
@@ -50,7 +51,7 @@ _STEP = (
 
 @dataclass(frozen=True, kw_only=True)
 class JointMark:
-    """One joint as it lies in one of its two segments."""
+    """One joint in one of its two segments."""
 
     joint: str
     segment: str
@@ -66,12 +67,22 @@ class JointMark:
     fitted: bool  # Whether any of its parameters in this segment was fitted
 
 
-def joint_marks(
+def build_joint_marks(
     nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]
 ) -> tuple[JointMark, ...]:
-    """All joints in both their segments.
+    """Build the marks of all joints in both their segments.
 
-    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
+    Parameters
+    ----------
+    nominal, fitted
+        Parameters before and after calibration.
+    errors
+        Joint parameter -> standard error (m, rad) of every fitted one.
+
+    Returns
+    -------
+    tuple of JointMark
+        Centres and axes in segment frames.
     """
     marks = []
     for joint in JOINTS:
@@ -85,19 +96,21 @@ def joint_marks(
             columns = [JP_INDEX[name] for name in names]
             places = {}
             for stage, parameters in (("nominal", nominal), ("fitted", fitted)):
-                places[f"{stage}_centre"], places[f"{stage}_axis"] = _centre_and_axis(
+                places[f"{stage}_centre"], places[f"{stage}_axis"] = _locate_centre_and_axis(
                     joint, segment, parameters
                 )
-            places["centre_spread"], places["axis_spread"] = _spreads(joint, segment, fitted, known)
+            places["centre_spread"], places["axis_spread"] = _propagate_errors(
+                joint, segment, fitted, known
+            )
             moved = bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns])
             marks.append(JointMark(joint=joint.name, segment=segment, fitted=moved, **places))
     return tuple(marks)
 
 
-def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tuple[Array, Array]:
-    """(3,) centre and (3,) axis in that segment: the axis of the coordinate next to it, NaN for a
-    ball joint.
-    """
+def _locate_centre_and_axis(
+    joint: Joint, segment: str, parameters: Parameters
+) -> tuple[Array, Array]:
+    """Locate the (3,) centre and (3,) axis in a segment; the axis of a ball joint is NaN."""
     frames = frames_of(joint, parameters)
     in_parent = segment == joint.parent
     place = frames.in_parent if in_parent else frames.in_child
@@ -108,12 +121,10 @@ def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tupl
     ]
 
 
-def _spreads(
+def _propagate_errors(
     joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """(3, 3) of the centre and (3, 3) of the axis: half axes of their one-sigma ellipsoids; NaN
-    without errors.
-    """
+    """Propagate errors to the (3, 3) ellipsoid half axes of centre and axis; NaN without errors."""
     if not errors:
         return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     columns = []
@@ -121,24 +132,25 @@ def _spreads(
         value = fitted.joint[JP_INDEX[name]]
         low, high = (
             np.concatenate(
-                _centre_and_axis(
+                _locate_centre_and_axis(
                     joint, segment, fitted.with_joint((name,), np.array([value + step]))
                 )
             )
             for step in (-_STEP, _STEP)
         )
         columns.append(error * (high - low) / (2 * _STEP))
-    pulls = np.array(columns).T
-    return _root(pulls[:3]), _root(pulls[3:])
+    jacobian = np.array(columns).T
+    return _compute_square_root(jacobian[:3]), _compute_square_root(jacobian[3:])
 
 
-def _root(pulls: Array) -> Array:
-    """(3, 3) square root of pulls pulls^T: orthogonal columns whose lengths are the standard
-    deviations.
+def _compute_square_root(jacobian: Array) -> Array:
+    """Compute the (3, 3) square root of J J^T with orthogonal columns.
+
+    Their lengths are the standard deviations.
     """
-    if not np.isfinite(pulls).all():
+    if not np.isfinite(jacobian).all():
         return np.full((3, 3), np.nan)
-    values, vectors = np.linalg.eigh(pulls @ pulls.T)
+    values, vectors = np.linalg.eigh(jacobian @ jacobian.T)
     # an axis points either way: the largest entry of each column is positive
     largest = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=0)[None], axis=0)
     out: Array = vectors * np.where(largest < 0, -1.0, 1.0) * np.sqrt(np.maximum(values, 0.0))
@@ -147,7 +159,7 @@ def _root(pulls: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionScene:
-    """One trial: poses of the fitted model, markers, and ground reactions."""
+    """One trial: poses of the fitted model, markers and ground reactions."""
 
     name: str
     role: str
@@ -158,13 +170,13 @@ class MotionScene:
     turns: Single  # (nf, ns, 4) unit quaternions x y z w from segment to laboratory
     # (ns,) whether any marker of this trial is fixed in the segment (talus: in its foot)
     tracked: BoolArray
-    measured: Single  # (nf, nm, 3) m; NaN where a marker was not seen
+    measured: Single  # (nf, nm, 3) m; NaN where a marker was not visible
     forces: Single  # (nf, 2, 3) N, ground on right and left foot; NaN where there is none
     pressure_centres: Single  # (nf, 2, 3) m; NaN where there is no force
     valid: BoolArray  # (nf,) every foot on the ground is on a plate; all False without force plates
     # (nf, 2) the same of the right and of the left foot alone; a foot in the air is valid
     valid_legs: BoolArray
-    plates: Single  # (np, 4, 3) m, corners of the force plates whose place the recording tells
+    plates: Single  # (np, 4, 3) m, corners of the force plates with a recorded position
 
     @property
     def has_forces(self) -> bool:
@@ -174,7 +186,7 @@ class MotionScene:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A calibrated person in all trials."""
+    """A calibrated subject in all trials."""
 
     subject: str
     mass: float  # kg
@@ -189,10 +201,21 @@ class Scene:
     segments: tuple[str, ...] = SEGMENTS
 
 
-def scene_of(calibration: "Calibration") -> Scene:
-    """The scene of a calibration: all its moving trials."""
+def build_scene(calibration: "Calibration") -> Scene:
+    """Build the scene of a calibration with all its moving trials.
+
+    Parameters
+    ----------
+    calibration
+        A finished calibration.
+
+    Returns
+    -------
+    Scene
+        Subject and trials.
+    """
     trials = tuple(
-        trial_scene(
+        build_trial_scene(
             calibration.model,
             t.name,
             t.role.value,
@@ -202,15 +225,27 @@ def scene_of(calibration: "Calibration") -> Scene:
         )
         for t in calibration.trials
     )
-    return person_scene(calibration.model, trials, calibration.standard_errors)
+    return build_person_scene(calibration.model, trials, calibration.standard_errors)
 
 
-def person_scene(
+def build_person_scene(
     model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]
 ) -> Scene:
-    """A person's model with trials that are already made into scenes.
+    """Build the scene of a subject from scenes of trials.
 
-    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    trials
+        Scenes of trials.
+    errors
+        Joint parameter -> standard error (m, rad) of every fitted one.
+
+    Returns
+    -------
+    Scene
+        Subject and trials.
     """
     return Scene(
         subject=model.subject.name,
@@ -219,14 +254,14 @@ def person_scene(
         labels=model.markers.labels,
         marker_segments=model.markers.segments,
         marker_places=model.markers.local,
-        joints=joint_marks(model.nominal, model.parameters, errors),
-        body=body_meshes.fitted_meshes(model),
+        joints=build_joint_marks(model.nominal, model.parameters, errors),
+        body=body_meshes.fit_body_meshes(model),
         trials=trials,
-        landmarks=bone_landmarks.person_landmarks(model),
+        landmarks=bone_landmarks.collect_person_landmarks(model),
     )
 
 
-def trial_scene(
+def build_trial_scene(
     model: SubjectModel,
     name: str,
     role: str,
@@ -234,24 +269,39 @@ def trial_scene(
     recording: Recording,
     reactions: GroundReactions | None,
 ) -> MotionScene:
-    """One trial of a person.
+    """Build the scene of one trial.
 
-    `motion`: of the whole body, tracked with `model`, at the frames of the recording.
-    `reactions`: None without force plates.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    name, role
+        Of the trial.
+    motion
+        Of the whole body, tracked with `model`, at the frames of the recording.
+    recording
+        Markers and plates.
+    reactions
+        None without force plates.
+
+    Returns
+    -------
+    MotionScene
+        At most `MOST_FRAMES` frames.
     """
     recorded = len(motion.time)
     stride = max(1, -(-recorded // MOST_FRAMES))
     kept = slice(None, None, stride)
     placed = Kinematics(get_chain().body(model.parameters), motion.q[kept], columns=False)
     axes, origins = placed.axes, placed.origins
-    plates = plate_corners(recording)
+    plates = collect_plate_corners(recording)
     frames = len(motion.time[kept])
     if reactions is None:
         forces = centres = np.full((frames, 2, 3), np.nan, dtype=np.float32)
         valid, legs = np.zeros(frames, dtype=np.bool_), np.zeros((frames, 2), dtype=np.bool_)
     else:
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
-        forces, centres = force_arrows(reactions.wrench[kept], level)
+        forces, centres = compute_force_arrows(reactions.wrench[kept], level)
         valid, legs = reactions.valid[kept], reactions.valid_legs[kept]
     return MotionScene(
         name=name,
@@ -260,9 +310,9 @@ def trial_scene(
         stride=stride,
         time=motion.time[kept],
         origins=origins.transpose(2, 0, 1).astype(np.float32),  # from (ns, 3, nf)
-        turns=_quaternions(axes),
-        tracked=tracked_segments(motion),
-        measured=measured_markers(model, recording, kept),
+        turns=_convert_to_quaternions(axes),
+        tracked=find_tracked_segments(motion),
+        measured=collect_measured_markers(model, recording, kept),
         forces=forces,
         pressure_centres=centres,
         valid=valid,
@@ -271,8 +321,8 @@ def trial_scene(
     )
 
 
-def _quaternions(axes: Array) -> Single:
-    """(nf, ns, 4) x y z w, without jumps of sign from frame to frame, from axes (ns, 3, 3, nf)."""
+def _convert_to_quaternions(axes: Array) -> Single:
+    """Convert axes (ns, 3, 3, nf) to (nf, ns, 4) quaternions x y z w without jumps of sign."""
     ns, nf = axes.shape[0], axes.shape[-1]
     matrices = axes.transpose(3, 0, 2, 1).reshape(
         -1, 3, 3
@@ -284,8 +334,8 @@ def _quaternions(axes: Array) -> Single:
     return out
 
 
-def tracked_segments(motion: Motion) -> BoolArray:
-    """(ns,) segments with a marker; the talus, which carries none, moves with its foot."""
+def find_tracked_segments(motion: Motion) -> BoolArray:
+    """Find the (ns,) segments with a visible marker; a talus, which has none, follows its foot."""
     distance = motion.errors.distance
     carrying = {
         s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()
@@ -296,18 +346,16 @@ def tracked_segments(motion: Motion) -> BoolArray:
     return np.array([s in carrying for s in SEGMENTS], dtype=np.bool_)
 
 
-def plate_corners(recording: Recording) -> Single:
-    """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
+def collect_plate_corners(recording: Recording) -> Single:
+    """Collect the (np, 4, 3) m corners of the force plates with a recorded position."""
     corners = [plate.corners for plate in recording.plates if plate.corners is not None]
     return np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(
         -1, 4, 3
     )
 
 
-def measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> Single:
-    """(nf, nm, 3) m of the model's markers; NaN where the recording has none of that label or did
-    not see it.
-    """
+def collect_measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> Single:
+    """Collect the (nf, nm, 3) m measured markers of the model; NaN if missing."""
     column = {label: i for i, label in enumerate(recording.labels)}
     markers = recording.markers[kept]
     out = np.full((len(markers), len(model.markers.labels), 3), np.nan, dtype=np.float32)
@@ -317,9 +365,20 @@ def measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> 
     return out
 
 
-def force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
-    """Force and centre of pressure on the plane y = `level`, from wrenches (nf, 2, 6) about the
-    laboratory origin.
+def compute_force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
+    """Compute force and centre of pressure in the plane y = `level`.
+
+    Parameters
+    ----------
+    wrench
+        (nf, 2, 6) N, N·m about the laboratory origin.
+    level
+        m.
+
+    Returns
+    -------
+    forces, centres
+        (nf, 2, 3) N and m; NaN without load.
     """
     pressed = wrench[..., 1] > LOADED_N
     force, centre = np.full((2, *wrench.shape[:-1], 3), np.nan, dtype=np.float32)

@@ -1,13 +1,12 @@
-"""A scene as one `.npz` file, and as JSON for the page.
+"""Save a scene as `.npz`, and dump it as JSON for the page.
 
-The file is read back without pickle, and not compressed, as coordinates hardly become fewer bytes.
-Its array `scene` holds a JSON text (UTF-8) with all names and single numbers; every other array has
-the name of its field, `trial0/origins`, `joints/fitted_axis`, ...
+The file needs no pickle, and is not compressed, as coordinates hardly get smaller. Its array
+`scene` contains JSON text (UTF-8) with all names and single numbers; every other array has the name
+of its field, `trial0/origins`, `joints/fitted_axis`, ...
 
-In the page, segments and markers are told from the pelvis, as 16-bit integers on the range that
-they cover in their trial (0.03 mm on two metres, however far the person walks), a gap as -32768;
-the pelvis itself in 32-bit floats; quaternions in 1/32767. Frames go where all trials together
-would be more than the page may hold.
+In the page, positions of segments and markers are relative to the pelvis, as 16-bit integers over
+their range in the trial (0.03 mm on two metres), with -32768 for a gap. The pelvis is stored in
+32-bit floats, quaternions in 1/32767. Frames are omitted if all trials together are too large.
 """
 
 import io
@@ -28,7 +27,13 @@ from gaitcal.io.atomic import atomic_file
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.report.page import bone_files, bone_landmarks, bone_placement
 from gaitcal.report.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
-from gaitcal.report.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
+from gaitcal.report.page.plain_data import (
+    LARGEST,
+    dump_script_json,
+    encode_base64,
+    pack_floats,
+    pack_lengths,
+)
 from gaitcal.report.page.scene import JointMark, MotionScene, Scene
 
 VERSION = 1
@@ -46,14 +51,16 @@ _DAMAGE = (
 """What NumPy, zipfile and zlib raise on files that are not what they seem."""
 _BODY = "garments"  # What files of this version call the body meshes
 _LANDMARKS = "landmarks/"
-EARLY = 0.005  # s: a trial whose first frame is later is said not to begin with its recording
+EARLY = 0.005  # s: a later first frame is reported as not the begin of the recording
 _JOINT_ARRAYS = (
     "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
 )  # fmt: skip
 
 
-def _trial_shapes(frames: int, segments: int, markers: int) -> dict[str, tuple[int | None, ...]]:
-    """Array of a `MotionScene` -> its shape; None: any."""
+def _list_trial_shapes(
+    frames: int, segments: int, markers: int
+) -> dict[str, tuple[int | None, ...]]:
+    """List array of a `MotionScene` -> its shape; None: any."""
     return {
         "time": (frames,),
         "origins": (frames, segments, 3),
@@ -68,13 +75,16 @@ def _trial_shapes(frames: int, segments: int, markers: int) -> dict[str, tuple[i
     }
 
 
-_TRIAL_ARRAYS = tuple(_trial_shapes(0, 0, 0))
+_TRIAL_ARRAYS = tuple(_list_trial_shapes(0, 0, 0))
 
 
 def save_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene, whole or not at all.
 
-    Raises InputError: `path` cannot be written.
+    Raises
+    ------
+    InputError
+        `path` cannot be written.
     """
     arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
     for i, trial in enumerate(scene.trials):
@@ -104,12 +114,15 @@ def save_scene(scene: Scene, path: Path | str) -> None:
 def load_scene(path: Path | str) -> Scene:
     """Read a scene that `save_scene` wrote.
 
-    Raises InputError: No such file, or not a scene.
+    Raises
+    ------
+    InputError
+        The file is missing, or is not a scene.
     """
     path = Path(path)
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
-            return _scene(arrays)
+            return _parse_scene(arrays)
     except FileNotFoundError:
         raise InputError(
             "no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT
@@ -119,7 +132,7 @@ def load_scene(path: Path | str) -> Scene:
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from error
 
 
-def _scene(arrays: Any) -> Scene:
+def _parse_scene(arrays: Any) -> Scene:
     text = json.loads(arrays["scene"].tobytes().decode())
     if text["version"] != VERSION:
         raise ValueError(text["version"])
@@ -171,7 +184,7 @@ def _scene(arrays: Any) -> Scene:
 
 
 def _check(scene: Scene) -> None:
-    """ValueError where sizes do not fit together."""
+    """Raise ValueError if the sizes of a scene disagree."""
     segments, markers = len(scene.segments), len(scene.labels)
     used = {
         *scene.marker_segments,
@@ -187,7 +200,7 @@ def _check(scene: Scene) -> None:
         and all(len(trial.time) > 0 for trial in scene.trials)
     )
     for trial in scene.trials:
-        for name, shape in _trial_shapes(len(trial.time), segments, markers).items():
+        for name, shape in _list_trial_shapes(len(trial.time), segments, markers).items():
             found = getattr(trial, name).shape
             fits = (
                 fits
@@ -198,15 +211,14 @@ def _check(scene: Scene) -> None:
         raise ValueError("sizes")
 
 
-def scene_json(
+def dump_scene_json(
     scene: Scene, shapes: BodyMeshes, bones: bone_placement.Landmarked | None = None
 ) -> str:
-    """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds
-    no `<`.
+    """Dump a scene as JSON that may be placed inside a `<script>` element.
 
-    `bones`: shown inside the body; None where none are installed.
+    `bones`: shown inside the body; None if none are installed.
     """
-    thin = _thinning(scene)
+    step = _compute_thinning(scene)
     used = sorted({fitted.mesh for fitted in scene.body})
     content = {
         "subject": scene.subject,
@@ -216,26 +228,24 @@ def scene_json(
         "markers": {
             "labels": scene.labels,
             "segments": [scene.segments.index(s) for s in scene.marker_segments],
-            "places": floats(scene.marker_places),
+            "places": pack_floats(scene.marker_places),
         },
-        "joints": [_joint(scene, joint) for joint in scene.joints],
-        "meshes": {name: _mesh(shapes.meshes[name]) for name in used},
+        "joints": [_pack_joint(scene, joint) for joint in scene.joints],
+        "meshes": {name: _pack_mesh(shapes.meshes[name]) for name in used},
         "capsules": sorted(set(used) & set(shapes.replaced)),
-        "body": [_fitted(scene, fitted) for fitted in scene.body],
-        "bones": _bones(scene, bones),
-        "trials": [_trial(scene, trial, thin) for trial in scene.trials],
+        "body": [_pack_fitted_mesh(scene, fitted) for fitted in scene.body],
+        "bones": _pack_bones(scene, bones),
+        "trials": [_pack_trial(scene, trial, step) for trial in scene.trials],
     }
-    return script_json(content)
+    return dump_script_json(content)
 
 
-def left_out(scene: Scene) -> tuple[str, ...]:
-    """A sentence for every trial of which the page holds some frames only; empty where it holds
-    all.
-    """
-    thin = _thinning(scene)
-    strides = ((trial, trial.stride * thin) for trial in scene.trials)
+def report_thinned_frames(scene: Scene) -> tuple[str, ...]:
+    """Report every trial of which the page shows only some frames."""
+    step = _compute_thinning(scene)
+    strides = ((trial, trial.stride * step) for trial in scene.trials)
     return tuple(
-        f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, "
+        f"{trial.name}: the page shows {-(-trial.recorded // stride)} of {trial.recorded} frames, "
         f"one in {stride}; "
         "poses between are interpolated"
         for trial, stride in strides
@@ -243,14 +253,14 @@ def left_out(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _thinning(scene: Scene) -> int:
-    """1, or which frames of every trial stay for all to have room: every second, third, ..."""
+def _compute_thinning(scene: Scene) -> int:
+    """Compute the common frame step at which all trials fit the page."""
     bytes_a_frame = 14 * len(scene.segments) + 6 * len(scene.labels) + 64
     total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
     return max(1, -(-total // MOST_BYTES))
 
 
-def _trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
+def _pack_trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
     kept = slice(None, None, thin)
     time = trial.time[kept] - trial.time[0]
     pelvis = trial.origins[kept, :1]
@@ -261,25 +271,25 @@ def _trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
         "role": trial.role,
         "recorded": trial.recorded,
         "stride": trial.stride * thin,
-        "about": _about(scene, trial, time, trial.stride * thin),
-        "time": floats(time),
-        "pelvis": floats(pelvis),
-        "origins": lengths(trial.origins[kept] - pelvis),
-        "turns": base64_of(np.rint(trial.turns[kept] * LARGEST).astype("<i2")),
+        "about": _describe_trial(scene, trial, time, trial.stride * thin),
+        "time": pack_floats(time),
+        "pelvis": pack_floats(pelvis),
+        "origins": pack_lengths(trial.origins[kept] - pelvis),
+        "turns": encode_base64(np.rint(trial.turns[kept] * LARGEST).astype("<i2")),
         "tracked": [bool(t) for t in trial.tracked],
-        "measured": lengths(measured),
-        "forces": floats(trial.forces[kept]),
-        "centres": floats(trial.pressure_centres[kept]),
+        "measured": pack_lengths(measured),
+        "forces": pack_floats(trial.forces[kept]),
+        "centres": pack_floats(trial.pressure_centres[kept]),
         "hasForces": trial.has_forces,
-        "valid": {side: _spans(time, trial.valid_legs[kept, k]) for k, side in enumerate(SIDES)},
-        "plates": floats(trial.plates),
+        "valid": {
+            side: _find_spans(time, trial.valid_legs[kept, k]) for k, side in enumerate(SIDES)
+        },
+        "plates": pack_floats(trial.plates),
     }
 
 
-def _about(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
-    """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those
-    recorded.
-    """
+def _describe_trial(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
+    """Describe a trial in a few lines; `time`: s, of the frames in the page, one in `stride`."""
     frames = f"{trial.recorded:,}".replace(",", "\u202f") + (
         " frame" if trial.recorded == 1 else " frames"
     )
@@ -298,15 +308,15 @@ def _about(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
     return "\n".join(lines)
 
 
-def _spans(time: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
-    """Begin and end, s, of each stretch of frames that are valid."""
+def _find_spans(time: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
+    """Find begin and end, s, of each run of valid frames."""
     edges = np.diff(np.r_[0, valid.astype(int), 0])
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [[float(time[a]), float(time[b])] for a, b in zip(begins, ends, strict=True)]
 
 
-def _joint_words(joint: JointMark) -> tuple[str, str]:
-    """What a joint is called, and what is said of it where it is drawn."""
+def _describe_joint(joint: JointMark) -> tuple[str, str]:
+    """Return the title of a joint and its description in the picture."""
     name, _, side = joint.joint.partition("_")
     title = f"{SIDE_WORDS[side]} {name} joint" if side in SIDE_WORDS else f"{name} joint"
     if not joint.fitted:
@@ -315,7 +325,7 @@ def _joint_words(joint: JointMark) -> tuple[str, str]:
     text = f"{title}\ncentre moved {1000 * moved:.1f} mm"
     if np.isfinite(joint.nominal_axis).all() and np.isfinite(joint.fitted_axis).all():
         cosine = min(1.0, float(joint.fitted_axis @ joint.nominal_axis))
-        text += f", axis turned {np.degrees(np.arccos(cosine)):.1f}\u00b0"
+        text += f", axis rotated {np.degrees(np.arccos(cosine)):.1f}\u00b0"
     if np.isfinite(joint.centre_spread).all():
         text += (
             f"\nstandard error of the centre {1000 * np.linalg.norm(joint.centre_spread):.1f} mm"
@@ -323,58 +333,59 @@ def _joint_words(joint: JointMark) -> tuple[str, str]:
     return title, text
 
 
-def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
+def _pack_joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
     places = {
-        f"{first}{second.capitalize()}": _numbers(getattr(joint, f"{first}_{second}"))
+        f"{first}{second.capitalize()}": _list_numbers(getattr(joint, f"{first}_{second}"))
         for first, second in (name.split("_") for name in _JOINT_ARRAYS)
     }
     segment = scene.segments.index(joint.segment)
-    title, text = _joint_words(joint)
+    title, text = _describe_joint(joint)
     words = {"joint": joint.joint, "title": title, "text": text}
     return {**words, "segment": segment, "fitted": joint.fitted, **places}
 
 
-def _bones(scene: Scene, bones: bone_placement.Landmarked | None) -> dict[str, Any]:
-    """The bones in their segments, and where each knee axis passes them; or why there are none."""
+def _pack_bones(scene: Scene, bones: bone_placement.Landmarked | None) -> dict[str, Any]:
+    """Pack the bones in their segments with the knee axes, or the reason why there are none."""
     if bones is None:
         return {
             "why": f"not installed: pip install 'gaitcal[{bone_files.EXTRA}]', then gaitcal view"
         }
-    placed = bone_placement.fitted_bones(bones, scene.landmarks, scene.height)
+    placed = bone_placement.fit_bones(bones, scene.landmarks, scene.height)
     return {
         "why": None,
         "source": bones.bones.source,
         "meshes": {
-            name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})
+            name: _pack_mesh(bones.bones.reduce_bone(name))
+            for name in sorted({bone.mesh for bone in placed})
         },
-        "placed": [_fitted(scene, bone) for bone in placed],
+        "placed": [_pack_fitted_mesh(scene, bone) for bone in placed],
         "knees": [
             {
                 "joint": f"knee_{knee.side}",
                 "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
-                "words": bone_placement.knee_words(knee),
+                "words": bone_placement.describe_knee(knee),
                 "segment": scene.segments.index(f"thigh_{knee.side}"),
-                "centres": [_numbers(centre) for centre in knee.centres],
-                "radii": _numbers(knee.radii),
-                "across": _numbers(knee.across),
+                "centres": [_list_numbers(centre) for centre in knee.centres],
+                "radii": _list_numbers(knee.radii),
+                "across": _list_numbers(knee.across),
             }
-            for knee in bone_placement.knee_axes(bones, scene.landmarks, scene.joints)
+            for knee in bone_placement.measure_knee_axes(bones, scene.landmarks, scene.joints)
         ],
     }
 
 
-def _fitted(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
+def _pack_fitted_mesh(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
     place = [float(x) for x in fitted.place.ravel()]
     return {"mesh": fitted.mesh, "segment": scene.segments.index(fitted.segment), "place": place}
 
 
-def _mesh(mesh: Mesh) -> dict[str, Any]:
+def _pack_mesh(mesh: Mesh) -> dict[str, Any]:
     return {
-        "vertices": lengths(mesh.vertices),
-        "triangles": base64_of(mesh.triangles.astype("<u2")),
+        "vertices": pack_lengths(mesh.vertices),
+        "triangles": encode_base64(mesh.triangles.astype("<u2")),
     }
 
 
-def _numbers(values: Array) -> list[float] | None:
-    """None where they do not exist."""
+def _list_numbers(values: Array) -> list[float] | None:
+    """List numbers; None if any is missing."""
     return [float(x) for x in values.ravel()] if np.isfinite(values).all() else None

@@ -1,7 +1,7 @@
-"""One trial of the page beside its body in motion: curves, events, strides, verdict, sections.
+"""Page data of one trial: curves, events, strides, verdict, sections.
 
-Everything is as in the files of a result: angles in degrees, internal moments in N·m with OpenSim's
-signs, powers in W, forces in N. The page brings them into the convention that its reader chooses.
+As in the files of a result: angles in degrees, internal moments in N·m with OpenSim's signs, powers
+in W, forces in N. The page converts them to the convention that its reader chooses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,47 +19,62 @@ from gaitcal.model.linkage import PELVIS_ANGLES, SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import WalkVerdict
 from gaitcal.report.page import key_figures, scene, trust_sections
-from gaitcal.report.page.plain_data import Sections, base64_of, floats, lengths, rounded
+from gaitcal.report.page.plain_data import (
+    Sections,
+    encode_base64,
+    pack_floats,
+    pack_lengths,
+    round_number,
+)
 from gaitcal.results import trial_tables
-from gaitcal.results.trial_curves import Curve, curves_of, joint_of, line_of, pelvis_parts
+from gaitcal.results.trial_curves import (
+    Curve,
+    build_curves,
+    collect_pelvis_parts,
+    compute_line,
+    find_joint,
+)
 
 
-def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
-    """`curves` for the page, of every so many frames; `masks` are shared: a curve's `valid` is the
-    number of one.
-    """
+def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
+    """Pack one frame in `every` of the curves; `valid` is a number of the shared `masks`."""
     kept = slice(None, None, every)
-    masks = masks_of(curves)
+    masks = list_masks(curves)
     numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
 
-    def packed(values: Array | None) -> dict[str, Any] | None:
-        return None if values is None or not np.isfinite(values).any() else lengths(values[kept])
+    def pack(values: Array | None) -> dict[str, Any] | None:
+        return (
+            None if values is None or not np.isfinite(values).any() else pack_lengths(values[kept])
+        )
 
     of_curves = [
         {
             "base": c.base,
             "side": c.side,
-            "joint": joint_of(c.base),
+            "joint": find_joint(c.base),
             "kind": c.kind,
             "unit": c.unit,
             "valid": numbers[c.valid.tobytes()],
-            "value": lengths(c.value[kept]),
-            "se": packed(c.error),
-            "own": packed(c.own),
-            "nominal": packed(c.nominal),
-            "truth": packed(c.truth),
+            "value": pack_lengths(c.value[kept]),
+            "se": pack(c.error),
+            "own": pack(c.stride_error),
+            "nominal": pack(c.nominal),
+            "truth": pack(c.truth),
         }
         for c in curves
     ]
-    return {"curves": of_curves, "masks": [base64_of(mask[kept].astype("<u1")) for mask in masks]}
+    return {
+        "curves": of_curves,
+        "masks": [encode_base64(mask[kept].astype("<u1")) for mask in masks],
+    }
 
 
-def masks_of(curves: tuple[Curve, ...]) -> list[BoolArray]:
-    """The different `valid` of the curves, in the order of `masks` of `packed_curves`."""
+def list_masks(curves: tuple[Curve, ...]) -> list[BoolArray]:
+    """List the different `valid` of the curves, in the order of `masks` of `pack_curves`."""
     return list({c.valid.tobytes(): c.valid for c in curves}.values())
 
 
-def trial_page_data(
+def build_trial_page_data(
     model: SubjectModel,
     trial: result.TrialResult,
     *,
@@ -67,14 +82,13 @@ def trial_page_data(
     relative_to: Mapping[str, float] | None = None,
     truth: truth_errors.CurveTruths | None = None,
 ) -> dict[str, Any]:
-    """What the page tells of a trial; numbers packed as in `plain_data.py`.
+    """Build the page data of a trial; numbers are packed as in `plain_data.py`.
 
-    `verdict`: None of a trial that is not judged by itself.
-    `relative_to`, `truth`: as of `curves_of`.
+    `verdict`: None for a trial without a verdict. `relative_to`, `truth`: as of `build_curves`.
     """
     time, start = trial.body.time, float(trial.body.time[0])
     every = max(1, -(-len(time) // scene.MOST_FRAMES))
-    curves = curves_of(model, trial, relative_to, truth)
+    curves = build_curves(model, trial, relative_to, truth)
     return {
         "name": trial.name,
         "file": PureWindowsPath(trial.recording.source).name,
@@ -86,14 +100,14 @@ def trial_page_data(
         if verdict is None
         else {
             "judgement": verdict.judgement.value,
-            **{side: of.value for side, of in verdict.legs.items()},
+            **{side: judgement.value for side, judgement in verdict.legs.items()},
         },
         "start": start,
         "duration": float(time[-1] - time[0]),
         "frames": len(time),
         "every": every,
-        "time": floats((time - time[0])[::every]),
-        **packed_curves(curves, every),
+        "time": pack_floats((time - time[0])[::every]),
+        **pack_curves(curves, every),
         "events": [
             {
                 "side": e.side,
@@ -103,55 +117,64 @@ def trial_page_data(
             }
             for e in trial.events.events
         ],
-        "strides": _strides(trial, pelvis_parts(trial, truth), curves),
-        "measures": [  # what counts, also of a stride of which the recording shows a part
-            {
-                "side": stride.side,
-                "number": stride.number,
-                "values": {n: float(v) for n, v in stride.measures.items()},
-            }
-            for stride in spatiotemporal.counting(trial.strides, trial.refused_legs)
-        ],
-        "line": line_of(trial),
+        "strides": _build_strides(trial, collect_pelvis_parts(trial, truth), curves),
+        "measures": _list_measures(trial),
+        "line": compute_line(trial),
         "relative": relative_to is not None,
-        "sections": trial_sections(model, trial),
+        "sections": build_trial_sections(model, trial),
     }
 
 
-def trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sections:
-    """Of one trial, calibrated or further; presets to which it has nothing to say are left out."""
-    sections = {"fit": trust_sections.trial_fit_blocks(trial)}
-    if (walk := key_figures.gait_numbers(model, trial)) is not None:
+def _list_measures(trial: result.TrialResult) -> list[dict[str, Any]]:
+    """List valid measures of strides, also of those that are only partly recorded."""
+    out = []
+    for stride in spatiotemporal.counting(trial.strides, trial.refused_legs):
+        values = {name: float(value) for name, value in stride.measures.items()}
+        out.append({"side": stride.side, "number": stride.number, "values": values})
+    return out
+
+
+def build_trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sections:
+    """Build the sections of one trial without empty presets."""
+    sections = {"fit": trust_sections.build_trial_fit_blocks(trial)}
+    if (walk := key_figures.compute_gait_numbers(model, trial)) is not None:
         sections |= {
-            "clinician": key_figures.trial_clinician_blocks(walk),
-            "trust": trust_sections.trial_trust_blocks(model, walk),
+            "clinician": key_figures.build_trial_clinician_blocks(walk),
+            "trust": trust_sections.build_trial_trust_blocks(model, walk),
         }
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def _strides(
+def _build_strides(
     trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]
 ) -> list[dict[str, Any]]:
-    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis, of each mask
-    of the curves valid percents as in `cycles.csv`, and peaks. `pelvis`: parts of `pelvis_parts`,
-    over each stride against its own line.
+    """Build the complete strides of both feet, s from the begin of the trial.
+
+    Each has its number, pelvis angles (`pelvis`: of `collect_pelvis_parts`, along the line of that
+    stride), valid percents of each mask of the curves as in `cycles.csv`, and peaks.
     """
     if trial.joint is not None:
         return []
     time, start = trial.body.time, float(trial.body.time[0])
     measured = {(s.side, s.number): s for s in trial.strides}
-    uses = {(use.side, use.number): use for use in key_figures.stride_uses(trial)}
+    uses = {(use.side, use.number): use for use in key_figures.collect_stride_uses(trial)}
     out = []
     for side in SIDES:
         for number, cycle in enumerate(strides.strides_of(trial.events)[side], start=1):
             stride, use = measured.get((side, number)), uses[side, number]
-            foot = trial_tables.foot_in_stride(trial, side, cycle, stride)
-            laid = {
+            foot = trial_tables.express_foot_in_stride(trial, side, cycle, stride)
+            normalised = {
                 part: normalise(
-                    time, trial_tables.pelvis_in_stride(trial, angles, cycle, stride), cycle
+                    time, trial_tables.express_pelvis_in_stride(trial, angles, cycle, stride), cycle
                 )
                 for part, angles in pelvis.items()
             }
+            along_line: dict[str, dict[str, Any]] = {}
+            for k, name in enumerate(PELVIS_ANGLES):
+                parts = {part: pack_lengths(angles[:, k]) for part, angles in normalised.items()}
+                along_line[name] = parts
+            if foot is not None:
+                along_line[FOOT_PROGRESSION] = {"value": pack_lengths(normalise(time, foot, cycle))}
             out.append(
                 {
                     "side": side,
@@ -162,24 +185,16 @@ def _strides(
                     "turns": use.turns,
                     "plate": use.plate,
                     "reason": use.reason,
-                    "pelvis": {
-                        name: {part: lengths(angles[:, k]) for part, angles in laid.items()}
-                        for k, name in enumerate(PELVIS_ANGLES)
-                    }
-                    | (
-                        {}
-                        if foot is None
-                        else {FOOT_PROGRESSION: {"value": lengths(normalise(time, foot, cycle))}}
-                    ),
+                    "pelvis": along_line,
                     "valid": [
-                        base64_of(usable(time, mask, cycle).astype("<u1"))
-                        for mask in masks_of(curves)
+                        encode_base64(usable(time, mask, cycle).astype("<u1"))
+                        for mask in list_masks(curves)
                     ],
-                    "peaks": peaks_in(
+                    "peaks": find_peaks(
                         time,
                         cycle,
                         [c for c in curves if c.side in (side, "")],
-                        laid["value"],
+                        normalised["value"],
                         walks=trial.activity == WALKING,
                     ),
                 }
@@ -187,26 +202,30 @@ def _strides(
     return out
 
 
-def peaks_in(
+def find_peaks(
     time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array, *, walks: bool = True
 ) -> dict[str, list[float | None]]:
-    """Peak -> what `gait/peaks.py` says of it, None for NaN. `pelvis`: (101, 3) deg,
-    `PELVIS_ANGLES`.
+    """Find the peaks of one stride: peak -> values of `gait/peaks.py`, None for NaN.
+
+    `pelvis`: (101, 3) deg, `PELVIS_ANGLES`.
     """
     unknown = np.full(len(time), np.nan)
-    laid = {}
+    normalised = {}
     for curve in curves:
         parts = [
-            unknown if part is None else part for part in (curve.value, curve.error, curve.own)
+            unknown if part is None else part
+            for part in (curve.value, curve.error, curve.stride_error)
         ]
-        value, error, own = normalise(time, np.stack(parts, axis=1), cycle).T
+        value, error, stride_error = normalise(time, np.stack(parts, axis=1), cycle).T
         value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
-        laid[curve.variable] = (
+        normalised[curve.variable] = (
             np.where(usable(time, curve.valid, cycle), value, np.nan),
             error,
-            own,
+            stride_error,
         )
     found = (
-        peaks.stride_peaks(laid, cycle.stance) if walks else peaks.phase_peaks(laid, cycle.phases)
+        peaks.stride_peaks(normalised, cycle.stance)
+        if walks
+        else peaks.phase_peaks(normalised, cycle.phases)
     )
-    return {name: [rounded(v) for v in values] for name, values in found.items()}
+    return {name: list(map(round_number, values)) for name, values in found.items()}

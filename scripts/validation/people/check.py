@@ -42,7 +42,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.segment_frames import HipCentre, build_pelvis_frame, compute_hip_centre
-from gaitcal.results.session_difference import difference_variance, told_parameters
+from gaitcal.results.session_difference import compute_difference_variance, list_observed_parameters
 from gaitcal.results.stride_sets import Common
 from gaitcal.study.study_trial import Role, Trial
 from scripts.validation.harness import coverage, each_part, matching, option, say, shares, words_of
@@ -111,10 +111,12 @@ def scores(one: Fit, other: Fit) -> Array:
     """Differences of the legs' joint parameters that both fitted, in standard errors of the
     difference.
     """
-    both = set(told_parameters(other.influence))
-    names = [n for n in told_parameters(one.influence) if n in both and n.startswith(LEG_JOINTS)]
+    both = set(list_observed_parameters(other.influence))
+    names = [
+        n for n in list_observed_parameters(one.influence) if n in both and n.startswith(LEG_JOINTS)
+    ]
     gap = (other.parameters.joint - one.parameters.joint)[[JP_INDEX[n] for n in names]]
-    variance = difference_variance((one.influence, other.influence), names, Common.STATIC)
+    variance = compute_difference_variance((one.influence, other.influence), names, Common.STATIC)
     return np.asarray((gap / np.sqrt(variance))[variance > 0.0])
 
 

@@ -26,11 +26,16 @@ from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
 from gaitcal.report.figures.chart import SIDE_COLOURS, Chart
-from gaitcal.report.figures.journal_figures import LINE, Strides, moment_arm_charts, paper_charts
-from gaitcal.report.page.page_data import PAGE_DATA, calibration_page_data, write_page_data
+from gaitcal.report.figures.journal_figures import (
+    LINE,
+    Strides,
+    build_moment_arm_charts,
+    build_paper_charts,
+)
+from gaitcal.report.page.page_data import PAGE_DATA, build_calibration_page_data, write_page_data
 from gaitcal.results.cycle_tables import read_cycles
 from gaitcal.results.stride_files import write_stride_files
-from gaitcal.results.summary import summary
+from gaitcal.results.summary import summarise_calibration
 from gaitcal.results.table_files import write_csv
 from tests.fake_result import ANGLE_ERROR
 from tests.report.figures.test_figures import panel_figure
@@ -46,10 +51,12 @@ def folder(whole: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def written(calibration: Calibration, out: Path) -> Path:
     """Those files of a result that figures are made of."""
-    write_page_data(calibration_page_data(calibration), out / PAGE_DATA)
+    write_page_data(build_calibration_page_data(calibration), out / PAGE_DATA)
     write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
     write_csv(parameter_table(calibration), out / "parameters.csv")
-    (out / "summary.json").write_text(json.dumps(summary(calibration)), encoding="utf-8")
+    (out / "summary.json").write_text(
+        json.dumps(summarise_calibration(calibration)), encoding="utf-8"
+    )
     return out
 
 
@@ -70,7 +77,7 @@ def charts(folder: Path, calibration: Calibration, convention: Convention) -> di
     strides = Strides(
         table=ensemble(read_cycles(folder)), subject=calibration.model.subject, offs={}
     )
-    return {chart.name: chart for chart in paper_charts(strides, convention)}
+    return {chart.name: chart for chart in build_paper_charts(strides, convention)}
 
 
 def test_a_line_is_the_mean_of_cycles_csv(folder: Path, whole: Calibration) -> None:
@@ -114,7 +121,9 @@ def test_the_band_of_a_single_stride_is_its_standard_error(
     folder: Path, whole: Calibration
 ) -> None:
     strides = Strides(table=ensemble(first_strides(folder)), subject=whole.model.subject, offs={})
-    drawn = {chart.name: chart for chart in paper_charts(strides, Convention(signs=Signs.CLINICAL))}
+    drawn = {
+        chart.name: chart for chart in build_paper_charts(strides, Convention(signs=Signs.CLINICAL))
+    }
     chart = drawn["hip_flexion_angle"]
     (axes,) = panel_figure(chart.panels[0]).axes
     assert [key.label for key in chart.keys] == [
@@ -134,7 +143,9 @@ def test_the_band_of_several_strides_is_their_sd(folder: Path, whole: Calibratio
     strides = Strides(
         table=ensemble(pd.concat([table, more])), subject=whole.model.subject, offs={"r": 60.0}
     )
-    chart = next(c for c in paper_charts(strides, Convention()) if c.name == "hip_flexion_angle")
+    chart = next(
+        c for c in build_paper_charts(strides, Convention()) if c.name == "hip_flexion_angle"
+    )
     (axes,) = panel_figure(chart.panels[0]).axes
     corners = axes.collections[0].get_paths()[0].vertices
     assert np.ptp(corners[corners[:, 0] == 50.0, 1]) == pytest.approx(2 * 3.0 / np.sqrt(2.0))
@@ -285,7 +296,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
         assert [p.name for p in (tmp_path / "out").glob("*.svg")] == [
             "moment_arms_knee_angle_r.svg"
         ]
-    (chart,) = moment_arm_charts(pd.read_csv(result / "export" / "mine.muscles.csv"))
+    (chart,) = build_moment_arm_charts(pd.read_csv(result / "export" / "mine.muscles.csv"))
     assert (
         len(chart.panels) == 9 and chart.panels[0].label == "moment arm of m11 about knee_angle_r"
     )

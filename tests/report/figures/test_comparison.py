@@ -13,8 +13,8 @@ import pytest
 from gaitcal.cli.export_commands import account_page
 from gaitcal.export.opensim.transfer_account import AccountTable
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
-from gaitcal.report.figures.comparison_sheets import comparison_page
-from gaitcal.report.page.page_data import person_facts
+from gaitcal.report.figures.comparison_sheets import render_comparison_page
+from gaitcal.report.page.page_data import list_person_facts
 from gaitcal.results.session_comparison import compare_sessions
 from tests.report.page.browser import browser, chromium
 from tests.report.page.test_accessible import FAULTS
@@ -31,8 +31,10 @@ def page() -> str:
     a, b = made_session("before"), made_session(HOSTILE, seed=0, swing=SWING)
     found = compare_sessions(a, b)
     scores = [("Gait Profile Score, right", "9.1 ± 0.4", "6.2 ± 0.5", "-2.9")]
-    people = [person_facts(s) for s in found.subjects]
-    return comparison_page(found, CONVENTION, SHEETS, people, scores, ("free speed", "slow speed"))
+    people = [list_person_facts(s) for s in found.subjects]
+    return render_comparison_page(
+        found, CONVENTION, SHEETS, people, scores, ("free speed", "slow speed")
+    )
 
 
 def svgs(page: str) -> list[str]:
@@ -80,7 +82,9 @@ def test_moments_are_by_the_mass_of_each_session() -> None:
     a, b = made_session("before"), made_session("after", seed=0)
     heavy = replace(b.model, subject=replace(b.model.subject, mass=1.5 * b.model.subject.mass))
     pages = [
-        comparison_page(compare_sessions(a, replace(b, model=m)), CONVENTION, SHEETS, ((), ()))
+        render_comparison_page(
+            compare_sessions(a, replace(b, model=m)), CONVENTION, SHEETS, ((), ())
+        )
         for m in (b.model, heavy)
     ]
     same, grown = (svgs(page)[1] for page in pages)

@@ -23,10 +23,10 @@ from gaitcal.gait.strides import layout
 from gaitcal.model.coordinates import describe_coordinate
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
-from gaitcal.report.figures.chart import Chart, Panel, chart_figure, plain, write_charts
-from gaitcal.report.figures.journal_figures import Strides, paper_charts
-from gaitcal.results.cycle_tables import cycle_table
-from gaitcal.results.summary import summary
+from gaitcal.report.figures.chart import Chart, Panel, clean_name, draw_chart, write_charts
+from gaitcal.report.figures.journal_figures import Strides, build_paper_charts
+from gaitcal.results.cycle_tables import build_cycle_table
+from gaitcal.results.summary import summarise_calibration
 
 SAME = 1e-9
 """Relative: the same sums in another order."""
@@ -34,21 +34,21 @@ SAME = 1e-9
 
 def panel_figure(panel: Panel) -> Figure:
     """One panel alone."""
-    return chart_figure(Chart(name="alone", title="", panels=(panel,), keys=()))
+    return draw_chart(Chart(name="alone", title="", panels=(panel,), keys=()))
 
 
 def charts(calibration: Calibration, convention: Convention | None = None) -> dict[str, Chart]:
     """Name of a file -> its chart."""
-    table = cycle_table(calibration.model, calibration.trials)
+    table = build_cycle_table(calibration.model, calibration.trials)
     strides = Strides(
         table=ensemble(typed(table)), subject=calibration.model.subject, offs={"r": 61.0}
     )
-    return {chart.name: chart for chart in paper_charts(strides, convention or Convention())}
+    return {chart.name: chart for chart in build_paper_charts(strides, convention or Convention())}
 
 
 def test_all_axes_have_units_and_legends_lie_inside_their_figures(whole: Calibration) -> None:
     for chart in charts(whole).values():
-        figure = chart_figure(chart)
+        figure = draw_chart(chart)
         for axes in figure.axes:
             assert axes.get_xlabel().endswith("%)")
             assert axes.get_ylabel() or axes.get_yticklabels(), chart.name
@@ -67,7 +67,7 @@ def test_global_settings_of_matplotlib_stay(whole: Calibration, tmp_path: Path) 
 
 
 def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
-    written = summary(whole)["trials"]["walk"]["torque_change_bwh"]
+    written = summarise_calibration(whole)["trials"]["walk"]["torque_change_bwh"]
     walk = whole.trial("walk")
     drawn = layout(walk.body, walk.loads.reactions, walk.events)
     numbers = moment_numbers(whole.model, drawn, walk.loads.final, walk.loads.nominal)
@@ -87,7 +87,7 @@ def test_limits_of_the_residuals(whole: Calibration) -> None:
 
 @pytest.mark.parametrize("name", ["$x$", "a$b", "<b>", "\u202eabc", "中文", "x" * 300, "", "\n\t"])
 def test_names_are_no_markup_in_figures(name: str) -> None:
-    shown = plain(name)
+    shown = clean_name(name)
     assert len(shown.replace("\\$", "$")) <= 26
     assert shown.replace("\\$", "").count("$") == 0
     assert shown.isprintable()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.report.page.bone_files import BoneMeshes, bones_of_folder
+from gaitcal.report.page.bone_files import BoneMeshes, read_bone_folder
 from gaitcal.report.page.scene import Scene
 from tests.report.page.browser import Page, Visit, browser, chromium
 from tests.report.page.made_bones import folder_of_bones
@@ -21,7 +21,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="session")
 def bones(tmp_path_factory: pytest.TempPathFactory) -> BoneMeshes:
-    return bones_of_folder(folder_of_bones(tmp_path_factory.mktemp("Geometry")))
+    return read_bone_folder(folder_of_bones(tmp_path_factory.mktemp("Geometry")))
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.report.page.body_meshes import Mesh, round_body
+from gaitcal.report.page.body_meshes import Mesh, make_round_body
 
 HEAD, HEAD_RADIUS = np.zeros(3), 0.024
 LATERAL, MEDIAL = np.array([0.0, -0.404, 0.046]), np.array([0.0, -0.404, -0.046])
@@ -25,7 +25,7 @@ SPECK = 0.002
 
 
 def ball(centre: np.ndarray, radius: float) -> Mesh:
-    return round_body(centre - radius, centre + radius)
+    return make_round_body(centre - radius, centre + radius)
 
 
 def joined(*parts: Mesh) -> Mesh:
@@ -38,7 +38,7 @@ def femur(
     head: np.ndarray = HEAD, radius: float = HEAD_RADIUS, condyles: dict | None = None
 ) -> Mesh:
     condyles = condyles or CONDYLES
-    shaft = round_body(np.array([-0.014, -0.39, 0.005]), np.array([0.014, 0.01, 0.03]))
+    shaft = make_round_body(np.array([-0.014, -0.39, 0.005]), np.array([0.014, 0.01, 0.03]))
     ends = [ball(end - SPECK * np.sign(end) * [0, 0, 1], SPECK) for end in (LATERAL, MEDIAL)]
     return joined(
         ball(head, radius), shaft, *(ball(centre, r) for centre, r in condyles.values()), *ends
@@ -54,13 +54,13 @@ def pelvis() -> Mesh:
 
 def tibia() -> Mesh:
     """A lens that is the plateau, a rod, and the medial malleolus."""
-    lens = round_body(PLATEAU - [0.025, 0.012, 0.035], PLATEAU + [0.025, 0.0, 0.035])
-    rod = round_body(np.array([-0.01, -0.4, -0.01]), np.array([0.01, -0.03, 0.01]))
+    lens = make_round_body(PLATEAU - [0.025, 0.012, 0.035], PLATEAU + [0.025, 0.0, 0.035])
+    rod = make_round_body(np.array([-0.01, -0.4, -0.01]), np.array([0.01, -0.03, 0.01]))
     return joined(lens, rod, ball(MALLEOLI[0] + [0, 0, SPECK], SPECK))
 
 
 def fibula() -> Mesh:
-    rod = round_body(np.array([-0.005, -0.4, 0.02]), np.array([0.005, -0.05, 0.03]))
+    rod = make_round_body(np.array([-0.005, -0.4, 0.02]), np.array([0.005, -0.05, 0.03]))
     return joined(rod, ball(MALLEOLI[1] - [0, 0, SPECK], SPECK))
 
 

@@ -15,11 +15,11 @@ from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS, Stride, counting
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.page.bone_files import BoneMeshes
-from gaitcal.report.page.page_data import FORMAT, SHOWN_MEASURES, explained_code
-from gaitcal.report.page.page_html import Shown, page_html
-from gaitcal.report.page.plain_data import base64_of, floats
+from gaitcal.report.page.page_data import FORMAT, SHOWN_MEASURES, explain_code
+from gaitcal.report.page.page_html import PageContent, render_page
+from gaitcal.report.page.plain_data import encode_base64, pack_floats
 from gaitcal.report.page.scene import MotionScene, Scene
-from gaitcal.report.page.trial_data import masks_of, packed_curves, peaks_in
+from gaitcal.report.page.trial_data import find_peaks, list_masks, pack_curves
 from gaitcal.results.trial_curves import Curve
 from tests.report.page.people import walking_scene
 
@@ -47,8 +47,8 @@ def trial_data(
     time = trial.time - trial.time[0]
     return {
         "name": trial.name, "role": "walking", "joint": None, "activity": "gait", "repeats": False, "verdict": None,
-        "start": 0.0, "duration": float(time[-1]), "frames": len(time), "every": 1, "time": floats(time),
-        **packed_curves(curves, 1), "events": [], "strides": strides, "measures": [], "line": 0.0, "relative": False,
+        "start": 0.0, "duration": float(time[-1]), "frames": len(time), "every": 1, "time": pack_floats(time),
+        **pack_curves(curves, 1), "events": [], "strides": strides, "measures": [], "line": 0.0, "relative": False,
         "sections": {},
     } | more  # fmt: skip
 
@@ -68,7 +68,7 @@ def written_page(
     """The page of a scene as a file; `bones` unless those of the extra are to be used."""
     folder.mkdir(exist_ok=True)
     path = folder / "result.html"
-    path.write_text(page_html(Shown(scene, sheet), bones), encoding="utf-8")
+    path.write_text(render_page(PageContent(scene, sheet), bones), encoding="utf-8")
     return path
 
 
@@ -106,7 +106,7 @@ def plain_data(scene: Scene) -> dict[str, Any]:
             for kind, unit in (("angle", "deg"), ("moment", "N m"))
             for s in "rl"
         )
-        first = [{**stride, "valid": [base64_of(np.ones(101, dtype="<u1"))]}] if k == 0 else []
+        first = [{**stride, "valid": [encode_base64(np.ones(101, dtype="<u1"))]}] if k == 0 else []
         trials.append(trial_data(trial, curves, first, events=[] if k else events))
     return page_data(scene, trials)
 
@@ -173,10 +173,11 @@ def stridden(
         for stride in made:
             cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
             stride["valid"] = [
-                base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)
+                encode_base64(usable(time, mask, cycle).astype("<u1"))
+                for mask in list_masks(curves)
             ]
             own = [c for c in curves if c.side in (stride["side"], "")]
-            stride["peaks"] = peaks_in(time, cycle, own, np.zeros((101, 3)))
+            stride["peaks"] = find_peaks(time, cycle, own, np.zeros((101, 3)))
             rows += [_rows(trial.name, stride, c, time) for c in own]
         events = [
             {"side": s["side"], "kind": kind, "time": when, "source": "motion"}
@@ -206,7 +207,9 @@ def _wavy(
 
 def _rows(name: str, stride: dict[str, Any], curve: Curve, time: np.ndarray) -> pd.DataFrame:
     cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
-    laid = [normalise(time, values, cycle) for values in (curve.value, curve.error, curve.own)]
+    laid = [
+        normalise(time, values, cycle) for values in (curve.value, curve.error, curve.stride_error)
+    ]
     valid = np.isfinite(normalise(time, np.where(curve.valid, 1.0, np.nan), cycle)).astype(int)
     columns = {
         "person": SUBJECT.name,
@@ -240,7 +243,7 @@ def everything_page(**changes: Any) -> str:
     scene = replace(scene, trials=tuple(replace(scene.trials[0], name=name) for name in REFUSED))
     strides = measured_strides()
     reasons = [
-        {**explained_code(Code.PRESSURE_LEAVES_FOOT), "severity": "error",
+        {**explain_code(Code.PRESSURE_LEAVES_FOOT), "severity": "error",
          "cause": "plates and feet do not agree", "evidence": f"by 80 N {HOSTILE}",
          "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
         {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [], "leg": ""},
@@ -270,7 +273,7 @@ def everything_page(**changes: Any) -> str:
         measures=measures,
         sections={preset: every_block() for preset in PRESETS},
     )
-    return page_html(Shown(scene, data | changes))
+    return render_page(PageContent(scene, data | changes))
 
 
 def measured_strides(seed: int = 8) -> dict[str, tuple[Stride, ...]]:
@@ -327,8 +330,8 @@ def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str,
     legs = {side: "refused" if side in refused else "trustworthy" for side in "rl"}
     curves = (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint)
     counted = [
-        base64_of(usable(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1"))
-        for mask in masks_of(curves)
+        encode_base64(usable(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1"))
+        for mask in list_masks(curves)
     ]
     stride = {
         "number": 1,

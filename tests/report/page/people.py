@@ -12,7 +12,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, ParameterKind, list_gait_parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.report.page.scene import MotionScene, Scene, person_scene, trial_scene
+from gaitcal.report.page.scene import MotionScene, Scene, build_person_scene, build_trial_scene
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
     gait_motion,
@@ -71,14 +71,14 @@ def walking_scene(
     wrench = residual_free_wrench(model.parameters, true)
     first = walking_trial(model, true, "walk", wrench)
     again = walking_trial(model, true, "no plates", None)
-    return person_scene(model, (first, again), standard_errors())
+    return build_person_scene(model, (first, again), standard_errors())
 
 
 def walking_trial(
     model: SubjectModel, true: TrueMotion, name: str, wrench: Array | None
 ) -> MotionScene:
     """The same as the page has it."""
-    return trial_scene(model, name, "gait", *recorded_walk(model, true, name, wrench))
+    return build_trial_scene(model, name, "gait", *recorded_walk(model, true, name, wrench))
 
 
 def recorded_walk(
@@ -116,7 +116,9 @@ def long_scene(frames: int = 10_000) -> Scene:
     """One long walk, with plates under the first steps."""
     model, true = subject_model(), long_motion(frames)
     wrench = residual_free_wrench(model.parameters, true)
-    return person_scene(model, (walking_trial(model, true, "long", wrench),), standard_errors())
+    return build_person_scene(
+        model, (walking_trial(model, true, "long", wrench),), standard_errors()
+    )
 
 
 def plate(name: str, time, x: float, z: float) -> ForcePlate:

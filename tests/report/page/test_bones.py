@@ -13,34 +13,34 @@ from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
 from gaitcal.model.nominal import published_model
-from gaitcal.report.page.body_meshes import Mesh, body_meshes, with_fewer_triangles
-from gaitcal.report.page.bone_files import bones_of_folder, installed_bones, read_vtp
+from gaitcal.report.page.body_meshes import Mesh, read_body_meshes, with_fewer_triangles
+from gaitcal.report.page.bone_files import find_installed_bones, read_bone_folder, read_vtp
 from gaitcal.report.page.bone_landmarks import (
     KneeEvidence,
     NoLandmark,
-    condyles,
-    fitted_ball,
-    hip_bone,
+    collect_person_landmarks,
+    compute_volume,
+    find_condyles,
+    find_hip_bone,
+    find_long_bone,
+    find_shank_bones,
+    fit_ball,
     is_inside,
-    long_bone,
-    person_landmarks,
-    shank_bones,
-    volume,
 )
 from gaitcal.report.page.bone_placement import (
     MIRROR,
     Landmarked,
-    apply,
-    fitted_bones,
-    knee_axes,
-    knee_words,
-    landmarked,
-    place_of_femur,
-    place_of_shank,
+    apply_map,
+    describe_knee,
+    find_landmarks,
+    fit_bones,
+    map_femur,
+    map_shank,
+    measure_knee_axes,
 )
-from gaitcal.report.page.page_html import Shown, page_html
-from gaitcal.report.page.scene import JointMark, Scene, joint_marks
-from gaitcal.report.page.scene_file import scene_json
+from gaitcal.report.page.page_html import PageContent, render_page
+from gaitcal.report.page.scene import JointMark, Scene, build_joint_marks
+from gaitcal.report.page.scene_file import dump_scene_json
 from tests.report.page import made_bones as made
 from tests.report.page.walked_blocks import held
 
@@ -139,7 +139,7 @@ def test_head_and_condyles_are_found_where_they_were_put(
         )
     }
     bone = made.femur(head=head, condyles=balls)
-    found, pair = long_bone(bone), condyles(bone)
+    found, pair = find_long_bone(bone), find_condyles(bone)
     np.testing.assert_allclose(found.head.centre, head, atol=FLAT_FACES)
     assert found.head.radius == pytest.approx(made.HEAD_RADIUS, abs=FLAT_FACES)
     np.testing.assert_allclose(found.lateral, made.LATERAL, atol=FLAT_FACES * 2)
@@ -153,11 +153,11 @@ def test_head_and_condyles_are_found_where_they_were_put(
 
 
 def test_hip_bone_and_shank() -> None:
-    hip = hip_bone(made.pelvis(), made.HEAD_RADIUS)
+    hip = find_hip_bone(made.pelvis(), made.HEAD_RADIUS)
     np.testing.assert_allclose(hip.socket, made.SOCKET, atol=FLAT_FACES)
     np.testing.assert_allclose(hip.asis, made.ASIS, atol=FLAT_FACES * 2)
     np.testing.assert_allclose(hip.psis, made.PSIS, atol=FLAT_FACES * 2)
-    shank = shank_bones(made.tibia(), made.fibula())
+    shank = find_shank_bones(made.tibia(), made.fibula())
     np.testing.assert_allclose(shank.plateau, made.PLATEAU, atol=2e-3)
     np.testing.assert_allclose(shank.medial, made.MALLEOLI[0], atol=FLAT_FACES * 2)
     np.testing.assert_allclose(shank.lateral, made.MALLEOLI[1], atol=FLAT_FACES * 2)
@@ -165,14 +165,14 @@ def test_hip_bone_and_shank() -> None:
 
 def test_a_surface_that_is_no_femur_is_told() -> None:
     with pytest.raises(NoLandmark, match="no round head"):
-        condyles(made.fibula())
+        find_condyles(made.fibula())
 
 
 def test_a_mesh_turned_inside_out_is_the_same_bone() -> None:
     bone = made.femur()
     turned = Mesh(bone.vertices, bone.triangles[:, ::-1])
-    assert volume(turned) == pytest.approx(-volume(bone))
-    np.testing.assert_allclose(condyles(turned).axis, condyles(bone).axis)
+    assert compute_volume(turned) == pytest.approx(-compute_volume(bone))
+    np.testing.assert_allclose(find_condyles(turned).axis, find_condyles(bone).axis)
     assert is_inside(turned, made.HEAD)
 
 
@@ -188,8 +188,8 @@ def test_inside_and_outside() -> None:
 def test_weights_count_as_repeated_points() -> None:
     rng = np.random.default_rng(1)
     points, counts = rng.normal(size=(12, 3)), rng.integers(1, 5, 12)
-    centre, radius = fitted_ball(points, counts.astype(float))
-    again = fitted_ball(np.repeat(points, counts, axis=0))
+    centre, radius = fit_ball(points, counts.astype(float))
+    again = fit_ball(np.repeat(points, counts, axis=0))
     np.testing.assert_allclose(centre, again[0], atol=1e-9)
     assert radius == pytest.approx(again[1])
 
@@ -207,11 +207,11 @@ def test_fewer_triangles_keep_the_shape() -> None:
 
 def test_the_installed_bones_have_their_landmarks() -> None:
     """`myo-sim`: heads and sockets within millimetres of where its own model has the joints."""
-    bones = installed_bones()
+    bones = find_installed_bones()
     if bones is None:
         pytest.skip("needs the extra `bones`")
     assert "Apache" in bones.licence
-    found = landmarked(bones)
+    found = find_landmarks(bones)
     # Joint centres of its file myolegs_chain.xml, and of Rajagopal et al. (2016), from which it is
     # made.
     np.testing.assert_allclose(found.femur.head.centre, [0.0, 0.0, 0.0], atol=1e-3)
@@ -229,25 +229,27 @@ EXACT = 1e-9
 
 @pytest.fixture(scope="module")
 def bones(tmp_path_factory: pytest.TempPathFactory) -> Landmarked:
-    return landmarked(bones_of_folder(made.folder_of_bones(tmp_path_factory.mktemp("Geometry"))))
+    return find_landmarks(
+        read_bone_folder(made.folder_of_bones(tmp_path_factory.mktemp("Geometry")))
+    )
 
 
 @pytest.fixture(scope="module")
 def person():
-    return person_landmarks(published_model(static_only=True))
+    return collect_person_landmarks(published_model(static_only=True))
 
 
 @pytest.mark.parametrize("side", ["r", "l"])
 def test_a_femur_stands_on_hip_and_epicondyles(side: str, bones: Landmarked, person) -> None:
-    place, bone, mirror = place_of_femur(bones, person, side), bones.femur, MIRROR[side]
+    place, bone, mirror = map_femur(bones, person, side), bones.femur, MIRROR[side]
     thigh = f"thigh_{side}"
     np.testing.assert_allclose(
-        apply(place, bone.head.centre * mirror), person.point(thigh, "hip"), atol=EXACT
+        apply_map(place, bone.head.centre * mirror), person.point(thigh, "hip"), atol=EXACT
     )
     np.testing.assert_allclose(
-        apply(place, bone.middle * mirror), person.point(thigh, "knee"), atol=EXACT
+        apply_map(place, bone.middle * mirror), person.point(thigh, "knee"), atol=EXACT
     )
-    drawn = apply(place, (bone.lateral - bone.medial) * mirror) - place[:, 3]
+    drawn = apply_map(place, (bone.lateral - bone.medial) * mirror) - place[:, 3]
     wanted = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
     along = place[:, 1] / np.linalg.norm(place[:, 1])
     level = [v - (v @ along) * along for v in (drawn, wanted)]
@@ -259,32 +261,32 @@ def test_a_femur_stands_on_hip_and_epicondyles(side: str, bones: Landmarked, per
 
 def test_plateaus_lie_under_condyles_and_malleoli_at_the_ankle(bones: Landmarked, person) -> None:
     for side, mirror in MIRROR.items():
-        shank = place_of_shank(bones, person, side)
+        shank = map_shank(bones, person, side)
         middle = 0.5 * (bones.shank.lateral + bones.shank.medial) * mirror
         np.testing.assert_allclose(
-            apply(shank, middle), person.point(f"shank_{side}", "ankle"), atol=EXACT
+            apply_map(shank, middle), person.point(f"shank_{side}", "ankle"), atol=EXACT
         )
-        plateau = apply(shank, bones.shank.plateau * mirror)
+        plateau = apply_map(shank, bones.shank.plateau * mirror)
         assert -0.045 < plateau[1] < -0.02, "below the knee's middle by a condyle"
 
 
 def test_left_is_the_mirror_image_of_right(bones: Landmarked, person) -> None:
     """The published person is symmetric: so must be the bones."""
-    placed = fitted_bones(bones, person, 1.7)
+    placed = fit_bones(bones, person, 1.7)
     by_side = {(b.mesh, b.segment): b.place for b in placed if b.segment != "pelvis"}
     for (mesh, segment), right in by_side.items():
         if segment.endswith("_r"):
             left = by_side[mesh, segment[:-1] + "l"]
             points = bones.bones.meshes[mesh].vertices[::7]
             np.testing.assert_allclose(
-                apply(left, points), apply(right, points) * MIRROR["l"], atol=1e-6
+                apply_map(left, points), apply_map(right, points) * MIRROR["l"], atol=1e-6
             )
     right, left = (b.place for b in placed if b.mesh == "pelvis")
     np.testing.assert_allclose(
-        apply(right, bones.hip.socket), person.point("pelvis", "hip_r"), atol=EXACT
+        apply_map(right, bones.hip.socket), person.point("pelvis", "hip_r"), atol=EXACT
     )
     np.testing.assert_allclose(
-        apply(left, bones.hip.socket), person.point("pelvis", "hip_l"), atol=EXACT
+        apply_map(left, bones.hip.socket), person.point("pelvis", "hip_l"), atol=EXACT
     )
 
 
@@ -305,13 +307,13 @@ def test_no_fitted_knee_axis_moves_a_bone(without: str, bones: Landmarked) -> No
     moved = model.with_parameters(
         model.parameters.with_joint(names, np.array([0.03, -0.5, 0.3, -0.2, 0.2]))
     )
-    before, after = (fitted_bones(bones, person_landmarks(m), 1.7) for m in (model, moved))
+    before, after = (fit_bones(bones, collect_person_landmarks(m), 1.7) for m in (model, moved))
     for a, b in zip(before, after, strict=True):
         np.testing.assert_array_equal(a.place, b.place)
-    marks = joint_marks(model.nominal, moved.parameters, {})
-    knee = knee_axes(bones, person_landmarks(moved), marks)[0]
+    marks = build_joint_marks(model.nominal, moved.parameters, {})
+    knee = measure_knee_axes(bones, collect_person_landmarks(moved), marks)[0]
     assert knee.fitted is not None and knee.fitted.medial.distance > 0.03
-    assert not knee.fitted.medial.inside and "past both condyles" in knee_words(knee)[0]
+    assert not knee.fitted.medial.inside and "past both condyles" in describe_knee(knee)[0]
 
 
 def marks_through(
@@ -320,8 +322,8 @@ def marks_through(
     """Knee marks through the condyles' centres, moved by `shift` (m)."""
     marks = []
     for side, mirror in MIRROR.items():
-        place = place_of_femur(bones, person, side)
-        centres = apply(
+        place = map_femur(bones, person, side)
+        centres = apply_map(
             place, np.array([bones.condyles.medial.centre, bones.condyles.lateral.centre]) * mirror
         )
         axis = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
@@ -343,7 +345,7 @@ def marks_through(
 
 def test_distances_to_an_axis_are_what_it_was_moved_by(bones: Landmarked, person) -> None:
     shift = np.array([0.006, -0.008, 0.0])
-    for knee in knee_axes(bones, person, marks_through(bones, person, shift)):
+    for knee in measure_knee_axes(bones, person, marks_through(bones, person, shift)):
         assert (
             knee.nominal.angle < 1e-7
             and knee.nominal.medial.distance < EXACT
@@ -351,7 +353,7 @@ def test_distances_to_an_axis_are_what_it_was_moved_by(bones: Landmarked, person
         )
         for end in (knee.fitted.medial, knee.fitted.lateral):
             assert end.distance == pytest.approx(0.01, rel=1e-2)
-        assert "10 mm from the medial centre" in knee_words(knee)[0]
+        assert "10 mm from the medial centre" in describe_knee(knee)[0]
 
 
 @pytest.mark.parametrize(
@@ -366,20 +368,22 @@ def test_an_axis_outside_the_circle_is_not_through_the_condyle(
     shift: np.ndarray, words: str, bones: Landmarked, person
 ) -> None:
     """The shaft is bone as well, above and between the condyles."""
-    (knee, _) = knee_axes(bones, person, marks_through(bones, person, shift))
+    (knee, _) = measure_knee_axes(bones, person, marks_through(bones, person, shift))
     ends = [
         replace(end, inside=end.distance <= end.radius or shift[1] > 0)
         for end in (knee.fitted.medial, knee.fitted.lateral)
     ]
     knee = replace(knee, fitted=replace(knee.fitted, medial=ends[0], lateral=ends[1]))
-    assert words in knee_words(knee)[0]
+    assert words in describe_knee(knee)[0]
 
 
 def test_what_an_axis_proves_is_said(bones: Landmarked, person) -> None:
-    (knee, _) = knee_axes(bones, person, marks_through(bones, person, np.zeros(3), 0.002, 0.03))
+    (knee, _) = measure_knee_axes(
+        bones, person, marks_through(bones, person, np.zeros(3), 0.002, 0.03)
+    )
     assert (
-        "Its place is uncertain by about 23 mm; the nominal"
-        in knee_words(replace(knee, misfit=0.020))[2]
+        "Its position is uncertain by about 23 mm; the nominal"
+        in describe_knee(replace(knee, misfit=0.020))[2]
     ), "root of 20^2 + 2 * 8^2"
 
 
@@ -413,7 +417,7 @@ def test_a_left_or_turned_bone_is_told(
             meshes[bone], vertices=meshes[bone].vertices @ TURNS[turn].T, triangles=triangles
         )
     with pytest.raises(InputError, match="allowed: right bones with x forward"):
-        landmarked(replace(bones.bones, meshes=meshes))
+        find_landmarks(replace(bones.bones, meshes=meshes))
 
 
 def test_the_standard_error_is_that_of_drawn_axes(bones: Landmarked, person) -> None:
@@ -422,7 +426,7 @@ def test_the_standard_error_is_that_of_drawn_axes(bones: Landmarked, person) -> 
     """
     sigma, tilt, rng = 0.0015, 0.07, np.random.default_rng(0)
     marks = marks_through(bones, person, np.zeros(3), sigma, tilt)
-    knee = knee_axes(bones, person, marks)[0]
+    knee = measure_knee_axes(bones, person, marks)[0]
     start = marks[0].fitted_centre + sigma * rng.normal(size=(20_000, 3))
     direction = marks[0].fitted_axis + tilt * rng.normal(size=(20_000, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -448,14 +452,16 @@ def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
         KneeEvidence.NOMINAL: (none, "proves nothing"),
     }
     for evidence, (landmarks, words) in cases.items():
-        person = person_landmarks(replace(model, landmarks=dict(landmarks)))
+        person = collect_person_landmarks(replace(model, landmarks=dict(landmarks)))
         assert set(person.knees.values()) == {evidence} and person.complete
-        knee = knee_axes(bones, person, joint_marks(model.nominal, model.parameters, {}))[0]
-        assert words in knee_words(knee)[2] and knee_words(knee)[0].startswith("Not fitted")
+        knee = measure_knee_axes(
+            bones, person, build_joint_marks(model.nominal, model.parameters, {})
+        )[0]
+        assert words in describe_knee(knee)[2] and describe_knee(knee)[0].startswith("Not fitted")
 
 
 def test_a_page_holds_bones_and_says_where_they_are_from(scene: Scene, bones: Landmarked) -> None:
-    html = page_html(Shown(scene), bones.bones)
+    html = render_page(PageContent(scene), bones.bones)
     found = held(html)["scene"]["bones"]
     assert found["why"] is None and found["source"].startswith("the folder Geometry")
     assert set(found["meshes"]) == {"femur", "tibia", "fibula", "pelvis"}
@@ -463,19 +469,21 @@ def test_a_page_holds_bones_and_says_where_they_are_from(scene: Scene, bones: La
 
 
 def test_a_page_without_bones_says_how_to_get_them(scene: Scene) -> None:
-    assert "gaitcal[bones]" in json.loads(scene_json(scene, body_meshes()))["bones"]["why"]
+    assert (
+        "gaitcal[bones]" in json.loads(dump_scene_json(scene, read_body_meshes()))["bones"]["why"]
+    )
 
 
 def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
-        bones_of_folder(tmp_path / "nowhere")
+        read_bone_folder(tmp_path / "nowhere")
     folder = made.folder_of_bones(tmp_path / "Geometry")
     (folder / "r_tibia.stl").unlink()
     with pytest.raises(InputError, match="found no tibia.*r_tibia"):
-        bones_of_folder(folder)
+        read_bone_folder(folder)
     (folder / "r_tibia.stl").write_bytes(b"solid")
     with pytest.raises(InputError, match=r"r_tibia.stl.*not a binary STL"):
-        bones_of_folder(folder)
+        read_bone_folder(folder)
 
 
 @pytest.mark.parametrize(
@@ -490,4 +498,4 @@ def test_a_femur_that_is_none_is_told(bone: Mesh, message: str, tmp_path: Path) 
     folder = made.folder_of_bones(tmp_path / "Geometry")
     (folder / "r_femur.stl").write_bytes(made.stl(bone))
     with pytest.raises(InputError, match=message):
-        landmarked(bones_of_folder(folder))
+        find_landmarks(read_bone_folder(folder))

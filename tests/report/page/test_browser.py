@@ -16,7 +16,7 @@ from gaitcal.cli.console import Console
 from gaitcal.cli.view_command import ViewServer
 from gaitcal.report.page import bone_files
 from gaitcal.report.page.page_folder import write_page
-from gaitcal.report.page.page_html import Shown, page_html
+from gaitcal.report.page.page_html import PageContent, render_page
 from gaitcal.report.page.scene import Scene
 from tests.report.page.browser import DRAWN, Page, Visit
 from tests.report.page.made_page import plain_data, written_page
@@ -210,7 +210,7 @@ def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None
 def test_without_bones_the_page_says_how_to_get_them(
     visit: Visit, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bone_files, "installed_bones", lambda: None)
+    monkeypatch.setattr(bone_files, "find_installed_bones", lambda: None)
     page = paused(visit(written_page(tmp_path, scene)))
     assert page.run("document.getElementById('show-bones').disabled")
     assert "pip install 'gaitcal[bones]'" in page.run(
@@ -264,7 +264,7 @@ def test_ten_thousand_frames_stay_responsive(
     scene = long_scene()
     write_page(tmp_path, scene, plain_data(scene))
     view_command.view_result(Console(quiet=False, verbose=False), tmp_path, html=page_file)
-    assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
+    assert "long: the page shows 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
     assert page_file.stat().st_size < LIMIT
     of_a_short_walk = visit(html).run(POSING)
     page = visit(page_file)
@@ -289,7 +289,7 @@ def test_between_two_frames_the_pose_is_between(visit: Visit, html: Path, scene:
 
 @pytest.mark.slow
 def test_the_served_page_works_too(visit: Visit, scene: Scene) -> None:
-    with ViewServer(page_html(Shown(scene))) as server:
+    with ViewServer(render_page(PageContent(scene))) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.05,))
         thread.start()
         try:

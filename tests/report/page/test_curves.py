@@ -13,8 +13,8 @@ import pytest
 from gaitcal import ensemble
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.model.coordinates import COORDINATE_TABLE
-from gaitcal.report.page.page_data import coordinate_rows, peak_page_rows
-from gaitcal.report.page.plain_data import lengths
+from gaitcal.report.page.page_data import build_peak_rows, list_coordinate_rows
+from gaitcal.report.page.plain_data import pack_lengths
 from gaitcal.report.page.scene import Scene
 from tests.report.page.browser import STEADY, Page, Visit
 from tests.report.page.made_page import SIZE, SUBJECT, VARIABLE, long_walks, stridden, written_page
@@ -118,7 +118,10 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
 def test_conventions_are_those_of_the_package(page: Page) -> None:
     units = {"Nm": MomentUnit.NM, "Nm/kg": MomentUnit.NM_PER_KG, "%BWH": MomentUnit.PERCENT_BWH}
     bases = [
-        base for joint in coordinate_rows() for base in joint["rows"] if base in COORDINATE_TABLE
+        base
+        for joint in list_coordinate_rows()
+        for base in joint["rows"]
+        if base in COORDINATE_TABLE
     ]
     for signs, acting, (unit, moment_unit) in itertools.product(Signs, Acting, units.items()):
         convention = Convention(signs=signs, acting=acting, unit=moment_unit)
@@ -326,7 +329,7 @@ def test_the_tables_of_peaks_show_what_python_computed(page: Page, walked: Any) 
     """Every row in the chosen unit and sense, with its error, place, spread and strides; external
     moments by theirs.
     """
-    rows = peak_page_rows(walked[1])
+    rows = build_peak_rows(walked[1])
     moments = [row for row in rows if row["kind"] == "moment" and "r" in row]
     assert len(moments) >= 3 and any(
         row["r"]["n"] < row["r"]["strides"] for row in rows if "r" in row
@@ -374,7 +377,7 @@ def test_pelvis_angles_of_a_turning_stride_do_not_count(
     scene, sheet, _ = walked
     lined = json.loads(json.dumps(sheet))
     for stride in lined["trials"][0]["strides"]:
-        stride["pelvis"] = {"pelvis_tilt": {"value": lengths(np.linspace(0.0, 5.0, 101))}}
+        stride["pelvis"] = {"pelvis_tilt": {"value": pack_lengths(np.linspace(0.0, 5.0, 101))}}
     page = shown(visit, tmp_path, scene, lined)
     for base, own, turning in (("pelvis_tilt", "", 0), ("hip_flexion", "r", 101)):
         told = page.run(f"""(trial => trial.strides.filter(({{ side }}) => side === 'r').map((stride) =>

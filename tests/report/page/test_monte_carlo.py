@@ -15,12 +15,12 @@ from gaitcal.montecarlo.draw_study import MonteCarloStudy
 from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.report.page.monte_carlo_sections import (
     PART,
-    expected_errors,
-    monte_carlo_blocks,
-    with_monte_carlo,
+    add_monte_carlo,
+    build_monte_carlo_blocks,
+    collect_expected_errors,
 )
-from gaitcal.report.page.page_data import calibration_page_data
-from gaitcal.report.page.plain_data import number
+from gaitcal.report.page.page_data import build_calibration_page_data
+from gaitcal.report.page.plain_data import format_number
 from tests.fake_result import HOSTILE, fake_calibration
 from tests.montecarlo.test_draw_statistics import made_up
 from tests.report.page.walked_blocks import headings, rows_of, tables, words
@@ -69,7 +69,7 @@ def contributions() -> pd.DataFrame:
 
 
 def test_expected_errors_are_ranked_and_those_of_the_statistics(study: MonteCarloStudy) -> None:
-    found = expected_errors(study.statistics, RMS, "r")["knee_adduction_r"]
+    found = collect_expected_errors(study.statistics, RMS, "r")["knee_adduction_r"]
     assert [e.average for e in found] == sorted((e.average for e in found), reverse=True)
     assert {e.varied for e in found} == {Varied.JP, Varied.IP, Varied.NOISE}
     for cause in expect(study.statistics, RMS, "r"):
@@ -87,14 +87,14 @@ def test_expected_errors_are_ranked_and_those_of_the_statistics(study: MonteCarl
 
 
 def test_the_knee_adduction_moment_comes_first_in_both_units(study: MonteCarloStudy) -> None:
-    blocks = monte_carlo_blocks(study, RMS)
+    blocks = build_monte_carlo_blocks(study, RMS)
     assert headings(blocks)[1] == "Expected error of your knee adduction moment, RMS over the trial"
     rows = rows_of(tables(blocks, "Left")[0])
-    found = expected_errors(study.statistics, RMS, "l")["knee_adduction_l"]
+    found = collect_expected_errors(study.statistics, RMS, "l")["knee_adduction_l"]
     subject = study.case.subject
-    assert [row[0] for row in rows.values()] == [number(e.average, 2) for e in found]
+    assert [row[0] for row in rows.values()] == [format_number(e.average, 2) for e in found]
     to_kg = subject.bwh / 100.0 / subject.mass
-    assert [row[1] for row in rows.values()] == [number(to_kg * e.average, 3) for e in found]
+    assert [row[1] for row in rows.values()] == [format_number(to_kg * e.average, 3) for e in found]
     assert len(tables(blocks, "Left")) == len(list_joint_coordinates(LEGS["l"])) + 1, (
         "adduction, and what a leg has"
     )
@@ -103,20 +103,20 @@ def test_the_knee_adduction_moment_comes_first_in_both_units(study: MonteCarloSt
 def test_without_a_marker_error_every_source_is_at_its_highest_level(
     study: MonteCarloStudy,
 ) -> None:
-    blocks = monte_carlo_blocks(study)
+    blocks = build_monte_carlo_blocks(study)
     assert "Each source by itself, at the highest level" in words(blocks)
     assert any("up to 10.0 mm and 10.0 deg" in row for row in rows_of(tables(blocks, "Right")[0]))
 
 
 def test_a_marker_error_beyond_the_study_is_said() -> None:
-    blocks = monte_carlo_blocks(study_of(made_up(draws=30)), 50.0)
+    blocks = build_monte_carlo_blocks(study_of(made_up(draws=30)), 50.0)
     assert sum("and more than that" in row for row in rows_of(tables(blocks, "Right")[0])) == 2
 
 
 def test_parameters_are_ranked_by_their_part_of_the_variance(
     study: MonteCarloStudy, contributions: pd.DataFrame
 ) -> None:
-    rows = rows_of(tables(monte_carlo_blocks(study, RMS, contributions), "Parameter")[0])
+    rows = rows_of(tables(build_monte_carlo_blocks(study, RMS, contributions), "Parameter")[0])
     assert rows == {
         "knee axis in the thigh, frontal tilt": ["70"],
         "hip centre in the pelvis, forward": ["20"],
@@ -128,14 +128,14 @@ def test_parameters_are_ranked_by_their_part_of_the_variance(
 def test_a_study_joins_the_sheet_and_replaces_an_earlier_one(
     study: MonteCarloStudy, contributions: pd.DataFrame
 ) -> None:
-    sheet = calibration_page_data(fake_calibration())
+    sheet = build_calibration_page_data(fake_calibration())
     before = json.dumps(sheet)
-    first = with_monte_carlo(sheet, study, marker_rms=RMS, contributions=contributions)
+    first = add_monte_carlo(sheet, study, marker_rms=RMS, contributions=contributions)
     assert json.dumps(sheet) == before, "the sheet that was given stays as it is"
     kept = [b for b in first["sections"]["trust"] if b.get("part") != PART]
     assert kept == sheet["sections"]["trust"] and len(first["sections"]["trust"]) > len(kept)
     longer = replace(study, plan=replace(study.plan, draws=4321))
-    second = with_monte_carlo(first, longer)
+    second = add_monte_carlo(first, longer)
     text = words(second["sections"]["trust"])
     assert text.count("A Monte Carlo study of trial") == 1 and "4\u202f321 times" in text
     assert "Which parameter matters" not in text
@@ -147,7 +147,9 @@ def test_failed_draws_open_convergence_and_hostile_names_are_said(study: MonteCa
     draws.loc[draws["draw"] == 0, "failure"] = "did not settle"
     odd = study_of(draws)
     text = words(
-        monte_carlo_blocks(replace(odd, case=replace(odd.case, name=HOSTILE), notes=("kept",)))
+        build_monte_carlo_blocks(
+            replace(odd, case=replace(odd.case, name=HOSTILE), notes=("kept",))
+        )
     )
     assert (
         "12 of 360 draws did not converge" in text
@@ -158,7 +160,7 @@ def test_failed_draws_open_convergence_and_hostile_names_are_said(study: MonteCa
 
 
 def test_a_set_that_was_not_disturbed_is_left_out() -> None:
-    blocks: list[dict[str, Any]] = monte_carlo_blocks(
+    blocks: list[dict[str, Any]] = build_monte_carlo_blocks(
         study_of(made_up(draws=30, sets=("jp",))), RMS
     )
     assert len(rows_of(tables(blocks, "Right")[0])) == 1

@@ -16,12 +16,29 @@ import pytest
 
 from gaitcal.analysis.result import Calibration
 from gaitcal.report.page import body_meshes as meshes_module
-from gaitcal.report.page.body_meshes import BALLS, MESHES, Mesh, body_meshes, read_stl, round_body
-from gaitcal.report.page.page_data import calibration_page_data, curves_left_out, thinned
-from gaitcal.report.page.page_html import SCRIPTS, Shown, page_html, sentences
-from gaitcal.report.page.plain_data import GAP, base64_of, floats, lengths, script_json
-from gaitcal.report.page.scene import MotionScene, Scene, person_scene
-from gaitcal.report.page.scene_file import scene_json
+from gaitcal.report.page.body_meshes import (
+    BALLS,
+    MESHES,
+    Mesh,
+    make_round_body,
+    read_body_meshes,
+    read_stl,
+)
+from gaitcal.report.page.page_data import (
+    build_calibration_page_data,
+    report_thinned_curves,
+    thin_page_data,
+)
+from gaitcal.report.page.page_html import SCRIPTS, PageContent, list_omissions, render_page
+from gaitcal.report.page.plain_data import (
+    GAP,
+    dump_script_json,
+    encode_base64,
+    pack_floats,
+    pack_lengths,
+)
+from gaitcal.report.page.scene import MotionScene, Scene, build_person_scene
+from gaitcal.report.page.scene_file import dump_scene_json
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from tests.fake_result import HOSTILE, Names, fake_calibration
 from tests.report.page.browser import Visit
@@ -88,9 +105,9 @@ def test_no_two_scripts_define_the_same_name() -> None:
 
 
 def packed_trial(trial: MotionScene) -> dict[str, Any]:
-    """A trial as the page holds it."""
+    """A trial as the page shows it."""
     packed: dict[str, Any] = json.loads(
-        scene_json(person_scene(subject_model(), (trial,), {}), body_meshes())
+        dump_scene_json(build_person_scene(subject_model(), (trial,), {}), read_body_meshes())
     )
     return packed["trials"][0]
 
@@ -117,15 +134,15 @@ def test_an_absurd_marker_is_left_out_and_spares_the_others() -> None:
 def test_meshes_that_are_missing_or_in_another_unit_are_replaced(
     monkeypatch: pytest.MonkeyPatch, scene: Scene
 ) -> None:
-    assert body_meshes().replaced == (), "the package has every mesh"
+    assert read_body_meshes().replaced == (), "the package has every mesh"
     low, high = MESHES["foot"]
     with monkeypatch.context() as patch:
         patch.setitem(MESHES, "foot", (low * 0.01, high * 0.01))
-        assert body_meshes().replaced == ("foot",)
+        assert read_body_meshes().replaced == ("foot",)
     monkeypatch.setattr(meshes_module, "PACKAGE", "no-such-package")
-    body = body_meshes()
+    body = read_body_meshes()
     assert set(body.replaced) == set(MESHES) - set(BALLS)
-    assert json.loads(scene_json(scene, body))["capsules"]
+    assert json.loads(dump_scene_json(scene, body))["capsules"]
 
 
 @pytest.mark.parametrize(
@@ -138,7 +155,7 @@ def test_what_is_no_stl_is_refused(body: bytes) -> None:
 
 @pytest.mark.parametrize("name", sorted(MESHES))
 def test_meshes_are_closed_and_turned_outwards(name: str) -> None:
-    mesh = body_meshes().meshes[name]
+    mesh = read_body_meshes().meshes[name]
     assert volume(mesh) > 0
     edges = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
@@ -148,9 +165,9 @@ def test_meshes_are_closed_and_turned_outwards(name: str) -> None:
 
 
 def test_a_ball_has_the_volume_of_a_ball() -> None:
-    ball = round_body(-np.ones(3), np.ones(3))
+    ball = make_round_body(-np.ones(3), np.ones(3))
     assert volume(ball) == pytest.approx(4 / 3 * np.pi, rel=0.05)
-    assert volume(round_body(-np.ones(3), np.ones(3), blunt=2.0)) > volume(ball)
+    assert volume(make_round_body(-np.ones(3), np.ones(3), blunt=2.0)) > volume(ball)
 
 
 def volume(mesh: Mesh) -> float:
@@ -167,7 +184,7 @@ def long_trial(name: str, curves: int = 100) -> dict[str, Any]:
     time = np.arange(FRAMES) * 0.03
     values = np.sin(time)
     values[5] = np.nan
-    part = lengths(values)
+    part = pack_lengths(values)
     curve = {
         "base": "hip_flexion",
         "valid": 0,
@@ -178,21 +195,21 @@ def long_trial(name: str, curves: int = 100) -> dict[str, Any]:
         "name": name,
         "frames": 10_000,
         "every": 3,
-        "time": floats(time),
-        "masks": [base64_of(np.arange(FRAMES, dtype="<u1"))],
+        "time": pack_floats(time),
+        "masks": [encode_base64(np.arange(FRAMES, dtype="<u1"))],
         "curves": [curve] * curves,
         "strides": [],
     }
 
 
 def test_a_sheet_of_common_size_stays_as_it_is(whole: Calibration) -> None:
-    sheet = calibration_page_data(whole)
-    assert thinned(sheet) is sheet and curves_left_out(sheet) == ()
+    sheet = build_calibration_page_data(whole)
+    assert thin_page_data(sheet) is sheet and report_thinned_curves(sheet) == ()
 
 
 def test_what_stays_are_the_same_values_at_their_times() -> None:
     trial = long_trial("walk")
-    (short,) = thinned({"trials": [trial]}, most=1_000_000)["trials"]
+    (short,) = thin_page_data({"trials": [trial]}, most=1_000_000)["trials"]
     factor = short["every"] // 3
     assert factor > 1 and short["frames"] == 10_000
     for part in ("value", "se", "own", "nominal"):
@@ -202,26 +219,26 @@ def test_what_stays_are_the_same_values_at_their_times() -> None:
     time = np.frombuffer(base64.b64decode(short["time"]), dtype="<f4")
     np.testing.assert_allclose(time, np.arange(FRAMES)[::factor] * 0.03, rtol=1e-6)
     assert base64.b64decode(short["masks"][0]) == bytes(np.arange(FRAMES, dtype="<u1")[::factor])
-    assert len(script_json({"trials": [short]})) < 1_200_000
+    assert len(dump_script_json({"trials": [short]})) < 1_200_000
 
 
 @pytest.mark.slow
 def test_long_trials_stay_under_the_limit(whole: Calibration) -> None:
     model = subject_model()
     trial = walking_trial(model, long_motion(10_000), "long", None)
-    data = calibration_page_data(whole) | {"trials": [long_trial("long")] * 12}
-    shown = Shown(person_scene(model, (trial,) * 12, standard_errors()), data)
-    assert LIMIT / 2 < len(page_html(shown)) < LIMIT
-    left_out = sentences(shown)
+    data = build_calibration_page_data(whole) | {"trials": [long_trial("long")] * 12}
+    shown = PageContent(build_person_scene(model, (trial,) * 12, standard_errors()), data)
+    assert LIMIT / 2 < len(render_page(shown)) < LIMIT
+    left_out = list_omissions(shown)
     assert len(left_out) == 2 * 12
     assert re.search(r"holds \d+ of 10000 frames, one in \d+;", left_out[0])
-    assert "its curves hold one frame in" in left_out[12]
-    assert sentences(Shown(walking_scene())) == ()
+    assert "its curves show one frame in" in left_out[12]
+    assert list_omissions(PageContent(walking_scene())) == ()
 
 
 def test_the_sheet_may_stand_in_a_script_whatever_it_says() -> None:
     names = ["</script>", "<!--", "\u202e\u2028\ud800", '"\\', "@@PAGE@@"]
-    text = script_json({"names": names})
+    text = dump_script_json({"names": names})
     assert "<" not in text and text.isascii() and json.loads(text)["names"] == names
 
 
@@ -229,21 +246,21 @@ WORST = f"</script><!--<script>@@PAGE@@ \\g<0> \u2066\u05d0\u2069 \u2028 \ud800 
 TAG = re.compile(r"<(/?script|!--|img|svg)", re.IGNORECASE)
 
 
-def named(word: str) -> Shown:
+def named(word: str) -> PageContent:
     """A result in which everything that may be named has this name."""
     whole = fake_calibration(Names(word, word, word, word, word, word))
     scene = walking_scene(subject=word)
     trials = tuple(replace(scene.trials[0], name=trial.name) for trial in whole.trials)
-    return Shown(replace(scene, trials=trials), calibration_page_data(whole))
+    return PageContent(replace(scene, trials=trials), build_calibration_page_data(whole))
 
 
 @pytest.fixture(scope="module")
 def hostile() -> str:
-    return page_html(named(WORST))
+    return render_page(named(WORST))
 
 
 def test_a_hostile_study_adds_no_markup(hostile: str) -> None:
-    clean = page_html(named("name"))
+    clean = render_page(named("name"))
     assert TAG.findall(hostile) == TAG.findall(clean)
     one = held(hostile)
     assert one["scene"]["subject"] == one["sheet"]["person"]["name"] == WORST
@@ -266,4 +283,4 @@ def test_a_browser_makes_nothing_of_them(hostile: str, visit: Visit, tmp_path: P
 
 
 def test_a_page_of_a_scene_alone_has_no_sheet(scene: Scene) -> None:
-    assert '"sheet":null' in page_html(Shown(scene))
+    assert '"sheet":null' in render_page(PageContent(scene))

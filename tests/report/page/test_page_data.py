@@ -15,13 +15,17 @@ from gaitcal.analysis.parameter_table import parameter_table
 from gaitcal.analysis.result import Calibration
 from gaitcal.gait.moments import parameter_words
 from gaitcal.quality.verdict import judge
-from gaitcal.report.page.key_figures import gait_numbers
-from gaitcal.report.page.page_data import calibration_page_data, peak_page_rows, result_sections
-from gaitcal.report.page.plain_data import LONGEST_NAME, number
-from gaitcal.report.page.trial_data import trial_sections
-from gaitcal.report.page.trust_sections import peak_error
+from gaitcal.report.page.key_figures import compute_gait_numbers
+from gaitcal.report.page.page_data import (
+    build_calibration_page_data,
+    build_peak_rows,
+    build_result_sections,
+)
+from gaitcal.report.page.plain_data import LONGEST_NAME, format_number
+from gaitcal.report.page.trial_data import build_trial_sections
+from gaitcal.report.page.trust_sections import find_peak_error
 from gaitcal.results.parameter_labels import SHORTER_UNITS
-from gaitcal.results.summary import summary
+from gaitcal.results.summary import summarise_calibration
 from tests.fake_result import HOSTILE, Names, fake_calibration, with_phase
 from tests.report.page.walked_blocks import (
     KINDS,
@@ -39,7 +43,7 @@ PRESETS = {"clinician", "fit", "joints", "trust", "provenance"}
 
 @pytest.fixture(scope="module")
 def sheet(whole: Calibration) -> dict[str, Any]:
-    return calibration_page_data(whole)
+    return build_calibration_page_data(whole)
 
 
 def test_every_block_is_of_a_known_kind_with_plain_data(sheet: dict[str, Any]) -> None:
@@ -53,7 +57,7 @@ def test_every_block_is_of_a_known_kind_with_plain_data(sheet: dict[str, Any]) -
 
 
 def test_marker_errors_are_those_of_the_summary(whole: Calibration, sheet: dict[str, Any]) -> None:
-    told = summary(whole)["trials"]
+    told = summarise_calibration(whole)["trials"]
     (table,) = tables(sheet["sections"]["fit"], "Trial")
     keys = (
         "nominal",
@@ -65,11 +69,11 @@ def test_marker_errors_are_those_of_the_summary(whole: Calibration, sheet: dict[
     )
     for name, row in rows_of(table).items():
         rms = told[name.split()[0]]["rms_mm"]
-        assert row[:6] == [number(rms.get(key), 2 if "to" in key else 1) for key in keys]
-        assert row[6] == number(told[name.split()[0]]["max_mm"]["calibrated"])
+        assert row[:6] == [format_number(rms.get(key), 2 if "to" in key else 1) for key in keys]
+        assert row[6] == format_number(told[name.split()[0]]["max_mm"]["calibrated"])
     (segments,) = tables(sheet["trials"][0]["sections"]["fit"], "Segment, RMS in mm")
     legs = told["walk"]["pelvis_and_legs_mm"]
-    assert rows_of(segments)["pelvis and legs"][1] == number(legs["calibrated"])
+    assert rows_of(segments)["pelvis and legs"][1] == format_number(legs["calibrated"])
 
 
 def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, Any]) -> None:
@@ -98,34 +102,45 @@ def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, 
     segments = [rows_of(b) for b in tables(sheet["sections"]["joints"], "Parameter")]
     told = [rows["moment of inertia about the forward axis kg·cm²"] for rows in segments]
     assert [
-        number(before, 0),
-        number(after, 0),
-        f"{number(after - before, 0, True)} ± {number(change, 0)}",
+        format_number(before, 0),
+        format_number(after, 0),
+        f"{format_number(after - before, 0, True)} ± {format_number(change, 0)}",
     ] in told
 
 
 def test_residuals_and_changes_are_those_of_the_summary(
     whole: Calibration, sheet: dict[str, Any]
 ) -> None:
-    told, blocks = summary(whole)["trials"]["walk"], sheet["trials"][0]["sections"]["trust"]
+    told, blocks = (
+        summarise_calibration(whole)["trials"]["walk"],
+        sheet["trials"][0]["sections"]["trust"],
+    )
     (table,) = tables(blocks, "Model")
     rows = rows_of(table)
     *before, last = list(rows.values())[:-3]
     *earlier, final = told["pelvis_residual"].values()
     for row, residual in zip(before, earlier, strict=True):
-        assert [row[0], row[2]] == [number(residual["force_N"]), number(residual["torque_Nm"])]
-    judged = [f"within: {number(final['force_N'])}", f"within: {number(final['torque_Nm'])}"]
+        assert [row[0], row[2]] == [
+            format_number(residual["force_N"]),
+            format_number(residual["torque_Nm"]),
+        ]
+    judged = [
+        f"within: {format_number(final['force_N'])}",
+        f"within: {format_number(final['torque_Nm'])}",
+    ]
     assert [last[0], last[2]] == judged, "the last model is held against its errors"
     limit = told["pelvis_residual_limit"]
     assert [rows["limit"][0], rows["limit"][2]] == [
-        number(limit["force_N"]),
-        number(limit["torque_Nm"]),
+        format_number(limit["force_N"]),
+        format_number(limit["torque_Nm"]),
     ]
     (changes,) = tables(blocks, "RMS change")
     rows = rows_of(changes)
-    assert rows["Right hip flexion"][0] == number(told["torque_change_bwh"]["hip_flexion_r"], 2)
+    assert rows["Right hip flexion"][0] == format_number(
+        told["torque_change_bwh"]["hip_flexion_r"], 2
+    )
     (curves,) = [b for b in walked(blocks) if b["kind"] == "curves"]
-    assert gait_numbers(whole.model, whole.trials[0]).limits is not None
+    assert compute_gait_numbers(whole.model, whole.trials[0]).limits is not None
     assert curves["kinds"] == ["residual_force", "residual_moment"], (
         "no limit is drawn by which nothing is judged"
     )
@@ -134,9 +149,9 @@ def test_residuals_and_changes_are_those_of_the_summary(
 def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(
     whole: Calibration,
 ) -> None:
-    walk, mass = gait_numbers(whole.model, whole.trials[0]), whole.model.subject.mass
+    walk, mass = compute_gait_numbers(whole.model, whole.trials[0]), whole.model.subject.mass
     loads = walk.trial.loads
-    peak = peak_error(walk, "knee_adduction_l", mass)
+    peak = find_peak_error(walk, "knee_adduction_l", mass)
     valid = loads.reactions.valid_legs[:, 1]
     moment = loads.final.knee_adduction[:, 1]
     assert peak.value * mass == pytest.approx(moment[valid].min()), (
@@ -145,7 +160,7 @@ def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(
     frame = round(peak.time * 100.0)
     assert moment[frame] == pytest.approx(peak.value * mass)
     assert peak.error * mass == pytest.approx(loads.errors.knee_adduction[frame, 1])
-    assert sum(peak.alone(share) ** 2 for share in peak.shares.values()) == pytest.approx(
+    assert sum(peak.compute_part(share) ** 2 for share in peak.shares.values()) == pytest.approx(
         peak.error**2
     )
     shares = list(peak.shares.values())
@@ -166,7 +181,7 @@ def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(
 def test_what_is_not_there_is_said_or_left_out(
     without: dict[str, bool], there: str, missing: str
 ) -> None:
-    made = calibration_page_data(fake_calibration(**without))
+    made = build_calibration_page_data(fake_calibration(**without))
     text = words(every(made))
     assert there in text
     assert missing not in text
@@ -177,15 +192,15 @@ def test_a_further_trial_has_the_sections_of_its_kind(
     whole: Calibration, sheet: dict[str, Any]
 ) -> None:
     for trial, told in zip(whole.trials, sheet["trials"], strict=True):
-        assert trial_sections(whole.model, trial) == told["sections"]
-    refused = trial_sections(whole.model, whole.trials[0].refused(["l"]))
+        assert build_trial_sections(whole.model, trial) == told["sections"]
+    refused = build_trial_sections(whole.model, whole.trials[0].refused(["l"]))
     assert "Refused: left" in words(refused["clinician"])
-    none = calibration_page_data(fake_calibration(gait=False, isolated=False))["sections"]
+    none = build_calibration_page_data(fake_calibration(gait=False, isolated=False))["sections"]
     assert "nothing was fitted" in words(none["fit"]) and "clinician" not in none
 
 
 def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
-    made = calibration_page_data(fake_calibration(Names(*[HOSTILE] * 6)))
+    made = build_calibration_page_data(fake_calibration(Names(*[HOSTILE] * 6)))
     text = json.dumps(
         [made["sections"], made["lines"], [t["sections"] for t in made["trials"]]],
         ensure_ascii=False,
@@ -193,7 +208,7 @@ def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
     assert "\u202e" not in text, "nothing turns the writing direction"
     assert '<script>alert(\\"x\\")</script>' in text, "a name is shown as it is"
     assert "/home/somebody" not in text
-    long = calibration_page_data(fake_calibration(Names("x" * 5000, "y" * 5000, "z" * 5000)))
+    long = build_calibration_page_data(fake_calibration(Names("x" * 5000, "y" * 5000, "z" * 5000)))
     assert all(len(text) < 60 + 4 * LONGEST_NAME for text in headings(every(long)))
     (table,) = tables(long["sections"]["fit"], "Trial")
     assert all(len(shown(row[0])) <= LONGEST_NAME for row in table["rows"])
@@ -206,7 +221,7 @@ def test_what_was_recorded_assumed_and_computed(whole: Calibration) -> None:
         "settings": {"a": {"b": None}, "c": [1, 2]},
         "inputs_sha256": {"walk.trc": "ab" * 32},
     }
-    blocks = result_sections(noted, manifest=manifest)["provenance"]
+    blocks = build_result_sections(noted, manifest=manifest)["provenance"]
     rows = rows_of(tables(blocks, "Name")[0])
     assert rows == {"gaitcal": ["9.9"], "settings.a.b": ["–"], "settings.c": ["1, 2"]}
     assert rows_of(tables(blocks, "File")[0]) == {"walk.trc": ["ab" * 32]}
@@ -225,8 +240,8 @@ def test_how_long_it_took_is_not_told_and_what_did_not_converge_is_told_first(
     whole: Calibration,
 ) -> None:
     slower = replace(whole, phases=tuple(replace(p, seconds=7.0) for p in whole.phases))
-    assert result_sections(whole) == result_sections(slower)
-    made = calibration_page_data(with_phase(whole, False))
+    assert build_result_sections(whole) == build_result_sections(slower)
+    made = build_calibration_page_data(with_phase(whole, False))
     assert made["lines"][0]["tone"] == "poor" and made["lines"][0]["text"].startswith(
         "Not converged"
     )
@@ -238,24 +253,24 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     assert believed["tone"] == "look" and believed["text"].startswith(
         "Doubtful: knee_r.thigh.front (right knee axis"
     )
-    walk = summary(whole)["trials"]["walk"]
+    walk = summarise_calibration(whole)["trials"]["walk"]
     rms, limit = walk["pelvis_and_legs_mm"]["calibrated"], walk["pelvis_residual_limit"]
-    assert agrees["text"].startswith(f"Marker fit {number(rms)} mm (best possible ")
+    assert agrees["text"].startswith(f"Marker fit {format_number(rms)} mm (best possible ")
     assert (
-        f"N RMS (limit {number(limit['force_N'])}), moment " in agrees["text"]
+        f"N RMS (limit {format_number(limit['force_N'])}), moment " in agrees["text"]
         and "too high" not in agrees["text"]
     )
     assert "Usable for moments: 1 of 2 right, 0 of 1 left strides; others: " in counts["text"]
     sound = replace(whole, verdict=judge((), ["walk"]))
-    assert [line["tone"] for line in calibration_page_data(sound)["lines"]] == [
+    assert [line["tone"] for line in build_calibration_page_data(sound)["lines"]] == [
         "good",
         "good",
         "plain",
     ]
-    without = calibration_page_data(fake_calibration(plates=False))["lines"][2]
+    without = build_calibration_page_data(fake_calibration(plates=False))["lines"][2]
     assert without == {
         "tone": "plain",
-        "text": "Angles alone count, no moments: there are no force plates.",
+        "text": "Angles only, no moments: there are no force plates.",
     }
 
 
@@ -266,7 +281,7 @@ def test_the_line_on_top_has_the_first_peak_of_the_adduction_moment(
     mass, text = whole.model.subject.mass, sheet["lines"][2]["text"]
     told = next(
         row
-        for row in peak_page_rows(sheet)
+        for row in build_peak_rows(sheet)
         if row["title"] == "Knee abduction moment, loading response"
     )
     legs = [leg for leg in "rl" if leg in told]

@@ -14,8 +14,8 @@ from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Source
 from gaitcal.model.parameters import read_published_parameters
-from gaitcal.report.page.body_meshes import MESHES, fitted_meshes
-from gaitcal.report.page.scene import MOST_FRAMES, Scene, joint_marks
+from gaitcal.report.page.body_meshes import MESHES, fit_body_meshes
+from gaitcal.report.page.scene import MOST_FRAMES, Scene, build_joint_marks
 from gaitcal.report.page.scene_file import load_scene, save_scene
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, synthetic_markers
 from tests.report.page.people import (
@@ -111,7 +111,7 @@ def test_both_segments_see_a_fitted_joint_in_one_place() -> None:
     placed = Kinematics(body, q, columns=False)
     axes, origins = placed.axes, placed.origins
     seen: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for mark in joint_marks(model.nominal, model.parameters, {}):
+    for mark in build_joint_marks(model.nominal, model.parameters, {}):
         s = chain.segments.index(mark.segment)
         centre = origins[s] + np.einsum("j,jif->if", mark.fitted_centre, axes[s])
         seen.setdefault(mark.joint, []).append(
@@ -139,7 +139,7 @@ def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
     body = chain.body(model.parameters)
     marks = {
         m.segment: m.fitted_axis
-        for m in joint_marks(model.nominal, model.parameters, {})
+        for m in build_joint_marks(model.nominal, model.parameters, {})
         if m.joint == joint
     }
     (linked,) = [j for j in JOINTS if j.name == joint]
@@ -162,7 +162,9 @@ def test_standard_errors_become_clouds_and_cones_and_one_that_is_no_number_draws
     errors = {
         "hip_r.pelvis.ant": 0.003, "hip_r.pelvis.sup": 0.004, "knee_r.thigh.front": 0.02, "knee_r.thigh.trans": 0.03,
     }  # fmt: skip
-    marks = {(m.joint, m.segment): m for m in joint_marks(model.nominal, model.nominal, errors)}
+    marks = {
+        (m.joint, m.segment): m for m in build_joint_marks(model.nominal, model.nominal, errors)
+    }
     hip = marks["hip_r", "pelvis"]
     assert hip.fitted and not marks["hip_r", "thigh_r"].fitted
     assert hip.centre_spread @ hip.centre_spread.T == pytest.approx(
@@ -176,13 +178,13 @@ def test_standard_errors_become_clouds_and_cones_and_one_that_is_no_number_draws
     assert np.isnan(marks["hip_l", "pelvis"].centre_spread).all()
     assert np.isnan(hip.nominal_axis).all()
     odd = {"hip_r.pelvis.ant": float("nan"), "hip_r.pelvis.sup": np.inf}
-    assert not any(mark.fitted for mark in joint_marks(model.nominal, model.nominal, odd))
+    assert not any(mark.fitted for mark in build_joint_marks(model.nominal, model.nominal, odd))
 
 
 def test_limb_meshes_end_at_the_joint_centres() -> None:
     model = subject_model()
-    worn = {(g.mesh, g.segment): g.place for g in fitted_meshes(model)}
-    knee = joint_marks(model.nominal, model.parameters, {})
+    worn = {(g.mesh, g.segment): g.place for g in fit_body_meshes(model)}
+    knee = build_joint_marks(model.nominal, model.parameters, {})
     centre = next(m.fitted_centre for m in knee if m.joint == "knee_r" and m.segment == "thigh_r")
     place = worn["upperleg", "thigh_r"]
     assert place[:, :3] @ [0.0, -60.8, 0.0] + place[:, 3] == pytest.approx(centre, abs=EXACT)
@@ -205,9 +207,10 @@ def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
     model = replace(
         base, subject=subject, parameters=parameters, nominal=parameters, markers=markers
     )
-    head = next(g.place for g in fitted_meshes(model) if g.mesh == "head")
+    head = next(g.place for g in fit_body_meshes(model) if g.mesh == "head")
     marks = {
-        (m.joint, m.segment): m.fitted_centre[1] for m in joint_marks(parameters, parameters, {})
+        (m.joint, m.segment): m.fitted_centre[1]
+        for m in build_joint_marks(parameters, parameters, {})
     }
     legs = marks["hip_r", "thigh_r"] - marks["knee_r", "thigh_r"] - marks["talocrural_r", "shank_r"]
     lumbar = (
@@ -225,7 +228,7 @@ def test_the_head_is_where_its_markers_are() -> None:
     """Of a person whose stature is given 30 cm too large: not a head above them."""
     base = subject_model()
     tall = replace(base, subject=replace(base.subject, height=2.0))
-    head = next(g.place for g in fitted_meshes(tall) if g.mesh == "head")
+    head = next(g.place for g in fit_body_meshes(tall) if g.mesh == "head")
     top = (head[:, :3] @ [0.0, 46.2, 0.0] + head[:, 3])[1]
     assert 0.0 < top - base.markers.local[base.markers.labels.index("Top.Head"), 1] < 0.07
 

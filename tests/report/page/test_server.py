@@ -13,7 +13,7 @@ import pytest
 
 from gaitcal.cli.view_command import ViewServer
 from gaitcal.errors import InputError
-from gaitcal.report.page.page_html import Shown, page_html
+from gaitcal.report.page.page_html import PageContent, render_page
 from gaitcal.report.page.scene import Scene
 from gaitcal.report.page.scene_file import save_scene
 
@@ -29,7 +29,7 @@ print("ended", flush=True)
 
 @pytest.fixture(scope="module")
 def server(scene: Scene) -> Iterator[ViewServer]:
-    with ViewServer(page_html(Shown(scene))) as running:
+    with ViewServer(render_page(PageContent(scene))) as running:
         thread = threading.Thread(target=running.serve_forever, args=(0.05,))
         thread.start()
         yield running

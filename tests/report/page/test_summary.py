@@ -22,16 +22,20 @@ from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.quality.force_diagnosis import beyond_expected
 from gaitcal.report.page import key_figures
-from gaitcal.report.page.joint_sections import joint_blocks
-from gaitcal.report.page.key_figures import stride_uses, top_lines, usable_words
-from gaitcal.report.page.page_data import result_sections
-from gaitcal.report.page.plain_data import Block, number
-from gaitcal.report.page.trust_sections import marker_fits
+from gaitcal.report.page.joint_sections import build_joint_blocks
+from gaitcal.report.page.key_figures import (
+    build_top_lines,
+    collect_stride_uses,
+    summarise_usable_strides,
+)
+from gaitcal.report.page.page_data import build_result_sections
+from gaitcal.report.page.plain_data import Block, format_number
+from gaitcal.report.page.trust_sections import collect_marker_fits
 from gaitcal.results.parameter_labels import (
-    blind_spots,
-    counts_sentence,
-    joint_groups,
-    range_of_motion,
+    compute_range_of_motion,
+    describe_unidentifiable,
+    group_joint_parameters,
+    summarise_fitted,
 )
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
@@ -45,7 +49,7 @@ SAID = CalibrationSettings(
 
 def agreement(calibration: Calibration) -> dict[str, str]:
     """The line of how model, markers and forces agree."""
-    return top_lines(calibration, ())[1]
+    return build_top_lines(calibration, ())[1]
 
 
 def with_final(calibration: Calibration, **changes: np.ndarray) -> Calibration:
@@ -102,13 +106,13 @@ def test_one_residual_above_its_limit_is_beyond_its_errors(
 
 
 def test_numbers_are_set_with_minus_signs_and_thin_spaces() -> None:
-    assert number(-1234.56) == "\N{MINUS SIGN}1\u202f234.6"
+    assert format_number(-1234.56) == "\N{MINUS SIGN}1\u202f234.6"
     assert (
-        number(0.04, 1, True) == "0.0"
-        and number(0.06, 1, True) == "+0.1"
-        and number(-0.04) == "0.0"
+        format_number(0.04, 1, True) == "0.0"
+        and format_number(0.06, 1, True) == "+0.1"
+        and format_number(-0.04) == "0.0"
     )
-    assert number(None) == number(float("nan")) == "\N{EN DASH}"
+    assert format_number(None) == format_number(float("nan")) == "\N{EN DASH}"
 
 
 def test_markers_with_little_weight_come_last_and_the_worst_first(whole: Calibration) -> None:
@@ -120,14 +124,18 @@ def test_markers_with_little_weight_come_last_and_the_worst_first(whole: Calibra
     weighted = replace(
         walk.calibrated, errors=replace(errors, distance=errors.distance * size, weight=weight)
     )
-    assert [m.label for m in marker_fits(replace(walk, calibrated=weighted))] == [
+    assert [m.label for m in collect_marker_fits(replace(walk, calibrated=weighted))] == [
         *reversed(errors.labels[:-1]),
         errors.labels[-1],
     ]
 
 
 def test_a_change_is_fitted_minus_nominal(whole: Calibration) -> None:
-    rows = {row.name: row for group in joint_groups(whole) for row in (*group.right, *group.left)}
+    rows = {
+        row.name: row
+        for group in group_joint_parameters(whole)
+        for row in (*group.right, *group.left)
+    }
     assert rows["hip_l.pelvis.ant"].change == pytest.approx(4.0)  # mm
     assert (rows["hip_l.pelvis.ant"].side, rows["hip_l.pelvis.ant"].part) == ("l", "hip")
 
@@ -161,24 +169,29 @@ def test_what_becomes_of_an_unseen_parameter(
             people=12,
         )
     person = replace(whole, study=replace(whole.study, settings=settings, joint_prior=prior))
-    assert any(kept in sentence for sentence in blind_spots(person))
-    ending = counts_sentence(person)
+    assert any(kept in sentence for sentence in describe_unidentifiable(person))
+    ending = summarise_fitted(person)
     assert ending.endswith("All others keep their nominal values.")
     assert ("stays near what the cohort has" in ending) == bool(learnt)
-    shown = json.dumps(joint_blocks(person))
+    shown = json.dumps(build_joint_blocks(person))
     assert ("12 people of a cohort (priors.json)" in shown) == (prior is not None)
 
 
 def test_an_unseen_parameter_that_a_cohort_moves_is_shown(whole: Calibration) -> None:
     name = whole.unidentifiable[0]
     words = parameter_words(name) + ", not determined"
-    assert words not in json.dumps(joint_blocks(whole))
+    assert words not in json.dumps(build_joint_blocks(whole))
     moved = whole.model.parameters.with_joint(
         (name,), whole.nominal.parameters.joint[[JP_INDEX[name]]] + 0.1
     )
     person = replace(whole, model=whole.model.with_parameters(moved))
-    (row,) = [row for g in joint_groups(person) for row in (*g.right, *g.left) if row.name == name]
-    shown = json.dumps(joint_blocks(person))
+    (row,) = [
+        row
+        for g in group_joint_parameters(person)
+        for row in (*g.right, *g.left)
+        if row.name == name
+    ]
+    shown = json.dumps(build_joint_blocks(person))
     assert words in shown and f'"{row.fitted:.1f}"' in shown
 
 
@@ -191,8 +204,8 @@ def test_what_would_show_an_unseen_parameter(whole: Calibration, share: float, a
     still = replace(walk.calibrated, coefficients=share * walk.calibrated.coefficients)
     person = replace(whole, trials=(replace(walk, calibrated=still),))
     angle = np.degrees(walk.body.q[:, COORDINATE_INDEX["subtalar_angle_r"]])
-    assert range_of_motion(person, "subtalar_r") == pytest.approx(share * np.ptp(angle))
-    (sentence,) = [text for text in blind_spots(person) if "subtalar" in text]
+    assert compute_range_of_motion(person, "subtalar_r") == pytest.approx(share * np.ptp(angle))
+    (sentence,) = [text for text in describe_unidentifiable(person) if "subtalar" in text]
     assert advice in sentence
 
 
@@ -229,7 +242,7 @@ def spoilt(walk: TrialResult, *, loaded: bool, resting: bool, plate: bool = True
 
 def test_every_reason_has_its_frames(walk: TrialResult) -> None:
     def used(trial: TrialResult) -> list[tuple[str, int, str, bool, str]]:
-        return [(u.side, u.number, u.plate, u.whole, u.reason) for u in stride_uses(trial)]
+        return [(u.side, u.number, u.plate, u.whole, u.reason) for u in collect_stride_uses(trial)]
 
     whole = [("r", 1, "1", True, ""), ("r", 2, "1", True, ""), ("l", 1, "2", True, "")]
     assert used(walk) == whole, "all frames are valid"
@@ -254,11 +267,14 @@ def test_every_reason_has_its_frames(walk: TrialResult) -> None:
 
 
 def test_strides_that_count_are_told_in_a_sentence(walk: TrialResult) -> None:
-    uses, counted = stride_uses(walk), "Usable for moments: 2 of 2 right, 1 of 1 left strides"
-    assert usable_words(uses) == f"{counted}."
+    uses, counted = (
+        collect_stride_uses(walk),
+        "Usable for moments: 2 of 2 right, 1 of 1 left strides",
+    )
+    assert summarise_usable_strides(uses) == f"{counted}."
     mixed = [replace(use, repeats=use.number == 2) for use in uses]
-    assert usable_words(mixed) == f"{counted} and repetitions."
-    told = usable_words(stride_uses(spoilt(walk, loaded=True, resting=True)))
+    assert summarise_usable_strides(mixed) == f"{counted} and repetitions."
+    told = summarise_usable_strides(collect_stride_uses(spoilt(walk, loaded=True, resting=True)))
     assert told == f"{counted.replace('2 of 2', '1 of 2')}; others: {key_figures.NOT_WHOLLY}."
 
 
@@ -287,7 +303,7 @@ def with_truth(calibration: Calibration) -> Calibration:
 
 @pytest.fixture(scope="module")
 def blocks() -> list[Block]:
-    return result_sections(with_truth(fake_calibration()))["joints"]
+    return build_result_sections(with_truth(fake_calibration()))["joints"]
 
 
 def test_sums_joints_angles_and_moments_are_told(blocks: list[Block]) -> None:
@@ -318,11 +334,13 @@ def test_the_truth_stands_beside_each_parameter(blocks: list[Block]) -> None:
         ("hip centre, pelvis, forward", "r", TRUE)
     ]
     (table,) = (b for b in tables(blocks, "Right") if "Truth" in b["head"])
-    assert rows_of(table)["hip centre in the pelvis, forward mm"][-1] == number(TRUE)
+    assert rows_of(table)["hip centre in the pelvis, forward mm"][-1] == format_number(TRUE)
 
 
 def test_without_truth_nothing_of_it_is_there() -> None:
     assert (
         "truth"
-        not in words([b for s in result_sections(fake_calibration()).values() for b in s]).lower()
+        not in words(
+            [b for s in build_result_sections(fake_calibration()).values() for b in s]
+        ).lower()
     )

@@ -24,7 +24,7 @@ from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.report.page.scene import trial_scene
+from gaitcal.report.page.scene import build_trial_scene
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
 from gaitcal.tracking.motion import Motion
 from gaitcal.viewer import MotionViewer
@@ -66,7 +66,7 @@ def port_of(viewer: MotionViewer) -> int:
 
 def test_body_meshes_have_the_poses_of_the_page(walk: Walk, viewer: MotionViewer) -> None:
     model, motion, recording, ground = walk
-    trial = trial_scene(model, "walk", "gait", motion, recording, ground)
+    trial = build_trial_scene(model, "walk", "gait", motion, recording, ground)
     names = [g.name for g in viewer.visual_model.geometryObjects]
     assert set(names) == {fitted.segment for fitted in module.fitted_meshes(model)}
     for name in names:

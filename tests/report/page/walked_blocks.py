@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from gaitcal.analysis.result import Calibration
-from gaitcal.report.page.page_data import calibration_page_data
+from gaitcal.report.page.page_data import build_calibration_page_data
 
 Block = dict[str, Any]
 KINDS = {
@@ -85,7 +85,7 @@ def words(blocks: Sequence[Block]) -> str:
 
 def page_words(calibration: Calibration) -> str:
     """Everything that its page says in words and formatted numbers, a line for each piece."""
-    sheet = calibration_page_data(calibration)
+    sheet = build_calibration_page_data(calibration)
     parts = (
         sheet["verdict"],
         sheet["lines"],
