@@ -24,7 +24,7 @@ from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.tracking import motion, rigid, trial_problem
-from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.start import find_start_coefficients
 
 LARGEST_POSITION = 0.020  # m, standard error above which a joint position counts as not determined
 LARGEST_ORIENTATION = np.deg2rad(20.0)  # rad, the same for an axis' direction
@@ -238,12 +238,12 @@ def worn_as_standing(problems: Sequence[trial_problem.MotionProblem]) -> bool:
     body, wherever joints are found. False where skin or cameras leave that open, and of points that
     are no markers.
     """
-    floors = [motion.rigid_floor(problem) for problem in problems if problem.noise is None]
+    floors = [motion.compute_rigid_floor(problem) for problem in problems if problem.noise is None]
     shown = [
         (floor, s)
         for floor in floors
         for s in linkage.LOWER_BODY
-        if floor.kept(s).sum() >= rigid.FEWEST_MARKERS
+        if floor.select_observed(s).sum() >= rigid.FEWEST_MARKERS
     ]
     apart = [floor.rms(segment) or 0.0 for floor, segment in shown]
     return bool(apart) and len(floors) == len(problems) and max(apart) < PLACED_ANEW
@@ -298,7 +298,7 @@ def arm_ambiguity(
     out: dict[str, float] = {}
     arm = [row.name for row in coordinates.COORDINATE_TABLE.values() if row.group == "arm"]
     for problem, own in zip(problems, coefficients, strict=True):
-        start = starting_nodes(problem.body(parameters), problem.data, problem.basis)
+        start = find_start_coefficients(problem.build_body(parameters), problem.data, problem.basis)
         apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
         median = dict(
             zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True)

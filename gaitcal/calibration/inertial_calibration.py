@@ -240,7 +240,7 @@ def equations_of(
     for motion in motions:
         at = motion.valid
         q, v, a = (x[at] for x in motion.state)
-        regressors.append(dynamics.root_regressor(q, v, a))
+        regressors.append(dynamics.compute_root_regressor(q, v, a))
         total = motion.wrench[at].sum(axis=1)
         about_pelvis = total[:, 3:] - np.cross(q[:, :3], total[:, :3])
         grounds.append(-np.hstack([total[:, :3], about_pelvis]))

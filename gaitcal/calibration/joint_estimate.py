@@ -67,10 +67,10 @@ from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.banded import eliminate
-from gaitcal.tracking.coordinate_prior import joints_left_open
+from gaitcal.tracking.coordinate_prior import find_undetermined_joints
 from gaitcal.tracking.soft_tissue import SoftTissue
-from gaitcal.tracking.spline import frame_rate
-from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.spline import compute_frame_rate
+from gaitcal.tracking.start import find_start_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
@@ -135,7 +135,9 @@ def free_of(problems: Sequence[MotionProblem], wanted: Sequence[str]) -> tuple[s
             if a.any() and b.any()
         }
         passed |= {
-            name for name in found if name.split(".")[0] not in joints_left_open(problem.guessed)
+            name
+            for name in found
+            if name.split(".")[0] not in find_undetermined_joints(problem.guessed)
         }
     return tuple(name for name in wanted if name in passed)
 
@@ -178,7 +180,7 @@ def estimate_joints(
     for kind in tasks:
         of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
         noise += noise_of(of_kind, present, free, None if equal_weights else noise_prior(kind))
-    starts = [starting_nodes(p.body(present), p.data, p.basis) for p in problems]
+    starts = [find_start_coefficients(p.build_body(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _expected(nominal, free, prior)
     search = JointSearch(
         problems,
@@ -305,11 +307,12 @@ def noise_of(
     ]
     own = free_of(problems, free)
     noise = [
-        FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems
+        FIRST_NOISE * float(np.sqrt(max(compute_frame_rate(p.basis) * MEMORY_S, 1.0)))
+        for p in problems
     ]
     if not own:
         return noise
-    starts = [starting_nodes(p.body(nominal), p.data, p.basis) for p in problems]
+    starts = [find_start_coefficients(p.build_body(nominal), p.data, p.basis) for p in problems]
     about = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
     tissue, least = secondary_prior(problems), [least_noise(p.basis, p.noise) for p in problems]
     search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=about)
@@ -322,7 +325,7 @@ def noise_of(
             forbidden_noise(p, at, trial.coefficients)
             for p, trial in zip(moved, state.trials, strict=True)
         ]
-        rates = [frame_rate(p.basis) for p in problems]
+        rates = [compute_frame_rate(p.basis) for p in problems]
         priors = (
             None
             if expected is None or any(p.noise for p in problems)
@@ -463,8 +466,10 @@ def _coupling(
     for problem, coefficients, nu in zip(problems, fit.coefficients, noise, strict=True):
         opened = problem.with_free(joints)
         z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
-        moved = opened.displaced(np.array(z)) if z else opened
-        of_trial = eliminate(moved.equations(coefficients, moved.body(fit.parameters)))
-        places = moved.places_in(names)
+        moved = opened.displace(np.array(z)) if z else opened
+        of_trial = eliminate(
+            moved.assemble_equations(coefficients, moved.build_body(fit.parameters))
+        )
+        places = moved.locate_in(names)
         out[np.ix_(places, places)] += of_trial.hessian / nu**2
     return out[: len(unknowns), len(unknowns) :]

@@ -95,7 +95,7 @@ from gaitcal.study.settings import ParameterPriorTable
 from gaitcal.tracking import spline, trial_problem
 from gaitcal.tracking.marker_residual import MarkerData
 from gaitcal.tracking.rigid import FEWEST_MARKERS
-from gaitcal.tracking.soft_tissue import together
+from gaitcal.tracking.soft_tissue import build_rigid_pattern
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,8 +324,8 @@ def least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> f
     of points that are no markers.
     """
     if noise is not None:
-        return noise.least(spline.frame_rate(basis))
-    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.frame_rate(basis), 1.0)))
+        return noise.least(spline.compute_frame_rate(basis))
+    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.compute_frame_rate(basis), 1.0)))
 
 
 def forbidden_noise(
@@ -343,7 +343,7 @@ def forbidden_noise(
     coefficients
         (nn, nq) of the motion.
     """
-    model = problem.positions(coefficients, problem.body(parameters))
+    model = problem.compute_positions(coefficients, problem.build_body(parameters))
     for counted_markers in (_whole_segments(problem.data), np.ones(len(model), dtype=bool)):
         weight = problem.data.weight * counted_markers[:, None]
         some = problem.with_weight(weight)
@@ -396,7 +396,7 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
         )
         # a rotation in units of one that moves markers as far as a translation does
         size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
-        pattern = together((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
+        pattern = build_rigid_pattern((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
         columns = (np.sqrt(weight)[:, :, None, None] * pattern).transpose(1, 0, 2, 3)
         columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])  # (nf, 3 nm, 6)
         values, vectors = np.linalg.eigh(columns.transpose(0, 2, 1) @ columns)
@@ -419,9 +419,11 @@ def _linkage_ranks(
     visible = np.asarray(problem.data.weight > 0)
     _, first, which = np.unique(visible, axis=1, return_index=True, return_inverse=True)
     frames = np.sort(first)
-    some = replace(problem, basis=problem.basis.at(frames), data=problem.data.frames(frames))
+    some = replace(
+        problem, basis=problem.basis.select_frames(frames), data=problem.data.select_frames(frames)
+    )
     q = problem.basis.evaluate(coefficients)[frames]
-    hessian = some.frame_hessians(q, some.body(parameters))
+    hessian = some.compute_frame_hessians(q, some.build_body(parameters))
     size = np.sqrt(np.einsum("fii->fi", hessian))
     inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values = np.linalg.eigvalsh(hessian * inverse[:, :, None] * inverse[:, None, :])

@@ -137,7 +137,9 @@ class OpenMotion:
 
     def evaluate(self, x: Array) -> OpenEvaluation:
         """Cost and half gradients."""
-        cost, by_nodes, by_parameter = self.problem.both_gradients(self.coefficients(x), self.body)
+        cost, by_nodes, by_parameter = self.problem.compute_gradients(
+            self.coefficients(x), self.body
+        )
         return OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
@@ -146,7 +148,7 @@ class OpenMotion:
         return OpenMatrix(
             self.values,
             coefficients,
-            self.problem.equations(coefficients, self.body, curved=curved),
+            self.problem.assemble_equations(coefficients, self.body, curved=curved),
         )
 
     def corrected(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
@@ -189,7 +191,9 @@ class OpenMotion:
             coefficients=self.coefficients(x),
             matrices=matrices,
             cost=max(before.cost - predicted_reduction, 0.0),
-            reduced_gradient=matrices.eliminated.reduced(before.gradient, before.by_parameter),
+            reduced_gradient=matrices.eliminated.reduce_gradient(
+                before.gradient, before.by_parameter
+            ),
             converged=converged,
         )
 
@@ -265,7 +269,7 @@ class ReducedProblem:
         """What the cost of each trial counts."""
         self.fixed = [replace(problem.with_free(()), tissue=None) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
-        self.bodies = [problem.body(parameters) for problem in self.open]
+        self.bodies = [problem.build_body(parameters) for problem in self.open]
         """Of each trial; a free joint parameter is a joint, so that nothing is built anew when it
         changes.
         """
@@ -284,7 +288,7 @@ class ReducedProblem:
         """
         for members, own in zip(self.members, self.tissue, strict=True):
             for t in members:
-                self.columns[t] = self.open[t].places_in((*free, *own.keys))
+                self.columns[t] = self.open[t].locate_in((*free, *own.keys))
         self.prior = np.zeros((0, len(free))) if prior is None else prior
         self.centre = np.zeros(len(free)) if centre is None else centre
         self.state: ReducedState | None = None
@@ -482,7 +486,7 @@ class ReducedProblem:
         opened = self.open[t]
         if opened.tissue is None:
             return self.fixed[t], opened
-        moved = opened.displaced(values[opened.joint_parameters :])
+        moved = opened.displace(values[opened.joint_parameters :])
         return self.fixed[t].with_data(moved.data), moved
 
     def _motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
@@ -518,7 +522,7 @@ class ReducedProblem:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
             predicted = track_nodes(
-                fixed, fixed.body(self._linkage_of(t, values)), self.starts[t], about
+                fixed, fixed.build_body(self._linkage_of(t, values)), self.starts[t], about
             ).x
         else:
             predicted = near.predicted(values)
@@ -543,7 +547,7 @@ class ReducedProblem:
         """The motion found by tracking, and one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=curved)
         tracked = track_nodes(
-            fixed, fixed.body(self._linkage_of(t, motion.values)), coefficients, settings
+            fixed, fixed.build_body(self._linkage_of(t, motion.values)), coefficients, settings
         )
         if tracked.curved and not settings.curved:
             self.slow_at[t] = min(self.slow_at[t], tracked.cost)

@@ -92,7 +92,7 @@ from gaitcal.model.linkage import (
 )
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking import motion, soft_tissue
-from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_fit
+from gaitcal.tracking.rigid import FEWEST_MARKERS, fit_rigid
 from gaitcal.tracking.trial_problem import MotionProblem
 
 
@@ -190,7 +190,7 @@ def angle_units(
     for name in dict.fromkeys(name for of_trial in angles for name in of_trial):
         still = (posture or {}).get(name, 0.0)
         every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial]) - still
-        size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.LEAST_SPREAD)
+        size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.MIN_ANGLE_SPREAD_RAD)
         relative = every / size
         bend = float(np.mean(relative**3)) / max(float(np.mean(relative**2)), TINY)
         out[name] = AngleUnit(size, bend)
@@ -306,7 +306,7 @@ class _Cluster:
         gait: bool,
     ) -> None:
         self.kind, _, side = segment.partition("_")
-        self.pattern = soft_tissue.together(local - middle)
+        self.pattern = soft_tissue.build_rigid_pattern(local - middle)
         self._flat = self.pattern.reshape(-1, soft_tissue.WIDTH)
         self._mirror = np.array([1.0, 1.0, -1.0 if side == "l" else 1.0])
         self._field = table.get(self.kind)
@@ -348,7 +348,7 @@ class _Cluster:
         """(6, 6) m^2, m rad, rad^2 about the mean, of what they do together."""
         field = self._from_bones(regressor)
         size = self._size
-        together = np.linalg.pinv(self._flat, rcond=soft_tissue.SMALLEST)
+        together = np.linalg.pinv(self._flat, rcond=soft_tissue.RANK_TOLERANCE)
         more = np.zeros((soft_tissue.WIDTH,) * 2)
         if field is not None:
             size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
@@ -525,7 +525,7 @@ def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> Clu
     """
     count, width = observed.expected.shape
     flat = observed.pattern.reshape(-1, soft_tissue.WIDTH)
-    to_rigid = np.linalg.pinv(flat, rcond=soft_tissue.SMALLEST)
+    to_rigid = np.linalg.pinv(flat, rcond=soft_tissue.RANK_TOLERANCE)
     before, roots, rigid = list[Array](), list[Array](), list[Array]()
     columns = zip(
         observed.names,
@@ -615,7 +615,7 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
         (often > 0) & (often >= min(third, TRUSTED * often.max(initial=0)))
     )
     local, weight = data.local[used], data.weight[used]
-    fit = rigid_fit(local, data.measured[used], weight)
+    fit = fit_rigid(local, data.measured[used], weight)
     # a pair has no turn about its line, and needs none: all that it can do by itself is along it
     determined = fit.determined | (len(used) == PAIR)
     whole = determined & trusted[used - group.markers.start].all(axis=0)
@@ -635,7 +635,7 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
     psi = psi - psi.mean(axis=1, keepdims=True)
     rigid = _rigid_directions(
-        soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
+        soft_tissue.build_rigid_pattern(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
     )
     noise = _noise(
         errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise)
@@ -654,7 +654,7 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
 def _rigid_directions(flat: Array) -> Array:
     """(3 nm, 6 or 5) orthonormal columns that span those of B (3 nm, 6)."""
     columns, sizes, _ = np.linalg.svd(flat, full_matrices=False)
-    return np.asarray(columns[:, sizes > soft_tissue.SMALLEST * sizes[0]])
+    return np.asarray(columns[:, sizes > soft_tissue.RANK_TOLERANCE * sizes[0]])
 
 
 def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
@@ -714,7 +714,7 @@ def tissue_prior(
                 blocks.append(found.covariance[np.ix_(rows, rows)])
                 continue
             for r in new:
-                mean = group.rigid_part(group.expected[r])
+                mean = group.fit_rigid_part(group.expected[r])
                 means.append(np.zeros(soft_tissue.WIDTH))
                 blocks.append(
                     scales[kind].covariance(
@@ -790,7 +790,7 @@ class FoundTissue:
         if problem.tissue is None or not problem.tissue.groups:
             return problem
         z = np.array([self.values.get(key, 0.0) for key in problem.tissue.keys])
-        return problem.shifted(problem.tissue.shift(z, len(problem.labels)))
+        return problem.shift_markers(problem.tissue.compute_shift(z, len(problem.labels)))
 
 
 NO_FOUND_TISSUE = FoundTissue()
@@ -915,7 +915,7 @@ def task_tissue(
         )
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(
-        zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True)
+        zip(gait, soft_tissue.build_secondary_columns(GAIT, [angles[n] for n in gait]), strict=True)
     )
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
 
@@ -946,7 +946,7 @@ def task_tissue(
 
 def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
-    q = motion.tracked_motion(part, nominal).q
+    q = motion.track_motion(part, nominal).q
     return {
         name: values
         for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True)
@@ -1007,7 +1007,7 @@ def tissue_of_further(
         for name, phi in angles.items()
         if any(key.startswith(f"{kind}/{name}/^") for key in known)
     }
-    (secondary,) = soft_tissue.secondary_columns(kind, [knees])
+    (secondary,) = soft_tissue.build_secondary_columns(kind, [knees])
     secondary_or_none = secondary if secondary.names else None
     tissue = tissue_of(
         trial, kind, regressors, nominal, known, secondary_or_none, softness=softness

@@ -65,7 +65,7 @@ class ErringForces:
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, joint_kinetics.HELD)
         self._opened = Dynamics(parameters, joint_kinetics.HELD, self.free)
-        self._rates = measurement_errors.wrench_rates(problem.basis.time, wrenches)
+        self._rates = measurement_errors.compute_wrench_rates(problem.basis.time, wrenches)
         self._state = [problem.basis.evaluate(coefficients, k) for k in range(3)]
 
     @property
@@ -84,11 +84,11 @@ class ErringForces:
         """Of some frames."""
         dynamics, opened, wrenches = self._dynamics, self._opened, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
-        placed, forces = opened.placed(q), dynamics.forces(q, v, a, wrenches)
+        placed, forces = opened.place(q), dynamics.compute_forces(q, v, a, wrenches)
         slopes = derivatives.differentiate_forces(
             opened, q, v, a, wrenches, joint_kinetics.ALL_FORCES
         )
-        kinetic = joint_kinetics.kinetic_slopes(placed, v, forces, self.free)
+        kinetic = joint_kinetics.differentiate_kinetics(placed, v, forces, self.free)
         through = kinetic.by_force
         by_state = np.concatenate(
             [
@@ -111,13 +111,20 @@ class ErringForces:
         if self.inertial is not None:
             heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
             found.add(measurement_errors.ErrorSource.INERTIA, squares(through @ heavier))
-        if self.plates is not None and self.plates.any:
-            plates = measurement_errors.wrench_errors(wrenches, self._rates[part], self.plates)
-            wrong = dynamics.of_ground(placed, plates)
+        if self.plates is not None and self.plates.nonzero:
+            plates = measurement_errors.compute_wrench_errors(
+                wrenches, self._rates[part], self.plates
+            )
+            wrong = dynamics.compute_ground_forces(placed, plates)
             found.add(measurement_errors.ErrorSource.PLATES, squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
-            moving, turns = self._rate_moves(self.axes, part), self.axes.segment_turns(q)
-            moved = kinetic.moved(self.axes.torque_moves(q, forces), moving, turns)
+            moving, turns = (
+                self._rate_moves(self.axes, part),
+                self.axes.compute_segment_rotations(q),
+            )
+            moved = kinetic.propagate_axis_errors(
+                self.axes.compute_torque_sensitivities(q, forces), moving, turns
+            )
             found.add(measurement_errors.ErrorSource.FRAMES, squares(moved))
         return found
 
@@ -126,7 +133,7 @@ class ErringForces:
         moves with.
         """
         wide = slice(max(part.start - 1, 0), part.stop + 1)
-        moves = axes.rate_moves(self._state[0][wide], self.problem.basis.time[wide])
+        moves = axes.compute_rate_sensitivities(self._state[0][wide], self.problem.basis.time[wide])
         moves = moves[part.start - wide.start :][: part.stop - part.start]
         return np.where(self.problem.active[:, None], moves, 0.0)
 
@@ -154,7 +161,9 @@ def joined(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
     kinetics, own = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own")
     )
-    return measurement_errors.TorqueErrors.of(torques, joint_kinetics.kinetic_errors(kinetics, own))
+    return measurement_errors.TorqueErrors.from_sources(
+        torques, joint_kinetics.build_kinetic_errors(kinetics, own)
+    )
 
 
 def _inertial_moves(
@@ -167,7 +176,7 @@ def _inertial_moves(
     by_source = slopes @ spread.reshape(
         len(slopes), 7, sources
     )  # (12, 10, n) change of the dynamic parameters
-    regressor = dynamics.regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
+    regressor = dynamics.compute_regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
     return regressor @ by_source.reshape(-1, sources)
 
 

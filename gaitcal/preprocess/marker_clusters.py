@@ -35,7 +35,7 @@ from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.tracking.rigid import RigidFit, rigid_fit
+from gaitcal.tracking.rigid import RigidFit, fit_rigid
 
 USUAL_HEIGHT_M = 1.75
 """Clean recordings from which limits in metres are taken are of people up to about this height:
@@ -411,7 +411,7 @@ def _fitted(
         return None
     turn, shift = alignment(shape, static)
     shape = shape @ turn.T + shift
-    fit = rigid_fit(shape, measured, weight)
+    fit = fit_rigid(shape, measured, weight)
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
     away[~fit.determined] = np.nan
     return shape, fit, away if near is None else away - np.nanmedian(away, axis=0)
@@ -425,7 +425,7 @@ def _mean_shape(
     """
     shape = start
     for _ in range(ROUNDS):
-        fit = rigid_fit(shape, measured, weight)
+        fit = fit_rigid(shape, measured, weight)
         local = (paths - fit.origin[:, None]) @ fit.rotation
         known = seen & fit.determined[:, None]
         if not known.any(axis=0).all():

@@ -17,7 +17,7 @@ from gaitcal.preprocess.joint_links import JointLink, links_of
 from gaitcal.preprocess.marker_clusters import MarkerCluster, Stance, clusters_of
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial
-from gaitcal.tracking.rigid import RigidFit, segment_fit
+from gaitcal.tracking.rigid import RigidFit, fit_segment
 
 NEGLIGIBLE_WEIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns,
@@ -294,7 +294,7 @@ class TrialEvidence:
         return (
             None
             if self.model is None
-            else segment_fit(self.model.markers, "pelvis", self.recording)
+            else fit_segment(self.model.markers, "pelvis", self.recording)
         )
 
     @cached_property

@@ -18,8 +18,8 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from gaitcal.dynamics.ground_reactions import leg_of
-from gaitcal.dynamics.joint_kinetics import MomentFrame, vector_column
+from gaitcal.dynamics.ground_reactions import get_leg
+from gaitcal.dynamics.joint_kinetics import MomentFrame, name_vector_column
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import (
@@ -197,12 +197,14 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
             message = f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again"
             raise InputError(message, code=Code.DAMAGED_RESULT)
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
-        names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
+        names = [
+            name for name in told_components(found.model.frozen) if get_leg(name) in (side, "")
+        ]
         for stride, cycle in enumerate(cycles, start=1):
             told_of_stride = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
             for name in names:
-                leg = leg_of(name)
-                column, counts = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
+                leg = get_leg(name)
+                column, counts = name_vector_column(name, frame), f"valid_{leg}" if leg else "valid"
                 usable = np.where(table[counts].to_numpy() == 1, 1.0, np.nan)
                 signals = (
                     table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride")

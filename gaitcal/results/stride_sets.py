@@ -242,7 +242,7 @@ def _axis_errors(session: RecordedSession, sets: Mapping[Key, StrideSet]) -> dic
             if of == side and name in COORDINATE_INDEX:
                 here[variable] = COORDINATE_INDEX[name]
                 posture[:, here[variable]] = np.deg2rad(mean_over(found.values))
-        errors = np.rad2deg(axes.coordinate_errors(np.nan_to_num(posture)))
+        errors = np.rad2deg(axes.compute_coordinate_errors(np.nan_to_num(posture)))
         out |= {(side, variable): errors[:, column] for variable, column in here.items()}
     return out
 

@@ -225,7 +225,7 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
         **walk_summary(verdict, trial.name),
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
-        "weighted_markers": int(errors.kept().sum()),
+        "weighted_markers": int(errors.select_observed().sum()),
         "nodes": trial.calibrated.basis.nodes,
         "rms_mm": _rms(trial),
     }
@@ -248,7 +248,7 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
                 "nominal": 1e3 * held.legs[0],
                 "calibrated": 1e3 * held.legs[1],
             }
-    nominal, calibrated = trial.nominal.errors.largest(), errors.largest()
+    nominal, calibrated = trial.nominal.errors.find_largest(), errors.find_largest()
     if nominal and calibrated:
         out["max_mm"] = {
             "nominal": 1e3 * nominal[0],
@@ -256,9 +256,12 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
             "marker": calibrated[1],
         }
     out["segments"] = {
-        segment: {"markers": int(errors.kept(segment).sum()), "rms_mm": _rms(trial, segment)}
+        segment: {
+            "markers": int(errors.select_observed(segment).sum()),
+            "rms_mm": _rms(trial, segment),
+        }
         for segment in SEGMENTS
-        if errors.kept(segment).any()
+        if errors.select_observed(segment).any()
     }
     if trial.joint_floor is not None:
         out["joint_floor_mm"] = {
@@ -352,7 +355,9 @@ def _error_sources(loads: Loads) -> dict[str, Json]:
     out: dict[str, Json] = {}
     for column, name in enumerate(FORCES):
         shares = (
-            loads.errors.shares(column, loads.reactions.valid_for(name)) if loads.errors else {}
+            loads.errors.compute_shares(column, loads.reactions.valid_for(name))
+            if loads.errors
+            else {}
         )
         if shares and not name.startswith("pelvis"):
             out[name] = {source.key: round(share, SHARE_DIGITS) for source, share in shares.items()}

@@ -14,7 +14,7 @@ import numpy as np
 from gaitcal.analysis.result import Loads, TrialResult, angle_counts
 from gaitcal.analysis.truth_errors import CurveTruth, CurveTruths
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_reactions import unseen_frames
+from gaitcal.dynamics.ground_reactions import find_unobserved_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.gait import cycles, moments, strides
 from gaitcal.model.coordinates import (
@@ -27,7 +27,7 @@ from gaitcal.model.coordinates import (
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.trial_tables import told_powers
-from gaitcal.tracking.motion import MarkerErrors, Motion, taken_off
+from gaitcal.tracking.motion import MarkerErrors, Motion, select_static_offsets
 
 GROUND: Final = {
     "ground_reaction_vertical": 1,
@@ -102,8 +102,8 @@ def _angles(
     """Joint angles; those of the pelvis against the trial's line of progression."""
     body, unseen, static, whole = (
         trial.body,
-        unseen_frames(trial.body),
-        taken_off(relative_to),
+        find_unobserved_frames(trial.body),
+        select_static_offsets(relative_to),
         _whole(trial),
     )
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.coordinates
@@ -141,7 +141,7 @@ def _angles(
 
 def _feet(trial: TrialResult) -> Iterator[Curve]:
     """Foot progression against the trial's line; each stride has its own (`_strides`)."""
-    feet, line, unseen = trial.foot_axes, line_of(trial), unseen_frames(trial.body)
+    feet, line, unseen = trial.foot_axes, line_of(trial), find_unobserved_frames(trial.body)
     if feet is None:
         return
     for k, side in enumerate(SIDES):
@@ -206,7 +206,9 @@ def _powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
             value=power_of(loads.kinetics, name),
             valid=loads.reactions.valid_for(name),
             error=None if errors is None else power_of(errors, name),
-            own=None if errors is None or errors.own is None else power_of(errors.own, name),
+            own=None
+            if errors is None or errors.from_markers is None
+            else power_of(errors.from_markers, name),
         )
 
 

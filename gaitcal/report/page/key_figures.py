@@ -19,7 +19,7 @@ from gaitcal.dynamics.expected_residual import (
     ExpectedResidual,
     ResidualLimits,
     ResidualMagnitudes,
-    residual_limits,
+    compute_residual_limits,
 )
 from gaitcal.gait import cycles, normal_bands
 from gaitcal.gait.moments import (
@@ -211,7 +211,7 @@ def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
         return GaitNumbers(trial=trial, layout=drawn)
     limits = None
     if loads.residuals:
-        limits = residual_limits(
+        limits = compute_residual_limits(
             model.parameters, trial.body.q, loads.reactions, trial.recording.plates
         )
     return GaitNumbers(

@@ -89,7 +89,7 @@ def fit_blocks(calibration: result.Calibration) -> list[Block]:
     """Of the whole result: the floors, and every trial in one table."""
     rows = []
     for trial in calibration.trials:
-        largest = trial.calibrated.errors.largest()
+        largest = trial.calibrated.errors.find_largest()
         rows.append(
             [
                 cell(named(trial.name), unit=role_words(trial.role, trial.joint)),
@@ -387,7 +387,7 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
         return None
     error = moment_of(loads.errors, name)
     frames = np.flatnonzero(
-        walk.layout.valid_for(ground_reactions.leg_of(name)) & np.isfinite(error)
+        walk.layout.valid_for(ground_reactions.get_leg(name)) & np.isfinite(error)
     )
     if not len(frames):
         return None
@@ -403,7 +403,7 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
         value=float(moment[frame]) / mass,
         time=float(walk.layout.time[frame] - walk.layout.time[0]),
         error=float(error[frame]) / mass,
-        shares=loads.errors.shares(inverse_dynamics.FORCES.index(name), here),
+        shares=loads.errors.compute_shares(inverse_dynamics.FORCES.index(name), here),
     )
 
 
@@ -437,7 +437,7 @@ def _peak_table(peak: PeakError) -> Block:
         return [cell(words), f"± {number(peak.alone(share), 3)}", percent]
 
     rows = [
-        row(s.words, share, number(100.0 * share, 0))
+        row(s.label, share, number(100.0 * share, 0))
         for s, share in peak.shares.items()
         if share >= SMALL_SHARE
     ]
@@ -491,7 +491,7 @@ def _residuals(walk: GaitNumbers) -> list[Block]:
     ]
 
 
-def _held(value: float, held: expected_residual.HeldResidual | None) -> Cell:
+def _held(value: float, held: expected_residual.ComparedResidual | None) -> Cell:
     """A residual, and whether it is within its limit, in words as well."""
     if held is None:
         return number(value)
