@@ -448,7 +448,7 @@ SHOWN_BY = {
 def angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
     """(nf,) where an angle may be used: not refused, and between segments that some marker shows.
 
-    `unseen`: of `dynamics.ground_reactions.unseen_frames`.
+    `unseen`: of `dynamics.ground_reactions.find_unobserved_frames`.
     """
     side = get_leg(name)
     refused = side in trial.refused_legs if side else bool(trial.refused_legs)

@@ -174,7 +174,7 @@ class RootEquations:
 def root_equations(regressor: Array, ground: Array, weight: float, length: float) -> RootEquations:
     """Compress the root wrench of the valid frames.
 
-    `regressor`: (nf, 6, 12, 10) of `Dynamics.root_regressor`. `ground`: (nf, 6) what the ground
+    `regressor`: (nf, 6, 12, 10) of `Dynamics.compute_root_regressor`. `ground`: (nf, 6) what the ground
     reactions contribute, force and moment about the pelvis origin. `weight`: body weight, N.
     `length`: m, torques are divided by weight * length.
     """

@@ -140,7 +140,7 @@ class ErringForces:
 
 @dataclass
 class Variances:
-    """Of the forces of some frames, then of the powers and moments that follow (`kinetic_slopes`)."""
+    """Of the forces of some frames, then of the powers and moments that follow (`differentiate_kinetics`)."""
 
     torques: dict[measurement_errors.ErrorSource, Array]  # (frames, 29) by source
     kinetics: Array  # (frames, 91) of all sources together

@@ -106,10 +106,11 @@ def compute_root_residual(
     derivatives = compute_force_derivatives(
         parameters, free, q, v, a, wrenches, names=inverse_dynamics.FORCES[:6]
     )
+    # The axes A depend on tilt and list: A dT = d tau - dA T.
     _, by_tilt, by_list = inverse_dynamics.compute_pelvis_axes(q)
     by_position = derivatives.by_position.copy()
-    for k, turned in ((3, by_tilt), (4, by_list)):
-        by_position[:, 3:, k] -= np.einsum("fij,fj->fi", turned, value[:, 3:])
+    for k, axes_by_angle in ((3, by_tilt), (4, by_list)):
+        by_position[:, 3:, k] -= np.einsum("fij,fj->fi", axes_by_angle, value[:, 3:])
     return RootResidual(
         value=value,
         by_position=inverse_dynamics.compute_root_wrench(q, by_position),
@@ -180,8 +181,9 @@ def _differentiate_moved_contacts(
     jacobians: Array,
     wrenches: Array,
 ) -> Array:
-    """Differentiate -sum_feet J_i^T w by joints j before i, wrenches fixed in the laboratory: (nf,
-    n, k).
+    """Differentiate -sum_feet J_i^T w by joints j before i: (nf, n, k).
+
+    Wrenches are fixed in the laboratory.
     """
     after = dynamics.body.chain.after
     pulls = np.zeros((len(wrenches), len(rows), 6))

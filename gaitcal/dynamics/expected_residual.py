@@ -122,6 +122,7 @@ def estimate_expected_residual(
     frames = reactions.valid & np.isfinite(errors.tau[:, PELVIS]).all(axis=1)
     if not frames.any():
         return None
+    # Mean squares of the residual and of its expected parts: S (`bar`), and U and B (`other`).
     residual = np.hstack([moments.residual_force, moments.residual_moment])[frames]
     bar = (errors.tau[frames][:, PELVIS] ** 2).mean(axis=0)
     baseline = (BASELINE_RESIDUAL * np.repeat([weight, moments.bwh], 3)) ** 2
@@ -137,6 +138,7 @@ def estimate_expected_residual(
 
 def _compare_residual(squares: Array, bar: Array, other: Array, draws: float) -> ComparedResidual:
     """Compare mean squares (3,) of the residual with S (`bar`) and A (`other`)."""
+    # Degrees of freedom n (Satterthwaite): S counts as one draw, A as `draws`.
     total = float((bar + other).sum())
     n = total**2 / float((bar**2 + other**2 / draws).sum())
     expected = float(np.sqrt(total / 3.0))
@@ -148,8 +150,9 @@ def _compare_residual(squares: Array, bar: Array, other: Array, draws: float) ->
 
 
 def _compute_fast_forces(reactions: GroundReactions, motion: Motion, frames: BoolArray) -> Array:
-    """Compute the total ground reaction above the cut-off of the motion, (k, 6) N, N·m about the
-    pelvis.
+    """Compute the total ground reaction above the cut-off of the motion.
+
+    Returns (k, 6) N, N·m about the pelvis.
     """
     total = np.nan_to_num(reactions.wrench.sum(axis=1))
     rate = 1.0 / _compute_time_step(motion.time)

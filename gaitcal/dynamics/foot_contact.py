@@ -120,11 +120,11 @@ def estimate_ground_velocity(points: Array, velocity: Array) -> Array:
     speed = float(np.linalg.norm(out))
     if speed > RESTING_SPEED:
         return out
-    back = out / speed if speed > MIN_BELT_SPEED else np.zeros(3)
-    # (nf, n) m/s, in the room
-    onwards = -(velocity[whole] @ back)
-    swings = float(np.quantile(onwards, SWING_QUANTILE)) + speed > MIN_SWING_SPEED
-    stays = abs(float(onwards.mean())) < 0.5 * speed
+    # Slow ground: a belt if feet swing against it and, in the room, do not advance (m/s, (nf, n)).
+    direction = out / speed if speed > MIN_BELT_SPEED else np.zeros(3)
+    forward = -(velocity[whole] @ direction)
+    swings = float(np.quantile(forward, SWING_QUANTILE)) + speed > MIN_SWING_SPEED
+    stays = abs(float(forward.mean())) < 0.5 * speed
     return out if swings and stays else np.zeros(3)
 
 
@@ -169,20 +169,21 @@ def detect_floor_contact(
         carried = mark_near(loaded[:, foot], time)
         for run in runs(resting[:, foot] & ~carried):
             begin, end = float(time[run.start]), float(time[run.stop - 1])
-            before, after = (
-                time[: run.start][loaded[: run.start, foot]],
-                time[run.stop :][loaded[run.stop :, foot]],
-            )
+            before = time[: run.start][loaded[: run.start, foot]]
+            after = time[run.stop :][loaded[run.stop :, foot]]
+            # Begin: at the end of the plate's load, at a strike of the file, or a little earlier.
             if run.start > 0:
                 strike = _find_event_near(
                     strikes, begin - SAME_EVENT_S, begin + MAX_EVENT_ERROR_S, begin
                 )
                 at_earliest = begin - LANDING_S if strike is None else strike
                 begin = float(before[-1]) if carried[run.start - 1] else at_earliest
+            # End: at the next load of a plate, at an off of the file, or a little later.
             if run.stop < len(time):
                 off = _find_event_near(offs, end - MAX_EVENT_ERROR_S, end + SAME_EVENT_S, end)
                 at_latest = end + LEAVING_S if off is None else off
                 end = float(after[0]) if carried[run.stop] else at_latest
+            # At the ends of the trial the contact has no known limit.
             inner = (time > begin) & (time < end)
             inner[run.start] |= run.start == 0
             inner[run.stop - 1] |= run.stop == len(time)
@@ -259,8 +260,7 @@ class SoleCells:
         return chosen @ self.share
 
     def sum_half_shares(self, chosen: BoolArray) -> Array:
-        """Sum the shares (nf, 2) of the heel half, and of the toe half, in the chosen cells (nf,
-        n).
+        """Sum the shares (nf, 2) of heel half and toe half in the chosen cells (nf, n).
 
         A heel is a small part of a sole, and carries the whole body where it alone rests.
         """
@@ -268,9 +268,7 @@ class SoleCells:
         return chosen @ (halves / halves.sum(axis=0))
 
     def compute_offsets(self, point: Array) -> tuple[Array, Array]:
-        """Compute the distances (nf, n) m along and across the foot from points (nf, 3) to the
-        cells.
-        """
+        """Compute the distances (nf, n) m along and across the foot from points to the cells."""
         offset = (self.cells - point[:, None])[:, :, [0, 2]]
         sideways = np.stack([-self.forward[:, 1], self.forward[:, 0]], axis=1)
         along, across = (
@@ -464,17 +462,16 @@ def find_single_stances(
         Frames and foot. Empty for an ordinary step, or two feet so near to each other that one is
         under the whole loading.
     """
-    resting, away = (
-        feet.resting,
-        np.stack(
-            [_compute_distance_to_foot(wrench, stretch, feet, k) for k in range(len(SIDES))], axis=1
-        ),
-    )
+    resting = feet.resting
+    distances = [_compute_distance_to_foot(wrench, stretch, feet, k) for k in range(len(SIDES))]
+    away = np.stack(distances, axis=1)
+    # Alone: the foot rests, the other one does not, and the centre of pressure is under it.
     alone = (
         resting[stretch]
         & ~mark_near(resting, time)[stretch, ::-1]
         & (away < np.fmin(UNDER_FOOT_M, away[:, ::-1]))
     )
+    # Stances of both feet in their order; successive ones of the same foot are one.
     stands = [(run, foot) for foot in range(len(SIDES)) for run in runs(alone[:, foot])]
     out = list[tuple[slice, int]]()
     for run, foot in sorted(stands, key=lambda found: found[0].start):
@@ -492,6 +489,7 @@ def _divide_loading(
 ) -> list[tuple[slice, int]]:
     """Divide a loading into the parts of both feet, if two feet made it."""
     other, resting = 1 - foot, feet.resting
+    # Frames in which the assigned foot has left and the other one rests under the pressure.
     gone = ~mark_near(resting[:, foot], time)[stretch] & resting[stretch, other]
     away, mine = (_compute_distance_to_foot(wrench, stretch, feet, k) for k in (other, foot))
     nearer = runs(gone & (away < np.minimum(mine, UNDER_FOOT_M)))
@@ -499,7 +497,7 @@ def _divide_loading(
     if not taken:
         return [(stretch, foot)]
     first, last = stretch.start + taken[0].start, stretch.start + taken[-1].stop
-    # the other foot was there first
+    # The other foot was on the plate first.
     if not resting[stretch, foot][: taken[0].start].any():
         return [(slice(stretch.start, last), other), (slice(last, stretch.stop), foot)]
     return [(slice(stretch.start, first), foot), (slice(first, stretch.stop), other)]

@@ -149,7 +149,7 @@ class GroundReactions(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against these ground reactions, in words."""
+        """Findings that are warnings."""
         return tuple(f.evidence for f in self.findings if f.severity is not Severity.INFO)
 
     @property
@@ -168,8 +168,16 @@ class GroundReactions(Displayed):
         return bool((self.valid_legs & self.loaded).any())
 
     def valid_for(self, name: str) -> BoolArray:
-        """(nf,) of a coordinate or torque: `hip_flexion_r` as its leg, what belongs to no leg as
-        the whole body.
+        """Return the valid frames (nf,) of a coordinate or torque.
+
+        Parameters
+        ----------
+        name
+            `hip_flexion_r` is valid with its leg, pelvis, trunk and arms with the whole body.
+
+        Returns
+        -------
+        (nf,) array of bool
         """
         side = get_leg(name)
         return self.valid_legs[:, SIDES.index(side)] if side else self.valid
@@ -239,6 +247,7 @@ def compute_foot_reactions(
         found, unfit = find_steps(plate, raw, time, feet, side)
         findings += unfit
         for step in found:
+            # The filter distributes the force of a loading over frames before and after it.
             wide = _widen(step.frames, raw[:, 1] > LOADED_N, time, cutoff)
             wrench[wide, step.foot] += np.nan_to_num(smooth[wide])
             loaded[step.frames, step.foot] = True
@@ -379,12 +388,14 @@ def compute_motion_reactions(
         assigned=plates,
         events=recording.events,
     )
-    unseen = find_unobserved_frames(motion)
+    # Frames without markers of a leg segment are not valid.
+    unobserved = find_unobserved_frames(motion)
     valid, legs = measured.valid.copy(), measured.valid_legs.copy()
-    for segment, lost in unseen.items():
+    for segment, lost in unobserved.items():
         valid &= ~lost
         legs[:, SIDES.index(segment[-1])] &= ~lost
     ends_left_out = f"the first and last {ends:.2f} s are not valid: ends of the splines"
+    # Vertical forces that contradict the motion: of a seat, or a fault.
     missing = _compute_missing_force(measured.wrench, parameters, motion)
     seated = mark_near(
         _detect_seated(missing, detect_lying_thighs(motion, parameters)), motion.time
@@ -400,7 +411,7 @@ def compute_motion_reactions(
         valid_legs=legs,
         seated=seated,
         notes=(*measured.notes, ends_left_out, _describe_filter(recording, hz)),
-        findings=(*measured.findings, *_report_unobserved(unseen, motion), *contradictions),
+        findings=(*measured.findings, *_report_unobserved(unobserved, motion), *contradictions),
     )
 
 
@@ -418,9 +429,7 @@ def _describe_filter(recording: Recording, hz: float | None) -> str:
 
 
 def _compute_missing_force(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
-    """Compute the vertical force (nf,) that the plates lack for the motion, as share of body
-    weight.
-    """
+    """Compute the vertical force (nf,) that the plates lack, as share of body weight."""
     residual = inverse_dynamics.Dynamics(parameters).compute_residual_force(
         motion.q, motion.velocity, motion.acceleration, wrench
     )[:, 1]
@@ -445,9 +454,8 @@ def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
     usual = float(np.median(missing[~lying])) if not lying.all() else 0.0
     out = np.zeros_like(lying)
     for run in runs(missing > min(usual, SEAT_LOAD)):
-        out[run] = (lying[run] & (missing[run] > SEAT_LOAD)).any() and missing[
-            run
-        ].max() > MAX_FORCE_MISMATCH
+        sits = (lying[run] & (missing[run] > SEAT_LOAD)).any()
+        out[run] = sits and missing[run].max() > MAX_FORCE_MISMATCH
     return out
 
 
@@ -455,9 +463,9 @@ def _report_seat(seated: BoolArray, time: Array) -> list[Finding]:
     """Report that a seat carries part of the body, and when."""
     found = (
         f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less "
-        "than the "
+        "than the body weighs; where the seat pushes is not known, so that torques are not valid "
+        "then"
     )
-    found += "body weighs; where the seat pushes is not known, so that torques are not valid then"
     cause, note = "a seat bears part of the body", Severity.INFO
     seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)
     return [seat] if seated.any() else []

@@ -71,14 +71,14 @@ class Moments(Displayed):
     """Body weight times height, N·m."""
 
     def to_dataframe(self) -> "pd.DataFrame":
-        """Return the moments as a table, with the columns of `moments/TRIAL.csv` that they
-        determine.
+        """Return the moments as a table.
 
         Returns
         -------
         pandas.DataFrame
-            `time` (s), then for every generalised force NAME (N·m; N of the pelvis translations)
-            and `NAME_bwh` (percent of body weight times height; NaN of translations).
+            With the columns of `moments/TRIAL.csv` that moments determine: `time` (s), then for
+            every generalised force NAME (N·m; N of the pelvis translations) and `NAME_bwh` (percent
+            of body weight times height; NaN of translations).
         """
         import pandas as pd
 
@@ -237,9 +237,7 @@ class Dynamics:
         return out
 
     def _express_in_joint_axes(self, q: Array, wrenches: Array) -> Array:
-        """Express foot wrenches (nf, 2, 6) in the axes of the joints of the feet, about their
-        origins.
-        """
+        """Express foot wrenches (nf, 2, 6) in the axes and about the origins of the joints."""
         placed, out = (
             Kinematics(self.body, q[:, self._columns], columns=False),
             np.empty_like(wrenches),
@@ -257,8 +255,7 @@ class Dynamics:
         return out
 
     def compute_residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
-        """Compute the residual force, which does not depend on the point of application of the
-        ground's.
+        """Compute the residual force; points of application of the ground's are not needed.
 
         Parameters
         ----------
@@ -297,9 +294,7 @@ class Dynamics:
 
     @cached_property
     def _to_joints(self) -> tuple[IntArray, Array]:
-        """(nb,) joints of the massive segments, and (nb, 10, 10) transforms of their dynamic
-        parameters.
-        """
+        """Joints (nb,) of the massive segments, and (nb, 10, 10) parameter transforms."""
         chain = self.body.chain
         if not set(MASSIVE_SEGMENTS) <= set(chain.segments):
             raise ValueError(

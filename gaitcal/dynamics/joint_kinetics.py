@@ -10,12 +10,12 @@ All three are coordinates at the hip and the back. The knee adds its locked reac
 joint parameter of its rotation about the length; the ankle the two joint parameters of its hinge.
 The components are m_i = e_i . M:
 
-    proximal, distal
-    e_1, e_2, e_3 = z, x, y of that segment (x forward, y up, z right: Wu and Cavanagh, J Biomech
-                         28:1257-1261, 1995)
-    joint coordinate
-    e_1 = z of the proximal segment, e_3 = y of the distal one, e_2 = e_3 x e_1 / |e_3 x e_1|, the
-    system               floating axis (Grood and Suntay, J Biomech Eng 105:136-144, 1983)
+    proximal, distal    e_1, e_2, e_3 = z, x, y of that segment (x forward, y up, z right: Wu and
+                        Cavanagh, J Biomech 28:1257-1261, 1995)
+    joint coordinate    e_1 = z of the proximal segment, e_3 = y of the distal one,
+    system
+    e_2 = e_3 x e_1 / |e_3 x e_1|, the floating axis (Grood and Suntay, J Biomech
+                        Eng 105:136-144, 1983)
 
 The axes e_1 and e_3 are not at right angles to each other. m_i is the orthogonal projection ("motor
 torque"), not the part of M along the axis (Desroches, Cheze and Dumas, J Biomech Eng 132:114503,
@@ -123,7 +123,7 @@ _LEG = {
         "angle inversion rotation",
     ),
 }
-"""Joint -> its turns in their order, and what moments about z, x and y are called."""
+"""Joint -> its rotations in their order, and names of the moments about z, x and y."""
 _BACK = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
 _SIGNS = {e.name: e.sign for joint in JOINTS for e in joint.elements}
 
@@ -158,7 +158,7 @@ NET_JOINTS = (
 HELD: tuple[str, ...] = tuple(
     name for joint in NET_JOINTS for name in joint.turns if name in JP_INDEX
 )
-"""Joint parameters among their turns, as `Dynamics` takes them."""
+"""Joint parameters among their rotations, as `Dynamics` takes them."""
 # The 35 generalised forces that the moments follow from
 ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)
 COMPONENTS: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.components)
@@ -195,9 +195,7 @@ POWER_SUMS: Array = np.array(
 
 
 def name_power_column(name: str) -> str:
-    """Name the column of a power: `hip_power_r` of `hip_r`, `hip_flexion_power_r` of
-    `hip_flexion_r`.
-    """
+    """Name the column of a power: `hip_power_r` of `hip_r`."""
     sided = name[-2:] in ("_r", "_l")
     return f"{name[:-2]}_power{name[-2:]}" if sided else f"{name}_power"
 
@@ -443,7 +441,7 @@ class MomentJacobian:
     # (nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain
     by_parameter: Array
     by_turn: dict[str, Array]
-    """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints
+    """Segment -> (nf, 63, 3) per rotation of its axes in the laboratory (rad), bodies and joints
     staying.
     """
 
@@ -468,7 +466,7 @@ def differentiate_moments(
     """
     nf, width = len(forces), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)
-    # joints are numbered along the linkage
+    # Position along the linkage: joints are numbered from the base segment outwards.
     rank = placed.chain.at_variables
     by = (*COORDINATES, *(n for n in placed.chain.free if n in free))
     wanted = np.array([placed.chain.variables.index(n) for n in by])
@@ -480,7 +478,7 @@ def differentiate_moments(
         for segment in (joint.proximal, joint.distal)
     }
     for j, joint in enumerate(NET_JOINTS):
-        # (nf, 3, 3), an axis a row
+        # Moment of the joint from three generalised forces; axes: (nf, 3, 3), an axis in each row.
         axes = np.stack([placed.axis(name) for name in joint.turns], axis=1)
         columns = [ALL_FORCES.index(name) for name in joint.turns]
         moment = np.asarray(
@@ -489,21 +487,23 @@ def differentiate_moments(
         e, g, h = _compute_components(
             placed.frame(joint.proximal), placed.frame(joint.distal), moment
         )
+        # Components in the sense of the coordinates, on both sides.
         signs = np.tile(joint.signs, len(VECTOR_FRAMES))[:, None]
         e, g, h = (signs * x for x in (e, g, h))
         at = slice(width * j, width * (j + 1))
         values[:, at] = (e @ moment[:, :, None])[:, :, 0]
-        # c_i, a row each
+        # Derivatives by generalised forces: c_i in each row.
         share = np.linalg.solve(axes.transpose(0, 2, 1), e.transpose(0, 2, 1)).transpose(0, 2, 1)
         by_force[:, at, columns] = share
         by_turn[joint.proximal][:, at] += g
         by_turn[joint.distal][:, at] += h
-        # and so those that move the proximal segment
+        # Variables that move the distal segment include those that move the proximal one.
         above = np.flatnonzero(placed.moves(joint.distal)[wanted])
         cols = wanted[above]
-        # (nf, 3, variables)
+        # Angular velocities by these variables, (nf, 3, variables).
         turning = placed.columns_by_frame[:, cols, 3:].transpose(0, 2, 1)
         found = (g @ turning) * placed.moves(joint.proximal)[cols] + h @ turning
+        # Axes of the joint that come after a variable rotate with it.
         for k, name in enumerate(joint.turns):
             lever = share[:, :, k, None] * cross(axes[:, k], moment)[:, None]
             found -= (lever @ turning) * (rank[cols] < rank[placed.chain.variables.index(name)])
@@ -549,11 +549,11 @@ class KineticJacobian:
     by_position: Array  # (nf, 120, nq), generalised forces staying; so are the following
     by_velocity: Array  # (nf, 120, nq)
     by_parameter: Array  # (nf, 120, np) per free joint parameter
-    # Segment -> (nf, 63, 3), of the moments per turn of that segment's axes
+    # Segment -> (nf, 63, 3), of the moments per rotation of that segment's axes
     by_turn: dict[str, Array]
 
     def propagate_axis_errors(
-        self, forces: Array, velocity: Array, turns: dict[str, Array]
+        self, forces: Array, velocity: Array, rotations: dict[str, Array]
     ) -> Array:
         """Propagate errors of the directions of segment axes.
 
@@ -565,7 +565,7 @@ class KineticJacobian:
             (nf, nt, k) changes of the generalised forces, in k columns.
         velocity
             (nf, nq, k) changes of the rates.
-        turns
+        rotations
             Segment -> (nf, k, 3) rad, rotations of its axes in the laboratory.
 
         Returns
@@ -579,9 +579,9 @@ class KineticJacobian:
             self.by_force[:, :count, : len(FORCES)] @ forces
             + self.by_velocity[:, :count] @ velocity
         )
-        for segment, turn in turns.items():
+        for segment, rotation in rotations.items():
             if segment in self.by_turn:
-                out[:, count:] += self.by_turn[segment] @ turn.transpose(0, 2, 1)
+                out[:, count:] += self.by_turn[segment] @ rotation.transpose(0, 2, 1)
         return out
 
 

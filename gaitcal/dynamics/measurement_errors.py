@@ -38,19 +38,12 @@ Plates: position, rotation, gain and time offset. The wrench w = [F; M] of the g
 about the laboratory origin, has the errors
 
     gain         g      d w = g w
-    position
-    d
-    d w = [0; d x F]
-    of the plate, and so of every centre of pressure
-    rotation
-    a
-    d w = a [y x F; c x (y x F)]
-    about the vertical y through the centre of pressure c on
-                                                           the floor; a rotation about the middle of
-                                                           the plate differs by a position error
-    time offset  s
-    d w = s dw/dt
-    all plates together: they share one converter
+    position     d      d w = [0; d x F]              every centre of pressure moves with the plate
+    rotation     a      d w = a [y x F; c x (y x F)]  about the vertical y through the centre of
+                                                      pressure c on the floor
+    time offset  s      d w = s dw/dt                 all plates together, on one converter
+
+(A rotation about the middle of a plate differs from that about c by an error of position.)
 
 Linear in w, they become  d tau = -J_foot^T d w  (`Dynamics.compute_ground_forces`). Each foot
 stands on a plate of its own, and errors of plates are independent.
@@ -189,10 +182,10 @@ class AxisErrors:
             m, rad.
         """
         placed, out = self._place(q), np.zeros((*q.shape, len(self.columns)))
-        for _, _, place, _, taken in self._iterate_compensations(placed):
-            for name, by in taken.items():
+        for _, _, columns, _, compensation in self._iterate_compensations(placed):
+            for name, by in compensation.items():
                 if name in linkage.COORDINATE_INDEX:
-                    out[:, linkage.COORDINATE_INDEX[name], place] += by
+                    out[:, linkage.COORDINATE_INDEX[name], columns] += by
         return out
 
     def compute_segment_rotations(self, q: Array) -> dict[str, Array]:
@@ -210,8 +203,8 @@ class AxisErrors:
         """
         placed = self._place(q)
         out = {segment: np.zeros((len(q), len(self.columns), 3)) for segment in self._deviations}
-        for segment, place, turns in self._iterate_rotations(placed):
-            out[segment][:, place] = turns
+        for segment, columns, rotations in self._iterate_rotations(placed):
+            out[segment][:, columns] = rotations
         return out
 
     def compute_rate_sensitivities(self, q: Array, time: Array) -> Array:
@@ -249,31 +242,31 @@ class AxisErrors:
         """
         placed, index = self._place(q), {name: k for k, name in enumerate(ALL_FORCES)}
         out = np.zeros((len(q), len(FORCES), len(self.columns)))
-        for crossing, segment, place, turns, taken in self._iterate_compensations(placed):
+        for crossing, segment, columns, rotations, compensation in self._iterate_compensations(
+            placed
+        ):
             if not crossing.carried:
                 continue
-            # (nf, 3, 3), an axis a row
-            sides = np.stack([placed.axis(name) for name in crossing.carried], axis=1)
+            # Moment of the joint from three of its torques; axes: (nf, 3, 3), one in each row.
+            axes = np.stack([placed.axis(name) for name in crossing.carried], axis=1)
             torques = forces[:, [index[name] for name in crossing.carried]]
             # (nf, 1, 3)
-            moment = np.linalg.solve(sides, torques[..., None])[:, None, :, 0]
-            # (nf, turn, xyz)
-            turned = turns if segment == crossing.parent else np.zeros((len(q), 3, 3))
+            moment = np.linalg.solve(axes, torques[..., None])[:, None, :, 0]
+            # Rotation (nf, error, xyz) accumulated from parent to child: it moves each axis a_k.
+            accumulated = rotations if segment == crossing.parent else np.zeros((len(q), 3, 3))
             for name in crossing.turns:
                 axis = placed.axis(name)[:, None]
                 if name in FORCES:
-                    out[:, index[name], place] += (cross(turned, axis) * moment).sum(axis=2)
-                if name in taken:
-                    turned = turned + taken[name][:, :, None] * axis
+                    out[:, index[name], columns] += (cross(accumulated, axis) * moment).sum(axis=2)
+                if name in compensation:
+                    accumulated = accumulated + compensation[name][:, :, None] * axis
         return out
 
     def _place(self, q: Array) -> Kinematics:
         return Kinematics(self._body, q)
 
     def _iterate_rotations(self, placed: Kinematics) -> Iterator[tuple[str, slice, Array]]:
-        """Iterate over segments: name, columns, and (nf, 3, 3) rad, laboratory: a rotation in each
-        row.
-        """
+        """Iterate over segments: name, columns, and (nf, 3, 3) rad, a rotation in each row."""
         for k, (segment, deviation) in enumerate(self._deviations.items()):
             yield segment, slice(3 * k, 3 * k + 3), placed.frame(segment) * deviation[:, None]
 
@@ -285,19 +278,22 @@ class AxisErrors:
         Yields joint, segment, its columns and rotations, and (nf, 3) rad by which each rotation of
         the joint compensates them.
         """
-        for segment, place, turns in self._iterate_rotations(placed):
+        for segment, columns, rotations in self._iterate_rotations(placed):
             for crossing in CROSSINGS:
                 if segment not in (crossing.parent, crossing.child):
                     continue
+                # The three rotations next to the segment compensate, see the equations above.
                 above = segment == crossing.parent
                 names = crossing.absorbing[:3] if above else crossing.absorbing[-3:]
                 basis = np.stack([placed.axis(name) for name in names], axis=2)
-                found = np.linalg.solve(basis, (-turns if above else turns).transpose(0, 2, 1))
+                found = np.linalg.solve(
+                    basis, (-rotations if above else rotations).transpose(0, 2, 1)
+                )
                 yield (
                     crossing,
                     segment,
-                    place,
-                    turns,
+                    columns,
+                    rotations,
                     dict(zip(names, found.transpose(1, 0, 2), strict=True)),
                 )
 
@@ -306,13 +302,12 @@ class ErrorSource(Enum):
     """Source of the error of a torque. `key`: in files; `label`: on the page."""
 
     MOTION = ("motion", "markers and motion")
-    """Noise of the trial's own markers, through its motion; with it, through joints fitted to the
-    same markers.
+    """Noise of the markers of this trial, through its motion and joints fitted to the same markers.
     """
     JOINT_MARKERS = ("joint_markers", "joint parameters: markers")
     """Noise of the markers that the joint parameters were found from."""
     JOINT_NOMINAL = ("joint_nominal", "joint parameters: what is known before")
-    """Nominal joint parameters, where markers do not tell."""
+    """Nominal joint parameters, where markers do not determine them."""
     SKIN = ("skin", "skin that moves with joints")
     BANDWIDTH = ("bandwidth", "bandwidth of the motion")
     POSTURE = ("posture", "segments that markers do not determine")

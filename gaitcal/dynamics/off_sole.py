@@ -247,6 +247,7 @@ def detect_common_centre(
     first, last = max(one.frames.start, other.frames.start), min(one.frames.stop, other.frames.stop)
     if one.plate is other.plate or last <= first:
         return np.zeros(count, dtype=bool)
+    # Frames that both loadings share, as indices of each.
     mine, its = (slice(first - x.frames.start, last - x.frames.start) for x in (one, other))
     pressed = np.minimum(one.load[mine], other.load[its]) > BODY_N
     distance = np.linalg.norm((one.point[mine] - other.point[its])[:, [0, 2]], axis=1)

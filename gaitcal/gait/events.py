@@ -41,7 +41,7 @@ of the range:
 
     lowering, rising   h falls, rises               (squat: descent and ascent; sit-to-stand: rising, then sitting down)
     push-off           h rises, and flight follows
-    flight             h'' < -`FALLING` g; from the last foot off to the first strike where plates or feet tell these
+    flight             h'' < -`FALLING_SHARE` g; last foot off to first strike, where known by plates or feet
     landing            h falls, and flight was before
 """
 

@@ -421,7 +421,7 @@ def _mean_shape(
     start: Array, paths: Array, seen: BoolArray, measured: Array, weight: Array
 ) -> Array | None:
     """(n, 3) m, the shape of a cluster with paths (nf, n, 3), `measured` and `weight` as
-    `rigid_fit` takes them; None where a point is never seen with two others.
+    `fit_rigid` takes them; None where a point is never seen with two others.
     """
     shape = start
     for _ in range(ROUNDS):

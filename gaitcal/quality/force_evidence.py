@@ -355,7 +355,7 @@ def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[A
     total mass held.
 
     Returns (k, 6, n) for n unknowns, and (k, 6, 2) per m of the trunk's mass centre forward and to
-    the right; `regressor` (k, 6, 12, 10) as `Dynamics.root_regressor` gives it.
+    the right; `regressor` (k, 6, 12, 10) as `Dynamics.compute_root_regressor` gives it.
     """
     by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, dynamic_jacobian(inertial))
     rows = table(inertial)

@@ -249,10 +249,10 @@ class BandFactor:
         return np.triu(self._extract_dense(first, width, min(width, n - first - width), width), 1)
 
     def _extract_dense(self, first: int, below: int, rows: int, columns: int) -> Array:
-        """View a part of L as a dense matrix, from column `first` and `below` rows under the
-        diagonal.
+        """View a part of L as a dense matrix.
 
-        Entries outside the band or above the diagonal are undefined.
+        It begins at column `first`, `below` rows under the diagonal. Entries outside the band or
+        above the diagonal are undefined.
         """
         width = len(self.factor)
         flat, size = self.factor.T.reshape(-1)[first * width + below :], self.factor.itemsize

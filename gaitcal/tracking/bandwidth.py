@@ -9,8 +9,7 @@ weights the coordinates against each other. The trial is tracked once with dense
 the highest cut-off that these do not limit: coordinates q (nf, nq), residuals r (nf, 3 nm), each
 times the root of its weight. Smoothing by A(f) loses
 
-    lost(f) = tr (q - A q)^T (q - A q) W
-    of the motion, and leaves
+    lost(f) = tr (q - A q)^T (q - A q) W        of the motion, and leaves
     noise(f) = nq / (n - nq) tr r^T A r
 
 of the noise. n is the number of observed marker coordinates in a frame. Each of the nq directions
@@ -51,7 +50,7 @@ FRAMES_PER_DENSE_SPAN = 2.0
 LOWEST_HZ = 2.0
 # cut-offs that are compared, 10 to 12 % apart; a parabola finds the minimum between them
 CANDIDATES = 25
-# where markers have nothing to spare that could tell noise: what 20 knot spans a second pass
+# Hz: cut-off of 20 knot spans a second, where the markers are not redundant
 FALLBACK_HZ = 10.0
 # marker coordinates a frame beyond those that the motion can follow
 MIN_REDUNDANCY = 1.0
@@ -67,7 +66,7 @@ UNOBSERVED_RIDGE = 1e-6
 # of the largest diagonal entry of G: two nodes between the same frames
 GRAM_FLOOR = 1e-14
 TINY = 1e-300
-# while f is sought: what is left to gain is far below what tells one f from another
+# Tolerance while f is chosen: the remaining gain is far below the difference between cut-offs.
 LOOSE_SETTINGS = descent.DescentSettings(gain=1e-4)
 
 
@@ -181,7 +180,7 @@ class DenseMotion:
     def __init__(
         self, problem: MotionProblem, parameters: Parameters, activity: Array | None = None
     ) -> None:
-        """`activity` (nf,): what tells where most happens; the markers' speed unless given."""
+        """`activity`: (nf,) selects the busiest stretch; squared marker speed unless given."""
         problem = replace(problem, smoothing=None)
         frames = find_busiest_frames(problem, activity)
         body = problem.build_body(parameters)

@@ -12,8 +12,8 @@ the gradient is w d; half the Gauss-Newton matrix has w on its diagonal where d 
 range is one of two things:
 
     joint limit   l < u: no cost inside.
-    centre
-    l = u = c, a normal prior of standard deviation s, for coordinates that no marker determines.
+    centre        l = u = c, a normal prior of standard deviation s, for coordinates that no
+                  marker determines.
 
 The error of a centre repeats itself with the stride. For coordinate k it is s_k e_k(t),
 
@@ -90,7 +90,7 @@ STRIDE_S = 1.0
 STEP_COORDINATES = ("lumbar_extension",)
 # frames that are asked
 POSES = 20
-# rad, m: how far a coordinate that nothing tells may be off
+# rad, m: uncertainty of a coordinate that nothing determines
 MAX_UNCERTAINTY = 1.0
 # share of the frames in which a marker must pull to count
 MIN_VISIBLE_SHARE = 0.5
@@ -250,8 +250,7 @@ def build_joint_limits(
 def clip_to_joint_limits(
     coordinates: Sequence[str], angles: Array, known: BoolArray, *, determined: bool
 ) -> Array:
-    """Remove whole turns from the starting angles of a joint, and clip them to its limits about
-    zero.
+    """Unwrap the starting angles of a joint, and clip them to its limits about zero.
 
     Parameters
     ----------

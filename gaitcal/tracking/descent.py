@@ -35,7 +35,7 @@ cost beyond.
 DAMPING_FACTOR = 10.0
 # damping below this is dropped
 NEGLIGIBLE_DAMPING = 1e-12
-# with more damping than this a small gain says something of the damping, not of the minimum
+# With more damping, a small gain is a sign of the damping and not of the minimum.
 DECISIVE_DAMPING = 1e-2
 ROUNDING = 1e-14
 """A cost that is higher by this part of `nothing_left` is no higher, a gain of this part of the

@@ -5,8 +5,9 @@ their segment is far below what a linkage can reach. A joint adds its condition 
 segments. For joint j with its proximal segment free in the laboratory, independent angles in every
 frame (no splines) and all its joint parameters p_j free,
 
-    C_j = min over p_j, poses, angles of  sum_f sum_m  (w_m / n_m) |r_mf|^2,
-    m on its two segments.
+    C_j = min over p_j, poses, angles of  sum_f sum_m  (w_m / n_m) |r_mf|^2
+
+with m on its two segments.
 
 n_m is the number of joints that carry marker m: its weight is shared, so that every marker counts
 once over all joints. The whole linkage satisfies the condition of every joint. With R the least
@@ -39,7 +40,7 @@ SETTINGS = descent.DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3,
 """The last step gains less than 1e-3 of the cost, 5e-4 of the RMS. Some damping is kept throughout,
 so that no step is taken on its prediction alone: two markers of a segment leave a rotation
 undetermined, along which such a step leads far."""
-# of the largest diagonal entry: holds what no marker tells, like the turn of two about their line
+# of the largest diagonal entry: fixes undetermined directions, such as the rotation of two markers about their line
 RIDGE = 1e-10
 
 

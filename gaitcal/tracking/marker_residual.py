@@ -6,9 +6,8 @@ spatial velocity (about the laboratory origin) that variable k gives to all segm
 half gradient and Gauss-Newton matrix of  sum_m w_m |r_m|^2  are
 
     g_k  = J_k . sum_{m after k} w_m [r_m; x_m x r_m]
-    H_kl = J_k . Y_l J_l
-    (l after k),
-    Y_l = sum_{m after l} w_m [1, -x~_m; x~_m, -x~_m x~_m].
+    H_kl = J_k . Y_l J_l   (l after k)
+    Y_l  = sum_{m after l} w_m [1, -x~_m; x~_m, -x~_m x~_m].
 
 Y_l is the spatial inertia of point masses w_m at the markers. H is therefore the joint-space
 inertia matrix of that model, as `pin.crba` computes it, for all frames at once and with weights
@@ -339,16 +338,16 @@ def _compute_segment_inertias(data: MarkerData, segments: Array) -> Array:
     placed = segments[carriers]
     # T P T^T takes two products; where weights never change the first is one matrix for all frames
     if data.moments.shape[-1] == 1:
-        turned = np.matmul(data.moments[..., 0], placed.reshape(-1, 4, 3 * nf)).reshape(
+        rotated = np.matmul(data.moments[..., 0], placed.reshape(-1, 4, 3 * nf)).reshape(
             placed.shape
         )
     else:
-        turned = np.einsum("sjkf,skif->sjif", data.moments, placed)
+        rotated = np.einsum("sjkf,skif->sjif", data.moments, placed)
     out = np.zeros((ns, 10, nf))
     out[carriers, 0] = data.moments[:, 3, 3]
-    out[carriers, 1:4] = turned[:, 3]
+    out[carriers, 1:4] = rotated[:, 3]
     for row, (i, j) in enumerate(_PAIRS):
-        out[carriers, 4 + row] = np.einsum("sjf,sjf->sf", placed[:, :, i], turned[:, :, j])
+        out[carriers, 4 + row] = np.einsum("sjf,sjf->sf", placed[:, :, i], rotated[:, :, j])
     return out
 
 

@@ -191,7 +191,7 @@ class MarkerErrors:
     labels: tuple[str, ...]
     segments: tuple[str, ...]
     weight: Array  # (nm,) of each marker in the fit (its largest over the frames)
-    distance: Array  # (nf, nm) m; NaN where a marker was not seen
+    distance: Array  # (nf, nm) m; NaN where a marker is not visible
 
     def rms(self, *segments: str) -> float | None:
         """Compute the RMS distance over markers with weight.
@@ -307,8 +307,7 @@ class Motion(Displayed):
         return columns
 
     def to_dataframe(self, relative_to: Mapping[str, float] | None = None) -> "pd.DataFrame":
-        """Return the motion as a table, with the columns of `motion/TRIAL.csv` but for standard
-        errors.
+        """Return the motion as a table, as in `motion/TRIAL.csv` but without standard errors.
 
         Parameters
         ----------
@@ -460,10 +459,10 @@ def compute_rigid_floor(problem: MotionProblem) -> MarkerErrors:
 
 def _build_marker_errors(problem: MotionProblem, distance: Array) -> MarkerErrors:
     data = problem.data
-    unseen = ~data.measured.any(axis=1).T
+    missing = ~data.measured.any(axis=1).T
     segments = tuple(problem.chain.segments[s] for s in data.segment)
     return MarkerErrors(
-        problem.labels, segments, data.weight.max(axis=1), np.where(unseen, np.nan, distance)
+        problem.labels, segments, data.weight.max(axis=1), np.where(missing, np.nan, distance)
     )
 
 
@@ -530,7 +529,7 @@ class RobustTracking:
     """Result of robust tracking."""
 
     problem: MotionProblem  # with the weights w f(u)
-    factor: Array  # (nm, nf) f(u); 1 where a marker was not seen or has no weight
+    factor: Array  # (nm, nf) f(u); 1 where a marker is not visible or has no weight
     scale: float  # m, s
     tracked: Descent[Evaluation, BandFactor]
 

@@ -36,7 +36,7 @@ class RigidFit:
 
     rotation: Array  # (nf, 3, 3) segment to laboratory
     origin: Array  # (nf, 3) m, of the segment frame
-    determined: BoolArray  # (nf,) whether at least three markers that are not on one line were seen
+    determined: BoolArray  # (nf,) whether three markers off one line are visible
 
 
 def fit_rigid(local: Array, measured: Array, weight: Array) -> RigidFit:

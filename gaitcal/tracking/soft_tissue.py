@@ -49,12 +49,12 @@ from gaitcal.tracking import banded, marker_residual, spline
 
 # rad: an angle that moves less in a task moves no more with it than one that does
 MIN_ANGLE_SPREAD_RAD = np.deg2rad(2.0)
-# of z_r: shifts along and turns about the segment's axes
+# Components of z_r: translations along and rotations about the axes of the segment
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 WIDTH = len(COMPONENTS)
 RANK_TOLERANCE = 1e-3
-"""Part of the largest singular value of B below which markers do not show a motion: a turn about
-their line.
+"""Part of the largest singular value of B below which markers do not determine a motion: a rotation
+about their line.
 """
 
 
@@ -167,15 +167,15 @@ class SegmentTissue:
             deformation = self.softness * self.expected - np.array(
                 [self.pattern @ moves for moves in rigid]
             )
-        # the lever arms that `together` has made B of
+        # the lever arms that `build_rigid_pattern` has made B of
         arms = np.stack(
             [self.pattern[:, 1, 5], self.pattern[:, 2, 3], self.pattern[:, 0, 4]], axis=1
         )
         # (nf, 6)
         path = self.regressors.T @ rigid
         deformed = arms[:, :, None] + np.einsum("rmi,rf->mif", deformation, self.regressors)
-        turned = np.einsum("fij,mjf->mif", Rotation.from_rotvec(path[:, 3:]).as_matrix(), deformed)
-        return np.asarray(turned - arms[:, :, None] + path[:, :3].T)
+        rotated = np.einsum("fij,mjf->mif", Rotation.from_rotvec(path[:, 3:]).as_matrix(), deformed)
+        return np.asarray(rotated - arms[:, :, None] + path[:, :3].T)
 
     def fit_rigid_part(self, moves: Array) -> Array:
         """Fit (6,) translation and rotation to displacements (nm, 3) m of the markers."""
@@ -242,7 +242,7 @@ def build_rigid_pattern(arms: Array) -> Array:
     """
     out = np.zeros((len(arms), 3, WIDTH))
     out[:, :, :3] = np.eye(3)
-    # e_j x arm, for e_j the axis turned about
+    # e_j x arm, for e_j the axis of rotation
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[:, i, 3 + j], out[:, i, 3 + k] = arms[:, k], -arms[:, j]

@@ -87,9 +87,7 @@ class SplineBasis:
 
     @cached_property
     def spans(self) -> list[tuple[int, slice]]:
-        """(first node, frames) of each knot span that holds frames; frames of a span are
-        consecutive.
-        """
+        """(first control point, consecutive frames) of each knot span that holds frames."""
         edges = np.flatnonzero(np.diff(self.first)) + 1
         bounds = [0, *edges.tolist(), len(self.first)]
         return [(int(self.first[a]), slice(a, b)) for a, b in pairwise(bounds)]
@@ -196,9 +194,7 @@ class FrameBlock:
         """(6 nodes, frames) B_a(f) B_a+d(f), row 6 a + d."""
 
     def add_gradient(self, out: Array, gradient: Array) -> None:
-        """Add the half gradient (nq, frames) of the coordinates to that of the coefficients (nn,
-        nq).
-        """
+        """Add the gradient (nq, frames) of coordinates to that of coefficients (nn, nq)."""
         out[self.nodes] += self.weights @ gradient.T
 
 

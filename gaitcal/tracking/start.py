@@ -6,8 +6,8 @@ q that maximises trace(B^T P Re(q) Q) is atan2(G_cb - G_bc, G_bb + G_cc),  G = P
 c) the axes after e. Several rotations of one joint are solved in turn until they settle; three
 orthogonal ones have a closed form. No joint starts outside its limits (`coordinate_prior.py`). A
 foot whose markers are nearly on one line with the ankle may come out upside down, and starts from
-zero then. B is the rigid fit. A segment of too few markers for one has B = sum w (x - c) (l -
-l_c)^T  instead, with c its joint centre as placed by the segments before it. The rotations then
+zero then. B is the rigid fit. A segment of too few markers for one has another matrix B = sum w (x
+- c) (l - l_c)^T, with c its joint centre as placed by the segments before it. The rotations then
 bring its markers nearest to their measured positions. Frames that determine neither are
 interpolated.
 """
@@ -125,9 +125,7 @@ def _find_joint_angles(
     rotations: list[int],
     fit: RigidFit,
 ) -> tuple[Array, BoolArray]:
-    """Find the angles (nf, n) rad of the rotations before a segment, and the frames (nf,) that
-    determine them.
-    """
+    """Find the angles (nf, n) rad of the rotations before a segment, and known frames (nf,)."""
     before = settled.compute_rotation(links.parents[rotations[0]])
     to_joint = links.segment_rotation[segment]
     straight: Array | None = None
@@ -291,28 +289,30 @@ def _rotate_about_axis(rotation: Array, axis: int, angle: Array) -> Array:
     return out
 
 
-def _solve_joint_angles(links: _Links, turns: list[int], target: Array) -> Array:
+def _solve_joint_angles(links: _Links, rotations: list[int], target: Array) -> Array:
     """Solve the angles (nf, n) of successive rotations that come nearest to matrices (nf, 3, 3)."""
-    axes, plain = [links.axes[k] for k in turns], [links.plain[k] for k in turns]
-    signs = links.signs[turns]
+    axes, plain = [links.axes[k] for k in rotations], [links.plain[k] for k in rotations]
+    signs = links.signs[rotations]
     if axes == [2, 0, 1] and all(plain[1:]):
         return signs * root_angles(
-            target if plain[0] else links.offset_rotation[turns[0]].T @ target
+            target if plain[0] else links.offset_rotation[rotations[0]].T @ target
         )
-    angles = np.zeros((len(target), len(turns)))
-    for _ in range(SWEEPS if len(turns) > 1 else 1):
+    angles = np.zeros((len(target), len(rotations)))
+    for _ in range(SWEEPS if len(rotations) > 1 else 1):
         # Rotations on the left are removed as they are solved; those on the right are kept from the
         # last sweep.
         after: list[Array] = []
-        for i in range(len(turns) - 1, 0, -1):
-            inner = _rotate_about_axis(links.offset_rotation[None, turns[i]], axes[i], angles[:, i])
+        for i in range(len(rotations) - 1, 0, -1):
+            inner = _rotate_about_axis(
+                links.offset_rotation[None, rotations[i]], axes[i], angles[:, i]
+            )
             after.append(inner @ after[-1] if after else inner)
         remaining = target
-        for i, k in enumerate(turns):
+        for i, k in enumerate(rotations):
             if not plain[i]:
                 remaining = links.offset_rotation[k].T @ remaining
-            last = i + 1 == len(turns)
-            g = remaining if last else remaining @ after[len(turns) - 2 - i].transpose(0, 2, 1)
+            last = i + 1 == len(rotations)
+            g = remaining if last else remaining @ after[len(rotations) - 2 - i].transpose(0, 2, 1)
             b, c = (axes[i] + 1) % 3, (axes[i] + 2) % 3
             angles[:, i] = np.arctan2(g[:, c, b] - g[:, b, c], g[:, b, b] + g[:, c, c])
             if not last:

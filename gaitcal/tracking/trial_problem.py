@@ -418,7 +418,7 @@ class MotionProblem:
 
 
 FEWEST_FRAMES = 12
-# share of the frames from which a root is tracked by its own markers
+# Share of frames with three visible markers from which the base segment is tracked by these
 MIN_ROOT_VISIBLE_SHARE = 0.5
 
 
@@ -491,7 +491,7 @@ def build_trial_problem(
         # (nq, ns)
         moves = chain.support[: len(chain.coordinates)] > 0
         held = tuple(np.array(chain.coordinates)[moves[:, s]].tolist())[len(ROOT_SUFFIXES) :]
-        # what moves all that moves the carrier lies beyond it, seen from the root
+        # Segments beyond the carrier: moved by all coordinates that move the carrier.
         beyond = np.asarray((moves >= moves[:, [s]]).all(axis=0))
         weight[~beyond[index]] = 0.0
         on_root = (index == s) & (weight > 0).any(axis=1)

@@ -92,7 +92,7 @@ def test_the_limit_is_exceeded_as_seldom_as_it_says(
     bar: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Errors that last through a trial and others that forget themselves, mixed in any share."""
-    monkeypatch.setattr(module, "RARE", share := 0.05)
+    monkeypatch.setattr(module, "FALSE_ALARM_RATE", share := 0.05)
     rng, time = np.random.default_rng(2), walk().body.time
     rho = np.exp(-np.median(np.diff(time)) / CORRELATION_S)
     drawn, trials = 0, 300

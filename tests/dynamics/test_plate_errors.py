@@ -68,14 +68,14 @@ def test_the_ground_s_part_is_what_forces_with_and_without_it_differ_by() -> Non
     assert np.abs(part).max() > 10.0
 
 
-@pytest.mark.parametrize("which", ["place", "gain", "turn", "clock"])
+@pytest.mark.parametrize("which", ["position", "gain", "rotation", "time_offset"])
 def test_each_part_is_what_plates_that_err_so_make_of_torques(which: str) -> None:
     """Wrenches changed as a laboratory would: moved, louder, turned, a little late; squares summed
     over both feet.
     """
     dynamics, (q, v, a), wrench, time = walk()
-    size = {"place": 0.004, "gain": 0.02, "turn": 0.002, "clock": 0.0005}[which]
-    errors = PlateErrors(**{"place": 0.0, "gain": 0.0, "clock": 0.0, which: size})
+    size = {"position": 0.004, "gain": 0.02, "rotation": 0.002, "time_offset": 0.0005}[which]
+    errors = PlateErrors(**{"position": 0.0, "gain": 0.0, "time_offset": 0.0, which: size})
     found = (
         dynamics.compute_ground_forces(
             dynamics.place(q),
@@ -93,17 +93,17 @@ def test_each_part_is_what_plates_that_err_so_make_of_torques(which: str) -> Non
 
 
 def changed(which: str, size: float, wrench: Array, time: Array) -> Iterator[Array]:
-    if which == "clock":
+    if which == "time_offset":
         columns = wrench.reshape(len(time), -1).T
         late = [np.interp(time + size, time, c) - np.interp(time - size, time, c) for c in columns]
         yield wrench + 0.5 * np.column_stack(late).reshape(wrench.shape)
         return
     for foot in range(2):
-        for axis in np.eye(3) if which == "place" else np.eye(1):
+        for axis in np.eye(3) if which == "position" else np.eye(1):
             other = wrench.copy()
             if which == "gain":
                 other[:, foot] *= 1.0 + size
-            elif which == "place":
+            elif which == "position":
                 other[:, foot, 3:] += np.cross(size * axis, wrench[:, foot, :3])
             else:
                 other[:, foot] = turned(wrench[:, foot], size)

@@ -164,8 +164,8 @@ def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
         cost, by_node, by_parameter = gradients(*a)  # type: ignore[arg-type]
         return cost, -by_node, -by_parameter
 
-    monkeypatch.setattr(MotionProblem, "equations", wrong_equations)
-    monkeypatch.setattr(MotionProblem, "both_gradients", wrong_gradients)
+    monkeypatch.setattr(MotionProblem, "assemble_equations", wrong_equations)
+    monkeypatch.setattr(MotionProblem, "compute_gradients", wrong_gradients)
     return problem, true + rng.normal(0, 0.05, true.shape)
 
 

@@ -197,14 +197,14 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
         plain = getattr(MotionProblem, name)
         return lambda *a, **k: (calls.append(name), plain(*a, **k))[1]
 
-    for name in ("equations", "gradient"):
+    for name in ("assemble_equations", "compute_gradient"):
         monkeypatch.setattr(MotionProblem, name, counted(name))
     kept = track_nodes(problem, body, start)
     with_keeping = list(calls)
     calls.clear()
     fresh = track_nodes(problem, body, start, DescentSettings(keep_within=0.0))
-    assert with_keeping[-1] == "gradient" and "gradient" not in calls
-    assert with_keeping.count("equations") < calls.count("equations")
+    assert with_keeping[-1] == "compute_gradient" and "compute_gradient" not in calls
+    assert with_keeping.count("assemble_equations") < calls.count("assemble_equations")
     exact = track_nodes(problem, body, fresh.x, DescentSettings(gain=1e-15))
     for found in (kept, fresh):
         assert found.converged
@@ -236,7 +236,7 @@ def test_large_matrices_are_factored_in_place(
     settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
     plain = track_nodes(problem, body, start, settings)
-    monkeypatch.setattr(motion, "LARGE_BYTES", 0)
+    monkeypatch.setattr(motion, "LARGE_MATRIX_BYTES", 0)
     lean = track_nodes(problem, body, start, settings)
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
     np.testing.assert_allclose(lean.x, plain.x, rtol=0, atol=1e-9)
