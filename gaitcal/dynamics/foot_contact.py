@@ -129,7 +129,20 @@ def estimate_ground_velocity(points: Array, velocity: Array) -> Array:
 
 
 def mark_near(marked: BoolArray, time: Array) -> BoolArray:
-    """Mark the frames within `EDGE_S` of a marked one, (nf,) or (nf, feet), at `time` (nf,) s."""
+    """Mark the frames within `EDGE_S` of a marked one.
+
+    Parameters
+    ----------
+    marked
+        (nf,) or (nf, feet).
+    time
+        (nf,) s.
+
+    Returns
+    -------
+    array of bool
+        In the shape of `marked`.
+    """
     if marked.ndim > 1:
         return np.stack([mark_near(column, time) for column in marked.T], axis=1)
     times = time[marked]
@@ -244,9 +257,16 @@ class SoleCells:
     forward: Array  # (nf, 2) unit vectors from heel to tip, x and z of the laboratory
 
     def find_cells_off_plates(self, plates: Sequence[ForcePlate]) -> BoolArray:
-        """Find the cells (nf, n) beside all of these plates, which have corners.
+        """Find the cells beside all of these plates. Plates that touch are one surface.
 
-        Plates that touch are one surface.
+        Parameters
+        ----------
+        plates
+            Force plates with corners.
+
+        Returns
+        -------
+        (nf, n) array of bool
         """
         if not plates:
             return np.ones(self.cells.shape[:2], dtype=bool)
@@ -260,9 +280,19 @@ class SoleCells:
         return chosen @ self.share
 
     def sum_half_shares(self, chosen: BoolArray) -> Array:
-        """Sum the shares (nf, 2) of heel half and toe half in the chosen cells (nf, n).
+        """Sum the shares of heel half and toe half in chosen cells.
 
         A heel is a small part of a sole, and carries the whole body where it alone rests.
+
+        Parameters
+        ----------
+        chosen
+            (nf, n) cells.
+
+        Returns
+        -------
+        (nf, 2) array
+            Share of the heel half and of the toe half.
         """
         halves = np.stack([self.rear, ~self.rear], axis=1) * self.share[:, None]
         return chosen @ (halves / halves.sum(axis=0))
@@ -512,7 +542,18 @@ def _compute_distance_to_foot(wrench: Array, stretch: slice, feet: FootPoints, f
 
 
 def compute_distance_to_line(point: Array, a: Array, b: Array) -> Array:
-    """Compute the distance (...) m of points (..., k) from the line segments a to b (..., k)."""
+    """Compute the distance of points from line segments.
+
+    Parameters
+    ----------
+    point, a, b
+        (..., k) m, points and ends of the line segments.
+
+    Returns
+    -------
+    (...) array
+        m.
+    """
     along = b - a
     t = np.clip(
         np.sum((point - a) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-12),

@@ -183,7 +183,17 @@ class GroundReactions(Displayed):
         return self.valid_legs[:, SIDES.index(side)] if side else self.valid
 
     def exclude_legs(self, legs: Sequence[str]) -> "GroundReactions":
-        """Return them without valid frames of some legs (`r`, `l`) and of the whole body."""
+        """Return them without valid frames of some legs and of the whole body.
+
+        Parameters
+        ----------
+        legs
+            `r`, `l`, or both.
+
+        Returns
+        -------
+        GroundReactions
+        """
         kept = np.array([side not in legs for side in SIDES])
         return replace(self, valid=self.valid & kept.all(), valid_legs=self.valid_legs & kept)
 

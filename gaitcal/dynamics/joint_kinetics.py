@@ -355,7 +355,21 @@ def _find_index(name: str, names: tuple[str, ...]) -> int:
 
 
 def compute_kinetics(parameters: Parameters, motion: Motion, wrenches: Array) -> JointKinetics:
-    """Compute powers and moments of a whole-body motion under foot wrenches (nf, 2, 6)."""
+    """Compute powers and moments of a whole-body motion.
+
+    Parameters
+    ----------
+    parameters
+        Joint and inertial parameters.
+    motion
+        Motion with all coordinates.
+    wrenches
+        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+
+    Returns
+    -------
+    JointKinetics
+    """
     state = motion.q, motion.velocity, motion.acceleration
     power, moment = compute_kinetic_values(parameters, *state, wrenches)
     return JointKinetics(time=motion.time, power=power, moment=moment)

@@ -161,7 +161,18 @@ class AxisErrors:
         self.columns = tuple((segment, axis) for segment in self._deviations for axis in range(3))
 
     def compute_coordinate_errors(self, q: Array) -> Array:
-        """Compute the standard errors (nf, nq) of coordinates (nf, nq), m and rad."""
+        """Compute the standard errors of coordinates by the directions of the axes.
+
+        Parameters
+        ----------
+        q
+            (nf, nq) coordinates, m and rad.
+
+        Returns
+        -------
+        (nf, nq) array
+            m, rad.
+        """
         parts = [
             (self.compute_coordinate_sensitivities(q[part]) ** 2).sum(axis=2)
             for part in stretches(len(q), BLOCK)
@@ -359,9 +370,18 @@ class TorqueErrors:
         return np.hstack([self.tau, self.knee_adduction])
 
     def select(self, coordinates: BoolArray) -> "TorqueErrors":
-        """Set all errors to NaN but those of some coordinates (nq,).
+        """Set all errors to NaN but those of some coordinates.
 
         The reaction of a knee is kept with its knee angle.
+
+        Parameters
+        ----------
+        coordinates
+            (nq,) coordinates to keep.
+
+        Returns
+        -------
+        TorqueErrors
         """
         knees = coordinates[
             [linkage.COORDINATE_INDEX[f"knee_angle_{side}"] for side in linkage.SIDES]
@@ -437,7 +457,17 @@ class PlateErrors:
         )
 
     def add(self, more: "PlateErrors | None") -> "PlateErrors":
-        """Add independent errors; exact plates stay exact."""
+        """Add independent errors; exact plates stay exact.
+
+        Parameters
+        ----------
+        more
+            Further standard deviations; None: none.
+
+        Returns
+        -------
+        PlateErrors
+        """
         if more is None or not self.nonzero:
             return self
         both = {

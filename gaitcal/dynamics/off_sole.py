@@ -171,7 +171,21 @@ def compute_distance_outside_hull(point: Array, edge: Array) -> tuple[Array, Arr
 def locate_pressures(
     loadings: Sequence[foot_contact.Loading], feet: foot_contact.FootPoints, time: Array
 ) -> list[PressurePosition]:
-    """Locate the centre of pressure of each loading relative to the soles on its plate."""
+    """Locate the centre of pressure of each loading relative to the soles on its plate.
+
+    Parameters
+    ----------
+    loadings
+        Loadings of all plates of the trial.
+    feet
+        Heels, toes and tips of both feet.
+    time
+        (nf,) s.
+
+    Returns
+    -------
+    list of PressurePosition
+    """
     out = []
     for loading in loadings:
         others = [other for other in loadings if other.plate is not loading.plate]
@@ -519,9 +533,10 @@ def find_shared_plates(
     for name, both in of_plate.items():
         if both.any():
             shared |= both
+            times = spans(time, runs(both))
             found = (
-                f"plate {name}, {spans(time, runs(both))}: it carries both feet at once and measures "
-                "their sum; not valid for either leg"
+                f"plate {name}, {times}: it carries both feet at once and measures their sum; "
+                "not valid for either leg"
             )
             findings.append(_report_fact(Code.BOTH_FEET, f"both feet are on plate {name}", found))
     return shared, findings

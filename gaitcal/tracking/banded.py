@@ -193,13 +193,33 @@ class BandFactor:
             raise np.linalg.LinAlgError("the normal matrix of the nodes is not positive definite")
 
     def solve(self, right: Array) -> Array:
-        """Return H_qq^-1 right, for right (n,) or (n, k)."""
+        """Solve H_qq x = right.
+
+        Parameters
+        ----------
+        right
+            (n,) or (n, k).
+
+        Returns
+        -------
+        (n,) or (n, k) array
+        """
         if right.ndim == 1:
             return lapack.dpbtrs(self.factor, right, lower=1)[0]
         return self.solve_backward(self.solve_forward(right))
 
     def solve_forward(self, right: Array) -> Array:
-        """Return L^-1 right, for right (n,) or (n, k)."""
+        """Solve L x = right.
+
+        Parameters
+        ----------
+        right
+            (n,) or (n, k).
+
+        Returns
+        -------
+        (n,) or (n, k) array
+        """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=0)
         out = np.array(right, order="C")
@@ -211,7 +231,17 @@ class BandFactor:
         return out
 
     def solve_backward(self, right: Array) -> Array:
-        """Return L^-T right, for right (n,) or (n, k)."""
+        """Solve L^T x = right.
+
+        Parameters
+        ----------
+        right
+            (n,) or (n, k).
+
+        Returns
+        -------
+        (n,) or (n, k) array
+        """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=1)
         out, n = np.array(right, order="C"), len(right)
@@ -376,7 +406,18 @@ class ArrowFactor:
         self.schur += RELATIVE_RIDGE * np.trace(self.schur) * np.eye(len(prior))
 
     def solve(self, gradient: Array) -> Array:
-        """Return the inverse of the whole matrix times `gradient`, both in the order of x."""
+        """Solve the whole system for parameters and coefficients.
+
+        Parameters
+        ----------
+        gradient
+            (n,) in the order of x.
+
+        Returns
+        -------
+        (n,) array
+            The inverse of the matrix times `gradient`.
+        """
         size = len(self.schur)
         ends = size + np.cumsum([0, *(len(trial.halfway) for trial in self.trials)])
         halfway = [

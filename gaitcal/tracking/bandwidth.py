@@ -46,28 +46,29 @@ FEWEST_SPANS, DENSE_SPANS, MOST_SPANS = 20.0, 50.0, 100.0
 FRAMES_PER_DENSE_SPAN = 2.0
 """Frames for each span between 50 and 100 spans a second. Slower cameras get a span for each frame.
 """
-# f is not sought below: whatever moves, moves as fast
 LOWEST_HZ = 2.0
-# cut-offs that are compared, 10 to 12 % apart; a parabola finds the minimum between them
+"""Hz, least cut-off that is tried: no movement is slower."""
 CANDIDATES = 25
-# Hz: cut-off of 20 knot spans a second, where the markers are not redundant
+"""Cut-offs that are compared, 10 to 12 % apart; a parabola finds the minimum between them."""
 FALLBACK_HZ = 10.0
-# marker coordinates a frame beyond those that the motion can follow
+"""Hz, cut-off of 20 knot spans a second, used where the markers are not redundant."""
 MIN_REDUNDANCY = 1.0
-# f is sought in a stretch of so much of a trial: the one in which most happens
+"""Marker coordinates in a frame beyond those that the motion can follow."""
 MAX_SEARCH_S = 20.0
-# frames that W is taken from
+"""s, longest stretch of a trial in which the cut-off is chosen: the busiest one."""
 POSES = 50
-# of mean H: a pose that hardly shows a coordinate (an elbow stretched) does not set its weight for
-# all
+"""Frames from which W is computed."""
 MIN_INFORMATION_SHARE = 0.01
-# of the diagonal: for directions that no pose shows
+"""Share of the mean H that is added to every frame: a pose that hardly shows a coordinate (a
+straight elbow) does not determine its weight."""
 UNOBSERVED_RIDGE = 1e-6
-# of the largest diagonal entry of G: two nodes between the same frames
+"""Share of the diagonal of the mean H that is added for directions that no pose shows."""
 GRAM_FLOOR = 1e-14
+"""Share of the largest diagonal entry of G, for control points without frames."""
 TINY = 1e-300
-# Tolerance while f is chosen: the remaining gain is far below the difference between cut-offs.
+"""Smallest positive figure, against division by zero and log(0)."""
 LOOSE_SETTINGS = descent.DescentSettings(gain=1e-4)
+"""Tolerance while f is chosen: the remaining gain is far below the difference between cut-offs."""
 
 
 def apply_bandwidth(
@@ -209,7 +210,17 @@ class DenseMotion:
         """n - nq."""
 
     def smooth_at(self, cutoff_hz: float) -> "SmoothedMotion":
-        """Smooth the motion with a cut-off (Hz), and compute what it loses."""
+        """Smooth the motion with a cut-off, and compute what it loses.
+
+        Parameters
+        ----------
+        cutoff_hz
+            Hz, f.
+
+        Returns
+        -------
+        SmoothedMotion
+        """
         basis, smoother = self.problem.basis, self._smoother
         change = smoother.compute_loss(self.coefficients, cutoff_hz)
         taken = basis.evaluate(change)
@@ -227,10 +238,12 @@ class DenseMotion:
         )
 
     def choose_cutoff(self) -> float:
-        """Choose the cut-off (Hz) of least expected error.
+        """Choose the cut-off of least expected error.
 
-        `FALLBACK_HZ` is returned where the markers are not redundant enough to estimate their
-        noise.
+        Returns
+        -------
+        float
+            Hz; `FALLBACK_HZ` where the markers are not redundant enough to estimate their noise.
         """
         lowest = min(LOWEST_HZ, self.highest)
         if self.spare < MIN_REDUNDANCY:

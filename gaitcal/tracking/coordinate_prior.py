@@ -64,10 +64,10 @@ from gaitcal.model.linkage import (
 )
 from gaitcal.tracking import rigid, spline
 
-# m, e: the noise of a marker on skin
 MARKER_M = 0.005
-# rad beyond a wall that cost e
+"""m, e: noise of a marker on skin."""
 LIMIT_SCALE_RAD = np.deg2rad(5.0)
+"""rad outside a joint limit that cost as much as e."""
 JOINT_LIMITS_DEG: Mapping[str, tuple[float, float]] = {
     with_side(row.name, side): row.wall
     for side in SIDES
@@ -82,20 +82,20 @@ PRIOR_DEVIATION_DEG: Mapping[str, float] = {
     if row.spread
 }
 """Coordinate -> deg, standard deviation of a normal prior."""
-# part of the variance of e_k
 CONSTANT_SHARE = 0.8
-# s, T_k
+"""Share of the variance of e_k that is a constant offset."""
 STRIDE_S = 1.0
-# coordinates whose T_k is half of that
+"""s, period T_k."""
 STEP_COORDINATES = ("lumbar_extension",)
-# frames that are asked
+"""Coordinates that follow the steps: T_k is half a stride."""
 POSES = 20
-# rad, m: uncertainty of a coordinate that nothing determines
+"""Frames in which coordinates are examined."""
 MAX_UNCERTAINTY = 1.0
-# share of the frames in which a marker must pull to count
+"""rad, m: uncertainty of a coordinate that nothing determines."""
 MIN_VISIBLE_SHARE = 0.5
-# s, standard deviation of the weights that smooth the heading
+"""Share of the frames in which a marker must have weight."""
 HEADING_S = 0.35
+"""s, standard deviation of the weights that smooth the heading."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +198,19 @@ class CoefficientPrior:
     weight: Array  # (nn, k) m^2/rad^2, w
 
     def evaluate(self, coefficients: Array) -> tuple[float, Array]:
-        """Compute the cost (m^2) and (nn, nq) half its gradient, at coefficients (nn, nq)."""
+        """Compute the cost and half its gradient.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+
+        Returns
+        -------
+        float
+            m^2.
+        (nn, nq) array
+        """
         out = np.zeros_like(coefficients)
         excess = self._compute_excess(coefficients)
         weighted = self.weight * excess
@@ -345,7 +357,18 @@ def select_undetermined(
 
 
 def compute_uncertainty(hessians: Array) -> Array:
-    """Compute s_f (nf, nq) in m, rad from Gauss-Newton matrices (nf, nq, nq), m^2."""
+    """Compute the uncertainty s_f that marker errors leave in each frame.
+
+    Parameters
+    ----------
+    hessians
+        (nf, nq, nq) m^2, Gauss-Newton matrices of frames.
+
+    Returns
+    -------
+    (nf, nq) array
+        m, rad.
+    """
     inverse = np.linalg.inv(hessians / MARKER_M**2 + np.eye(hessians.shape[1]) / MAX_UNCERTAINTY**2)
     return np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
 
@@ -354,6 +377,16 @@ def find_undetermined_joints(guessed: Sequence[str]) -> frozenset[str]:
     """Find the joints of coordinates that have a normal prior.
 
     Where a prior determines the angle, markers do not determine the position of the joint.
+
+    Parameters
+    ----------
+    guessed
+        Coordinates with a normal prior.
+
+    Returns
+    -------
+    frozenset of str
+        Names of joints.
     """
     joints = set[str]()
     for joint in JOINTS:

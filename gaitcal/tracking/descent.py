@@ -26,17 +26,18 @@ import numpy as np
 
 from gaitcal.arrays import Array
 
-# a factor is stale when a step on it predicts more than this part of what the step before did
 STALE_RATIO = 0.1
+"""A kept factor is stale if a step predicts more than this part of the reduction before."""
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e12
 """Relative to the diagonal of M: the first damping of a refused step, and what no step lowers the
 cost beyond.
 """
 DAMPING_FACTOR = 10.0
-# damping below this is dropped
+"""Factor by which damping is raised after a refused step."""
 NEGLIGIBLE_DAMPING = 1e-12
-# With more damping, a small gain is a sign of the damping and not of the minimum.
+"""Damping below this is set to zero."""
 DECISIVE_DAMPING = 1e-2
+"""With more damping, a small gain is a sign of the damping and not of the minimum."""
 ROUNDING = 1e-14
 """A cost that is higher by this part of `nothing_left` is no higher, a gain of this part of the
 cost is none.

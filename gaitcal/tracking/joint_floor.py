@@ -34,14 +34,15 @@ from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.rotations import root_angles
 from gaitcal.tracking import descent, marker_residual, motion, spline, start, trial_problem
 
-# looked at, evenly spaced: the floor of a longer trial is that of these
 MOST_FRAMES = 300
+"""Frames of a trial that are used, evenly spaced."""
 SETTINGS = descent.DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
 """The last step gains less than 1e-3 of the cost, 5e-4 of the RMS. Some damping is kept throughout,
 so that no step is taken on its prediction alone: two markers of a segment leave a rotation
 undetermined, along which such a step leads far."""
-# of the largest diagonal entry: fixes undetermined directions, such as the rotation of two markers about their line
 RIDGE = 1e-10
+"""Share of the largest diagonal entry that is added, for undetermined directions such as the
+rotation of two markers about their line."""
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,17 @@ class MarkerData:
         return np.array(out).reshape(len(out), 4, 4, -1)
 
     def select_frames(self, part: slice | IntArray) -> "MarkerData":
-        """Return the same markers in some frames."""
+        """Return the same markers in some frames.
+
+        Parameters
+        ----------
+        part
+            Frames, as a slice or as indices.
+
+        Returns
+        -------
+        MarkerData
+        """
         if isinstance(part, slice) and part == slice(0, self.weight.shape[1]):
             return self
         shift = None if self.shift is None else self.shift[:, :, part]
@@ -377,7 +387,21 @@ def _apply_inertia(inertia: Array, of_variable: IntArray, columns: Array) -> Arr
 
 
 def compute_curvature_forces(columns: Array, force: Array, first: Array) -> Array:
-    """Return (nk, 3, nf) p_l, for J_l (nk, 6, nf), F_l (nk, 3, nf) and C_l (nk, 3, 3, nf)."""
+    """Compute p_l of the curvature of the marker paths.
+
+    Parameters
+    ----------
+    columns
+        (nk, 6, nf) J_l.
+    force
+        (nk, 3, nf) F_l.
+    first
+        (nk, 3, 3, nf) C_l.
+
+    Returns
+    -------
+    (nk, 3, nf) array
+    """
     v, w = columns[:, :3], columns[:, 3:]
     trace = first[:, 0, 0] + first[:, 1, 1] + first[:, 2, 2]
     out = np.empty_like(w)

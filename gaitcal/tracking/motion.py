@@ -158,7 +158,20 @@ class SharedMotions:
         return np.concatenate([p, *(of_trial.ravel() for of_trial in coefficients)])
 
     def split_unknowns(self, x: Array) -> tuple[Array, list[Array]]:
-        """Split x into parameters (np,) and coefficients (nn, nq) of each trial."""
+        """Split x into joint parameters and coefficients.
+
+        Parameters
+        ----------
+        x
+            (n,) all unknowns.
+
+        Returns
+        -------
+        (np,) array
+            Joint parameters.
+        list of (nn, nq) arrays
+            Coefficients of each trial.
+        """
         sizes = [
             self.size,
             *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open),
@@ -228,7 +241,13 @@ class MarkerErrors:
         return (self.weight > 0) & visible & here
 
     def find_largest(self) -> tuple[float, str] | None:
-        """Find the largest distance (m) over markers with weight, and the label of its marker."""
+        """Find the largest distance over markers with weight.
+
+        Returns
+        -------
+        tuple of (float, str) or None
+            m, and the label of the marker; None without such a marker.
+        """
         kept = np.flatnonzero(self.select_observed())
         if not len(kept):
             return None
@@ -496,19 +515,22 @@ def track(model: SubjectModel, recording: Recording, *, rule: NodeRule | None = 
 
 
 HUBER_K = 1.7
+"""k of the Huber loss, for 95 % efficiency."""
 CAUCHY_C = 2.8
+"""c of the Cauchy loss, for 95 % efficiency."""
 MAD_TO_SIGMA = 1.4826
-# m: residuals of half a millimetre are measurement noise, however well the rest fits
+"""Standard deviation of a Gaussian in units of its median absolute deviation."""
 MIN_SCALE_M = 0.0005
-# largest change of a factor at which the iteration ends
+"""m, least scale: residuals of half a millimetre are measurement noise, however good the fit."""
 SETTLED_CHANGE = 0.02
+"""Largest change of a factor at which the iteration ends."""
 MOST_ROUNDS = 30
-# of Huber's loss before Cauchy's
+"""Largest number of reweighting rounds."""
 FIRST_ROUNDS = 4
+"""Rounds of the Huber loss before those of the Cauchy loss."""
 OUTLIER_FACTOR = 0.25
-"""A sample whose factor is below this was all but left out: sqrt(3) c scales away for Cauchy, 4 k
-for Huber.
-"""
+"""Factor below which a sample is practically left out: beyond sqrt(3) c scales for Cauchy, 4 k for
+Huber."""
 
 
 class Loss(Enum):
@@ -540,7 +562,18 @@ class RobustTracking:
 
 
 def estimate_residual_scale(standardised: Array) -> float:
-    """Estimate s (m) from residual coordinates sqrt(w) r (n, 3) of the samples with weight."""
+    """Estimate the scale s of residual coordinates.
+
+    Parameters
+    ----------
+    standardised
+        (n, 3) m, sqrt(w) r of the samples with weight.
+
+    Returns
+    -------
+    float
+        m, at least `MIN_SCALE_M`.
+    """
     if not len(standardised):
         return MIN_SCALE_M
     return max(MAD_TO_SIGMA * float(np.median(np.abs(standardised))), MIN_SCALE_M)

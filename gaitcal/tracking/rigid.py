@@ -26,6 +26,7 @@ COLLINEAR_RATIO = 1e-3
 """Ratio of the second to the first singular value of B below which the rotation about the line of
 the markers is undetermined."""
 MOST_STEPS = 60
+"""Largest number of Newton steps for s."""
 FEWEST_MARKERS = 3
 """Markers that determine position and orientation of a segment."""
 
@@ -109,7 +110,13 @@ class SegmentMoments:
                 self._mixed[k, :3] += np.einsum("mjf,mif->jif", data.shift[markers], pull[markers])
 
     def fit_segments(self) -> dict[int, RigidFit]:
-        """Fit every segment that carries markers: segment index -> fit."""
+        """Fit every segment that carries markers.
+
+        Returns
+        -------
+        dict
+            Segment index -> RigidFit.
+        """
         n, nf = len(self._place), self._mixed.shape[-1]
         total = np.broadcast_to(self._local[:, 3, 3], (n, nf))
         safe = np.where(total > 0, total, 1.0)

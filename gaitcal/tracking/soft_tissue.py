@@ -47,11 +47,12 @@ from gaitcal.model.kinematics import Kinematics, SecondaryMotion
 from gaitcal.model.linkage import BENDS, SECONDARY
 from gaitcal.tracking import banded, marker_residual, spline
 
-# rad: an angle that moves less in a task moves no more with it than one that does
 MIN_ANGLE_SPREAD_RAD = np.deg2rad(2.0)
+"""rad, least standard deviation of an angle in a task: a smaller one moves soft tissue no more."""
 # Components of z_r: translations along and rotations about the axes of the segment
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 WIDTH = len(COMPONENTS)
+"""Number of components of z_r."""
 RANK_TOLERANCE = 1e-3
 """Part of the largest singular value of B below which markers do not determine a motion: a rotation
 about their line.
@@ -86,7 +87,17 @@ class SecondaryColumns:
         )
 
     def evaluate(self, z: Array) -> SecondaryMotion:
-        """Evaluate the secondary motions for unknowns z (n,), m and rad."""
+        """Evaluate the secondary motions.
+
+        Parameters
+        ----------
+        z
+            (n,) m, rad, unknowns.
+
+        Returns
+        -------
+        SecondaryMotion
+        """
         values = z.reshape(len(self.regressors), len(BENDS), -1)
         amounts = {
             name: np.asarray(factors.T @ np.array(bends), float)
@@ -178,7 +189,18 @@ class SegmentTissue:
         return np.asarray(rotated - arms[:, :, None] + path[:, :3].T)
 
     def fit_rigid_part(self, moves: Array) -> Array:
-        """Fit (6,) translation and rotation to displacements (nm, 3) m of the markers."""
+        """Fit a translation and a rotation to displacements of the markers.
+
+        Parameters
+        ----------
+        moves
+            (nm, 3) m.
+
+        Returns
+        -------
+        (6,) array
+            m, rad.
+        """
         flat = self.pattern.reshape(-1, WIDTH)
         return np.asarray(np.linalg.pinv(flat, rcond=RANK_TOLERANCE) @ moves.ravel())
 

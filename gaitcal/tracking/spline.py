@@ -282,7 +282,17 @@ class NodeRule:
     fixed: int | None = None
 
     def count_nodes(self, time: Array) -> int:
-        """Count the control points for frames at `time` (nf,) s."""
+        """Count the control points of a trial.
+
+        Parameters
+        ----------
+        time
+            (nf,) s.
+
+        Returns
+        -------
+        int
+        """
         if self.fixed is not None:
             return self.fixed
         spans = min(float(time[-1] - time[0]) * self.per_second, len(time) / FRAMES_PER_SPAN)
@@ -331,7 +341,20 @@ class Roughness:
         return out
 
     def evaluate(self, coefficients: Array, coupling: Array) -> tuple[float, Array]:
-        """Compute tr(N^T R N K) and (nn, k) R N K, for N (nn, k) and K (k, k)."""
+        """Compute tr(N^T R N K) and R N K.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, k) N.
+        coupling
+            (k, k) K.
+
+        Returns
+        -------
+        float
+        (nn, k) array
+        """
         cost, out = 0.0, np.zeros_like(coefficients)
         for back, products, by_node in self.terms:
             values = by_node @ coefficients

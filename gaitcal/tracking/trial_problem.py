@@ -227,7 +227,17 @@ class MotionProblem:
         return self._replace_data(priors=tuple(priors))
 
     def build_body(self, parameters: Parameters) -> LinkageModel:
-        """Build the linkage of this trial with a set of parameters."""
+        """Build the linkage of this trial.
+
+        Parameters
+        ----------
+        parameters
+            Joint and inertial parameters.
+
+        Returns
+        -------
+        LinkageModel
+        """
         chain = self.chain if self.data.secondary is None else self.chain.with_secondary()
         return chain.body(parameters)
 
@@ -236,7 +246,17 @@ class MotionProblem:
         return parameters.joint[[JP_INDEX[name] for name in self.chain.free]]
 
     def with_free(self, free: tuple[str, ...]) -> MotionProblem:
-        """Set the free joint parameters; secondary motions are free if there are any."""
+        """Set the free joint parameters; secondary motions are free if there are any.
+
+        Parameters
+        ----------
+        free
+            Names of joint parameters and of shared unknowns.
+
+        Returns
+        -------
+        MotionProblem
+        """
         data, secondary = self.data, self.secondary
         if free and secondary:
             free = (*(name for name in free if name in JP_INDEX), *secondary.names)
@@ -360,7 +380,21 @@ class MotionProblem:
         return out
 
     def compute_gradient(self, coefficients: Array, body: LinkageModel) -> tuple[float, Array]:
-        """Compute the cost (m^2) and half its gradient (nn, nq), without the matrix."""
+        """Compute the cost and half its gradient by the coefficients, without the matrix.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+        body
+            Linkage with its joint parameters.
+
+        Returns
+        -------
+        float
+            m^2.
+        (nn, nq) array
+        """
         cost, by_nodes, _ = self.compute_gradients(coefficients, body)
         return cost, by_nodes
 
@@ -401,12 +435,38 @@ class MotionProblem:
         )
 
     def compute_marker_cost(self, coefficients: Array, body: LinkageModel) -> float:
-        """Compute the sum of w |r|^2, m^2."""
+        """Compute the sum of w |r|^2.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+        body
+            Linkage with its joint parameters.
+
+        Returns
+        -------
+        float
+            m^2.
+        """
         r = self.compute_positions(coefficients, body) - self.data.measured
         return float(np.vdot(self.data.weight[:, None] * r, r))
 
     def compute_positions(self, coefficients: Array, body: LinkageModel) -> Array:
-        """Compute the positions (nm, 3, nf) of the model markers, m."""
+        """Compute the positions of the model markers.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+        body
+            Linkage with its joint parameters.
+
+        Returns
+        -------
+        (nm, 3, nf) array
+            m, laboratory axes.
+        """
         q = self.basis.evaluate(coefficients)
         out = np.empty(self.data.measured.shape)
         for stretch in self.basis.stretches:
@@ -418,8 +478,9 @@ class MotionProblem:
 
 
 FEWEST_FRAMES = 12
-# Share of frames with three visible markers from which the base segment is tracked by these
+"""Frames that a trial needs for its splines."""
 MIN_ROOT_VISIBLE_SHARE = 0.5
+"""Share of frames with three visible markers from which the base segment is tracked by these."""
 
 
 def build_trial_problem(
@@ -470,6 +531,7 @@ def build_trial_problem(
     if len(recording.time) < FEWEST_FRAMES:
         message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}"
         raise InputError(message, source=recording.source, code=Code.TOO_LITTLE_SEEN)
+    # Markers of the model that are recorded, in the order of the segments along the chain.
     at = {label: i for i, label in enumerate(recording.labels)}
     chain = chain_of(root, segments)
     all_labels, segment_of = model.markers.labels, model.markers.segments
@@ -477,10 +539,12 @@ def build_trial_problem(
     chosen.sort(key=lambda i: chain.segments.index(segment_of[i]))
     index = np.array([chain.segments.index(segment_of[i]) for i in chosen], dtype=np.intp)
     labels = tuple(all_labels[i] for i in chosen)
+    # Measured positions (nm, 3, nf); samples in gaps have weight zero.
     measured = recording.markers[:, [at[label] for label in labels]].transpose(1, 2, 0)
     visible = np.asarray(np.isfinite(measured).all(axis=1))
     weight = np.where(visible, model.markers.weight[chosen][:, None], 0.0)
     on_root = (index == 0) & (weight > 0).any(axis=1)
+    # A base segment without enough visible markers is carried by another one.
     held: tuple[str, ...] = ()
     if (
         carrier
@@ -488,7 +552,7 @@ def build_trial_problem(
         and compute_visible_share(weight[index == 0]) < MIN_ROOT_VISIBLE_SHARE
     ):
         root, s = carrier, chain.segments.index(carrier)
-        # (nq, ns)
+        # moves: (nq, ns) whether a coordinate moves a segment. Joints up to the carrier are held.
         moves = chain.support[: len(chain.coordinates)] > 0
         held = tuple(np.array(chain.coordinates)[moves[:, s]].tolist())[len(ROOT_SUFFIXES) :]
         # Segments beyond the carrier: moved by all coordinates that move the carrier.
@@ -498,8 +562,8 @@ def build_trial_problem(
     if on_root.sum() < rigid.FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
         message = (
-            f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and "
-            "have weight"
+            f"found {found} on {root}; allowed: at least 3 markers of {root} that are visible "
+            "and have weight"
         )
         raise InputError(
             message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN
@@ -509,6 +573,7 @@ def build_trial_problem(
     data = marker_residual.MarkerData(
         placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight
     )
+    # Joint limits, except of the joint of a functional trial.
     moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
     problem = MotionProblem(
         name=name,
@@ -532,37 +597,39 @@ def _add_posture_priors(problem: MotionProblem, model: SubjectModel) -> MotionPr
     """Add normal priors to the coordinates that the markers do not determine."""
     chain, data = problem.chain, problem.data
     of_marker = [chain.segments[s] for s in data.segment]
-    asked = coordinate_prior.list_prior_candidates(
+    candidates = coordinate_prior.list_prior_candidates(
         chain.segments, of_marker, data.local, data.weight > 0
     )
-    if not asked:
+    if not candidates:
         return problem
     body = problem.build_body(model.nominal)
     frames = select_spaced_frames(len(problem.basis.time), coordinate_prior.POSES)
     q = start.find_start_coordinates(body, data.select_frames(frames))
-    pulling = data.weight[:, frames] > 0
+    visible = data.weight[:, frames] > 0
     on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
 
-    def left_open(counted: BoolArray) -> tuple[str, ...]:
-        alike = marker_residual.MarkerData(
+    def find_undetermined(counted: BoolArray) -> tuple[str, ...]:
+        # Every marker that counts has the same weight.
+        equal_weights = marker_residual.MarkerData(
             data.placed, data.measured[:, :, frames], counted.astype(float)
         )
-        some = replace(problem, basis=problem.basis.select_frames(frames), data=alike)
+        some = replace(problem, basis=problem.basis.select_frames(frames), data=equal_weights)
         return coordinate_prior.select_undetermined(
-            asked, chain.coordinates, some.compute_frame_hessians(q, body)
+            candidates, chain.coordinates, some.compute_frame_hessians(q, body)
         )
 
-    open_now = set(left_open(pulling)) - set(LUMBAR)
-    if set(LUMBAR) & set(asked):
-        open_now |= set(left_open(pulling & ~on_arms[:, None])) & set(LUMBAR)
-    names = tuple(name for name in asked if name in open_now)
+    # Markers of the arms do not count for the lumbar joint.
+    undetermined = set(find_undetermined(visible)) - set(LUMBAR)
+    if set(LUMBAR) & set(candidates):
+        undetermined |= set(find_undetermined(visible & ~on_arms[:, None])) & set(LUMBAR)
+    names = tuple(name for name in candidates if name in undetermined)
     if not names:
         return problem
-    known = replace(
+    with_priors = replace(
         problem,
         priors=(*problem.priors, coordinate_prior.build_posture_prior(names, model.posture)),
     )
-    return known.follow_pelvis(start.find_start_coefficients(body, data, problem.basis))
+    return with_priors.follow_pelvis(start.find_start_coefficients(body, data, problem.basis))
 
 
 def compute_visible_share(weight: Array) -> float:
