@@ -18,9 +18,9 @@ from gaitcal.model.parameters import (
     Parameters,
     read_published_parameters,
 )
-from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
-from gaitcal.tracking.spline import spline_basis
-from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, compute_marker_positions
+from gaitcal.tracking.spline import build_spline_basis
+from gaitcal.tracking.start import find_start_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
 
 Array = NDArray[np.float64]
@@ -91,10 +91,10 @@ def random_trial(
     massive = [i for i, s in enumerate(chain.segments) if not s.startswith("talus")]
     segment = np.repeat(np.array(massive, dtype=np.intp), per_segment)
     local = rng.normal(0, 0.1, (len(segment), 3))
-    basis = spline_basis(np.arange(frames) / 100.0, nodes)
+    basis = build_spline_basis(np.arange(frames) / 100.0, nodes)
     true = np.cumsum(rng.normal(0, 0.08, (nodes, len(chain.coordinates))), axis=0)
     placed = PlacedMarkers(segment, local)
-    x = marker_positions(chain.body(parameters), placed, basis.evaluate(true))
+    x = compute_marker_positions(chain.body(parameters), placed, basis.evaluate(true))
     data = MarkerData(placed, x, np.ones((len(segment), frames)))
     labels = tuple(f"m{i}" for i in range(len(segment)))
     return MotionProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true
@@ -144,8 +144,8 @@ def without_segments(
 
 def started(problem: MotionProblem, parameters: Parameters) -> tuple[LinkageModel, Array]:
     """Constants of the linkage and the nodes where tracking starts."""
-    body = problem.body(parameters)
-    return body, starting_nodes(body, problem.data, problem.basis)
+    body = problem.build_body(parameters)
+    return body, find_start_coefficients(body, problem.data, problem.basis)
 
 
 def from_band(band: Array) -> Array:

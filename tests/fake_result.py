@@ -10,7 +10,7 @@ from gaitcal.analysis.result import Calibration, Loads, Stage, TrialResult, Unce
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.dynamics.expected_residual import expected_residual
+from gaitcal.dynamics.expected_residual import estimate_expected_residual
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
@@ -32,7 +32,7 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.tracking.joint_floor import JointFloor
 from gaitcal.tracking.motion import MarkerErrors, Motion
-from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.spline import build_spline_basis
 
 FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02
@@ -213,7 +213,7 @@ def _joint_floor(floor: MarkerErrors, joints: dict[str, float]) -> JointFloor:
 def _motion(
     names: Names, coordinates: tuple[str, ...], level: float, segments: tuple[str, ...]
 ) -> Motion:
-    basis = spline_basis(np.arange(FRAMES) / RATE, 30)
+    basis = build_spline_basis(np.arange(FRAMES) / RATE, 30)
     phase = np.linspace(0.0, 5.0, 30)[:, None] + np.arange(len(coordinates))
     coefficients = 0.3 * np.sin(2.0 * phase) + level
     if "pelvis_ty" in coordinates:
@@ -302,7 +302,9 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
     stages = {Stage.NOMINAL: moments(1.0), Stage.JP: moments(0.9), Stage.JP_IP: moments(0.7)}
     sizes = np.append(np.full(len(COORDINATES), 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))
     spread = (
-        TorqueErrors.of({source: share * sizes**2 for source, share in ERROR_SHARES.items()})
+        TorqueErrors.from_sources(
+            {source: share * sizes**2 for source, share in ERROR_SHARES.items()}
+        )
         if errors
         else None
     )
@@ -314,5 +316,7 @@ def held(trial: TrialResult) -> TrialResult:
     loads = trial.loads
     if loads is None or loads.errors is None:
         return trial
-    known = expected_residual(loads.final, loads.errors, loads.reactions, trial.body, 70.0 * 9.81)
+    known = estimate_expected_residual(
+        loads.final, loads.errors, loads.reactions, trial.body, 70.0 * 9.81
+    )
     return replace(trial, loads=replace(loads, expected=known))

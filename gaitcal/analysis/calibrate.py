@@ -59,7 +59,7 @@ from gaitcal.quality.verdict import LEFT_OUT, judge, stopping, without_consequen
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.tracking.motion import motion_of
+from gaitcal.tracking.motion import build_motion
 
 Loaded: TypeAlias = tuple[MovingTrial, GroundReactions]
 
@@ -326,7 +326,7 @@ def _inertial_fit(
         subject,
         inertial_calibration.LogChart(parameters.inertial, which),
         inertial_calibration.get_torque_length(subject, scale, width),
-        inertial_evidence.PlateNoise(PlateErrors.of(settings.plate_error)),
+        inertial_evidence.PlateNoise(PlateErrors.from_table(settings.plate_error)),
         inertial_evidence.compute_fixed_spread(parameters.inertial, which),
     )
     fit = inertial_evidence.fit_by_evidence(
@@ -363,7 +363,9 @@ def _fit_together(
     for t in session.trials:
         coefficients, r = t.motion.coefficients, forces.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
-        steps.append(CombinedProblem(t.body.followed(coefficients), coefficients, wrench, valid))
+        steps.append(
+            CombinedProblem(t.body.follow_pelvis(coefficients), coefficients, wrench, valid)
+        )
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(
         load_share=settings.joint_step_load_share, spread=spread_of_people(session)
@@ -380,7 +382,7 @@ def _fit_together(
     trials = []
     for t, coefficients in zip(session.trials, fit.coefficients, strict=True):
         moved = shifted(coefficients, t.body.chain.coordinates, counted.moved)
-        motion = motion_of(t.body, counted.parameters, moved, converged=fit.converged)
+        motion = build_motion(t.body, counted.parameters, moved, converged=fit.converged)
         trials.append(
             t.reached(Stage.COMBINED, counted.parameters, motion).scored(session.uncertainty)
         )

@@ -132,9 +132,9 @@ def trial_findings(trial: MovingTrial, loads: Loads | None, weight: float) -> tu
         segments=motion.errors.segments,
         weight=motion.errors.weight,
         measured=np.where(seen[:, :, None], measured, np.nan),
-        model=problem.positions(motion.coefficients, problem.body(trial.parameters)).transpose(
-            2, 0, 1
-        ),
+        model=problem.compute_positions(
+            motion.coefficients, problem.build_body(trial.parameters)
+        ).transpose(2, 0, 1),
     )
     moments, valid, legs = None, None, None
     if loads is not None:

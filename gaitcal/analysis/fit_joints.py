@@ -31,7 +31,7 @@ from gaitcal.model.parameters import Parameters, list_gait_parameters, list_leg_
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.settings import Protocol
 from gaitcal.study.study_trial import Role
-from gaitcal.tracking.motion import Loss, RobustTracking, robust_tracking, tracked_motion
+from gaitcal.tracking.motion import Loss, RobustTracking, track_motion, track_robustly
 from gaitcal.tracking.trial_problem import MotionProblem
 
 FOLDS = 4
@@ -183,8 +183,8 @@ def distances(problem: MotionProblem, parameters: Parameters) -> Array:
     """(nf, nm) m, distances of the markers with weight from the model tracked with `parameters`;
     NaN elsewhere.
     """
-    errors = tracked_motion(problem, parameters).errors
-    return np.where(errors.kept(), errors.distance, np.nan)
+    errors = track_motion(problem, parameters).errors
+    return np.where(errors.select_observed(), errors.distance, np.nan)
 
 
 def _rms(distance: Array) -> float:
@@ -204,7 +204,7 @@ def calibrate_robustly(
     ) -> list[MovingTrial]:
         for t in trials:
             factor = last[t.name].factor if t.name in last else None
-            last[t.name] = robust_tracking(
+            last[t.name] = track_robustly(
                 t.joints,
                 joint_phases.get_parameters_for_trial(joint, t.name, parameters),
                 loss,
@@ -220,9 +220,9 @@ def calibrate_robustly(
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
     finished, findings = [], []
     for t in trials:
-        body = robust_tracking(t.body, parameters, loss)
+        body = track_robustly(t.body, parameters, loss)
         own = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-        fitted = body if t.joint is None else robust_tracking(t.fitted, own, loss)
+        fitted = body if t.joint is None else track_robustly(t.fitted, own, loss)
         joints = fitted.problem if t.joints is t.fitted else last[t.name].problem
         finished.append(replace(t, body=body.problem, fitted=fitted.problem, joints=joints))
         findings += _outliers_of(t.name, fitted)

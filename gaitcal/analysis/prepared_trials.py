@@ -18,7 +18,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration import error_sources, inertial_calibration, joint_phases, joint_prior
 from gaitcal.calibration.combined import CombinedFit
 from gaitcal.calibration.soft_tissue_artefact import FoundTissue
-from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
+from gaitcal.dynamics.ground_reactions import GroundReactions, compute_motion_reactions
 from gaitcal.errors import Finding, InputError
 from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording, still_window
@@ -38,10 +38,10 @@ from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study_trial import Trial
 from gaitcal.tracking import rigid, spline
-from gaitcal.tracking.bandwidth import with_bandwidth
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.bandwidth import apply_bandwidth
+from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.soft_tissue import SoftTissue
-from gaitcal.tracking.trial_problem import FEWEST_FRAMES, MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import FEWEST_FRAMES, MotionProblem, build_trial_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ class MovingTrial(Trial):
         shift = dict(zip(body.labels, body.data.shift, strict=True))
 
         def displaced(problem: MotionProblem) -> MotionProblem:
-            return problem.shifted(np.array([shift[label] for label in problem.labels]))
+            return problem.shift_markers(np.array([shift[label] for label in problem.labels]))
 
         return replace(
             self,
@@ -219,7 +219,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     joint = trial.joint
 
     def part(segments: Sequence[str]) -> MotionProblem:
-        return trial_problem(
+        return build_trial_problem(
             trial.name,
             model,
             recording,
@@ -229,7 +229,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
             isolated=joint,
         )
 
-    body = trial_problem(
+    body = build_trial_problem(
         trial.name, model, recording, rule, carrier=find_base_segment(joint), isolated=joint
     )
     if body.guessed:
@@ -249,7 +249,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     bandwidth = bandwidth_of(alone, turned, model, settings)
 
     def smoothed(problem: MotionProblem, hz: float) -> MotionProblem:
-        return with_bandwidth(problem, model.nominal, hz) if bandwidth.penalised else problem
+        return apply_bandwidth(problem, model.nominal, hz) if bandwidth.penalised else problem
 
     body = smoothed(body, bandwidth.motion_hz)
     same = joint is None and bandwidth.joints_hz == bandwidth.motion_hz
@@ -273,7 +273,7 @@ def forward_direction(model: SubjectModel, recording: Recording) -> Array | None
     """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen
     together.
     """
-    fit = rigid.segment_fit(model.markers, "pelvis", recording)
+    fit = rigid.fit_segment(model.markers, "pelvis", recording)
     return None if fit is None else np.asarray(fit.rotation[fit.determined][:, :, 0].mean(axis=0))
 
 
@@ -288,7 +288,7 @@ def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
         mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
     posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
     window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
-    return trial_problem("static", model, window, spline.NodeRule())
+    return build_trial_problem("static", model, window, spline.NodeRule())
 
 
 def tracked(trial: MovingTrial, session: CalibrationState, stage: Stage) -> MovingTrial:
@@ -298,12 +298,12 @@ def tracked(trial: MovingTrial, session: CalibrationState, stage: Stage) -> Movi
     model, parameters = session.model, session.parameters
     part = trial.body if trial.joint is None else trial.fitted
     trial = trial.reached(
-        Stage.NOMINAL, model.nominal, tracked_motion(part.shifted(None), model.nominal)
+        Stage.NOMINAL, model.nominal, track_motion(part.shift_markers(None), model.nominal)
     )
     if trial.joint is not None and stage is Stage.NOMINAL:
         stage = Stage.JP  # the whole body beside the segments of the joint
     if stage is not Stage.NOMINAL:
-        trial = trial.reached(stage, parameters, tracked_motion(trial.body, parameters))
+        trial = trial.reached(stage, parameters, track_motion(trial.body, parameters))
     if trial.joint is None and trial.recording.plates:
         reactions = measured_reactions(trial, model, parameters, trial.motion, session.settings)
         trial = replace(trial, reactions=reactions)
@@ -319,7 +319,7 @@ def measured_reactions(
 ) -> GroundReactions:
     """Ground reactions on the feet at the frames of a whole-body motion."""
     hz = force_cutoff(trial, motion, settings)
-    return reactions_of_motion(model, parameters, motion, trial.recording, trial.plates, hz)
+    return compute_motion_reactions(model, parameters, motion, trial.recording, trial.plates, hz)
 
 
 def force_cutoff(trial: Trial, motion: Motion, settings: CalibrationSettings) -> float | None:

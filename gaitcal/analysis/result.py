@@ -17,9 +17,9 @@ from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.expected_residual import (
     ExpectedResidual,
     ResidualMagnitudes,
-    residual_magnitudes,
+    compute_residual_magnitudes,
 )
-from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
+from gaitcal.dynamics.ground_reactions import GroundReactions, get_leg
 from gaitcal.dynamics.joint_kinetics import JointKinetics
 from gaitcal.errors import Code, Finding, InputError, Severity, nearest, note_of
 from gaitcal.gait import cycles, spatiotemporal
@@ -103,7 +103,7 @@ class Loads:
         if not valid.any():
             return ()
         return tuple(
-            residual_magnitudes(stage.words, moments, valid)
+            compute_residual_magnitudes(stage.words, moments, valid)
             for stage, moments in self.moments.items()
         )
 
@@ -271,11 +271,11 @@ class TrialResult(Displayed):
         loads, errors, own = self.loads, self.coordinate_errors, self.own_coordinate_errors
         whole = set(legs) == set(linkage.SIDES)
         kept = np.array(
-            [leg_of(name) in {*linkage.SIDES} - {*legs} for name in linkage.COORDINATES]
+            [get_leg(name) in {*linkage.SIDES} - {*legs} for name in linkage.COORDINATES]
         )
         if loads is not None:
-            of_torques = None if whole or loads.errors is None else loads.errors.only(kept)
-            loads = replace(loads, reactions=loads.reactions.without(legs), errors=of_torques)
+            of_torques = None if whole or loads.errors is None else loads.errors.select(kept)
+            loads = replace(loads, reactions=loads.reactions.exclude_legs(legs), errors=of_torques)
         errors, own = (
             None if whole or e is None else np.where(kept, e, np.nan) for e in (errors, own)
         )
@@ -448,9 +448,9 @@ SHOWN_BY = {
 def angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
     """(nf,) where an angle may be used: not refused, and between segments that some marker shows.
 
-    `unseen`: of `dynamics.ground_reactions.unseen_frames`.
+    `unseen`: of `dynamics.ground_reactions.find_unobserved_frames`.
     """
-    side = leg_of(name)
+    side = get_leg(name)
     refused = side in trial.refused_legs if side else bool(trial.refused_legs)
     out = np.full(len(trial.body.time), not refused)
     for segment in SHOWN_BY.get(name, ()):

@@ -24,7 +24,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_reactions import reactions_of_motion
+from gaitcal.dynamics.ground_reactions import compute_motion_reactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, resample_wrench
@@ -33,7 +33,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_trial import Trial
 from gaitcal.tracking import bandwidth, spline, trial_problem
-from gaitcal.tracking.motion import motion_of
+from gaitcal.tracking.motion import build_motion
 
 PLATES_HZ = 50.0  # Of the plates while they choose
 JOINTS_HZ = 12.0
@@ -94,7 +94,7 @@ def bandwidth_of(
     # Where a trial is too long to be looked at as a whole, a walk is where its plates are.
     loaded = _loaded(trial.recording)
     motion = bandwidth.DenseMotion(problem, model.nominal, loaded if loaded.any() else None)
-    markers = motion.by_markers()
+    markers = motion.choose_cutoff()
     if settings.nodes_per_second is not None:
         chosen = _given_nodes(problem)
     elif settings.bandwidth_hz != AUTOMATIC:
@@ -138,7 +138,9 @@ def _chosen(markers: float, plates: float | None, motion: bandwidth.DenseMotion)
             f"alone ask for {markers:.1f} Hz"
         )
     if hz > AT_LIMIT * motion.highest:
-        note += f"; frames at {spline.frame_rate(motion.problem.basis):.0f} Hz allow no more"
+        note += (
+            f"; frames at {spline.compute_frame_rate(motion.problem.basis):.0f} Hz allow no more"
+        )
     joints = max(markers, hz, min(JOINTS_HZ, motion.highest))
     return Bandwidth(motion_hz=hz, joints_hz=joints, by=by, penalised=True, notes=(note,))
 
@@ -148,8 +150,8 @@ def _by_plates(
 ) -> float | None:
     """Hz: where motion and plates agree best; None where they do not tell."""
     basis = dense.problem.basis
-    seen = motion_of(dense.problem, model.nominal, dense.at(markers).coefficients)
-    reactions = reactions_of_motion(
+    seen = build_motion(dense.problem, model.nominal, dense.smooth_at(markers).coefficients)
+    reactions = compute_motion_reactions(
         model, model.nominal, seen, trial.recording, trial.plates, PLATES_HZ
     )
     frames = (
@@ -161,12 +163,14 @@ def _by_plates(
         return None
     dynamics, wrench = Dynamics(model.nominal), reactions.wrench[frames]
 
-    def disagreement(smoothed: bandwidth.Smoothed) -> float:
+    def disagreement(smoothed: bandwidth.SmoothedMotion) -> float:
         q, v, a = (basis.evaluate(smoothed.coefficients, k)[frames] for k in range(3))
-        return float((dynamics.residual_force(q, v, a, wrench) ** 2).sum())
+        return float((dynamics.compute_residual_force(q, v, a, wrench) ** 2).sum())
 
-    hz = dense.least(disagreement, markers / REACH, min(markers * REACH, dense.highest))
-    told = disagreement(dense.at(0.5 * hz)) >= TOLD * disagreement(dense.at(hz))
+    hz = dense.minimise_criterion(
+        disagreement, markers / REACH, min(markers * REACH, dense.highest)
+    )
+    told = disagreement(dense.smooth_at(0.5 * hz)) >= TOLD * disagreement(dense.smooth_at(hz))
     return hz if told else None
 
 
@@ -174,7 +178,7 @@ def _suffering(
     name: str, motion: bandwidth.DenseMotion, hz: float, markers: float
 ) -> tuple[Finding, ...]:
     """Where the markers are met much worse than with the cut-off that they ask for."""
-    here, best = motion.at(hz).rms, motion.at(markers).rms
+    here, best = motion.smooth_at(hz).rms, motion.smooth_at(markers).rms
     if here <= SUFFERS * best or here <= best + SUFFERS_M:
         return ()
     found = (

@@ -33,9 +33,9 @@ from gaitcal.analysis.result import Loads, Stage, TrialResult, Uncertainty
 from gaitcal.arrays import Array
 from gaitcal.calibration import error_sources, joint_phases, soft_tissue_artefact, torque_errors
 from gaitcal.dynamics import ground_reactions, inverse_dynamics, joint_kinetics
-from gaitcal.dynamics.expected_residual import expected_residual
+from gaitcal.dynamics.expected_residual import estimate_expected_residual
 from gaitcal.dynamics.measurement_errors import (
-    EXACT,
+    EXACT_AXES,
     PALPATED_DEG,
     AxisErrors,
     PlateErrors,
@@ -64,8 +64,8 @@ from gaitcal.quality.force_diagnosis import beyond_expected
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
-from gaitcal.tracking.joint_floor import joint_floor
-from gaitcal.tracking.motion import Motion, rigid_floor, tracked_motion
+from gaitcal.tracking.joint_floor import compute_joint_floor
+from gaitcal.tracking.motion import Motion, compute_rigid_floor, track_motion
 from gaitcal.tracking.rigid import FEWEST_MARKERS
 from gaitcal.tracking.trial_problem import MotionProblem
 
@@ -153,7 +153,7 @@ def _without_torque_errors(
     events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
     events = activity_events(body, events) if trial.role is Role.MOTION else events
     feet = (
-        ground_reactions.foot_points(model, body, final)
+        ground_reactions.compute_foot_points(model, body, final)
         if ground_reactions.has_feet(model)
         else None
     )
@@ -161,7 +161,9 @@ def _without_torque_errors(
         trial.joint or trial.role is Role.MOTION
     )  # nothing of an activity is left out because it is a turn
     faced = None if may_turn else facing(pelvis_angles(body))
-    strides = strides_measured(events, body.time, feet, ground_reactions.unseen_frames(body), faced)
+    strides = strides_measured(
+        events, body.time, feet, ground_reactions.find_unobserved_frames(body), faced
+    )
     lines = stride_lines(strides, body.time)
     long_axes, by_coordinate = foot_axes(body, final, lines)
     variances = (
@@ -173,17 +175,17 @@ def _without_torque_errors(
     loads = None
     if reactions is not None:
         moments = {
-            stage: inverse_dynamics.moments_of(p, motion, reactions.wrench, subject.bwh)
+            stage: inverse_dynamics.compute_moments(p, motion, reactions.wrench, subject.bwh)
             for stage, (p, motion) in trial.stages.items()
         }
         loads = Loads(
-            reactions, moments, None, joint_kinetics.kinetics_of(final, body, reactions.wrench)
+            reactions, moments, None, joint_kinetics.compute_kinetics(final, body, reactions.wrench)
         )
     calibrated, last = body, body
     own = joint_phases.get_parameters_for_trial(session.joint, trial.name, final)
     if trial.joint is not None:
-        last = tracked_motion(trial.fitted, final)
-        calibrated = last if own is final else tracked_motion(trial.fitted, own)
+        last = track_motion(trial.fitted, final)
+        calibrated = last if own is final else track_motion(trial.fitted, own)
     return TrialResult(
         name=trial.name,
         role=trial.role,
@@ -192,19 +194,21 @@ def _without_torque_errors(
         nominal=trial.nominal,
         calibrated=calibrated,
         final=last,
-        floor=rigid_floor(trial.fitted),
-        joint_floor=joint_floor(trial.fitted, final if trial.joint is None else own, calibrated.q),
+        floor=compute_rigid_floor(trial.fitted),
+        joint_floor=compute_joint_floor(
+            trial.fitted, final if trial.joint is None else own, calibrated.q
+        ),
         body=body,
         loads=loads,
         coordinate_errors=None
         if moves is None or variances is None
         else error_sources.compute_coordinate_errors(
-            trial.body, moves, axes.coordinate_errors(body.q), variances[0][:, :count]
+            trial.body, moves, axes.compute_coordinate_errors(body.q), variances[0][:, :count]
         ),
         own_coordinate_errors=None if variances is None else np.sqrt(variances[1][:, :count]),
         foot_axes=None
         if trial.joint
-        else _foot_axes(long_axes, lines, variances, axes.segment_turns(body.q)),
+        else _foot_axes(long_axes, lines, variances, axes.compute_segment_rotations(body.q)),
         held_out=trial.held_out,
         bandwidth=trial.bandwidth,
         events=events,
@@ -292,7 +296,7 @@ def axis_deviations(
     have done (`moves`) in a trial.
     """
     if settings.segment_axes == "exact":
-        return EXACT
+        return EXACT_AXES
     by = 1.0 if model.noise is None else model.noise.joints
     out = {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
     for segment, move in (moves or {}).items():
@@ -308,7 +312,7 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
     if result.loads is None:
         return result
     body, reactions = result.body, result.loads.reactions
-    expected = expected_residual(result.loads.final, errors, reactions, body, weight)
+    expected = estimate_expected_residual(result.loads.final, errors, reactions, body, weight)
     beyond = (
         ()
         if expected is None
@@ -337,7 +341,7 @@ def _erring_forces(
         session.uncertainty.joint,
         session.uncertainty.inertial,
         moves,
-        PlateErrors.of(session.settings.plate_error).beside(
+        PlateErrors.from_table(session.settings.plate_error).add(
             session.forces.possible.get(trial.name)
         ),
         axes,
@@ -379,7 +383,8 @@ def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
     """Of one trial, over all its markers or those of some segments."""
     nominal, calibrated, floor = trial.rms_mm(*segments)
     rigid = (
-        len(segments) != 1 or int(trial.calibrated.errors.kept(*segments).sum()) >= FEWEST_MARKERS
+        len(segments) != 1
+        or int(trial.calibrated.errors.select_observed(*segments).sum()) >= FEWEST_MARKERS
     )
     return RmsErrors(
         label=segment_words(segments[0]) if len(segments) == 1 else trial.name,
@@ -398,7 +403,9 @@ def leg_fit(trial: TrialResult) -> RmsErrors:
 
 def segment_fits(trial: TrialResult) -> list[RmsErrors]:
     """Of each segment that has markers in this trial."""
-    return [trial_fit(trial, s) for s in SEGMENTS if trial.calibrated.errors.kept(s).any()]
+    return [
+        trial_fit(trial, s) for s in SEGMENTS if trial.calibrated.errors.select_observed(s).any()
+    ]
 
 
 def static_angles(
@@ -412,7 +419,7 @@ def static_angles(
 
 def _mean_coordinates(standing: MotionProblem, parameters: Parameters) -> dict[str, float]:
     """Coordinate -> mean (m, rad) of the motion that meets the markers best."""
-    motion = tracked_motion(standing, parameters)
+    motion = track_motion(standing, parameters)
     return dict(zip(motion.coordinates, map(float, motion.q.mean(axis=0)), strict=True))
 
 

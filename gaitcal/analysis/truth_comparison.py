@@ -21,7 +21,7 @@ from gaitcal.analysis.truth_errors import (
     TruthErrors,
 )
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_reactions import leg_of
+from gaitcal.dynamics.ground_reactions import get_leg
 from gaitcal.gait.moments import joint_words, moment_names, moment_of
 from gaitcal.model import linkage
 from gaitcal.model.parameters import (
@@ -294,7 +294,7 @@ def sums(calibration: Calibration, truth: TruthErrors) -> tuple[TruthSum, ...]:
 def curve_rows(calibration: Calibration, truth: TruthErrors, trial: str) -> tuple[CurveRow, ...]:
     """The coordinates and moments of both legs, in the order of the result."""
     known = truth.of(trial)
-    names = [name for name in moment_names(calibration.model) if leg_of(name)]
+    names = [name for name in moment_names(calibration.model) if get_leg(name)]
     rows = (
         CurveRow(name=n, angle=known.coordinates.get(n), moment=known.forces.get(n)) for n in names
     )

@@ -19,7 +19,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.inertial_calibration import ConsistentSettings, LogChart
-from gaitcal.dynamics.derivatives import RootResidual, root_residual
+from gaitcal.dynamics.derivatives import RootResidual, compute_root_residual
 from gaitcal.model.parameters import JP_INDEX, InertialSet, Parameters, compute_dynamic_jacobian
 from gaitcal.model.subject_model import Subject
 from gaitcal.tracking.banded import ArrowEquations, NormalEquations, SharedPrior
@@ -110,9 +110,11 @@ def fit_combined(
         [parameters.joint[[JP_INDEX[n] for n in free]], np.zeros(problem.chart.size)]
     )
     end = descend(
-        problem, problem.joined(theta, [trial.coefficients for trial in trials]), settings.descent
+        problem,
+        problem.join_unknowns(theta, [trial.coefficients for trial in trials]),
+        settings.descent,
     )
-    theta, coefficients = problem.parted(end.x)
+    theta, coefficients = problem.split_unknowns(end.x)
     return CombinedFit(
         parameters=problem.parameters_at(theta),
         coefficients=tuple(coefficients),
@@ -145,7 +147,9 @@ class _MarkersAndLoads(SharedMotions):
         self.precision = 1.0 / self.chart.compute_spread(settings.spread)
         square = count = 0.0
         for trial, problem in zip(trials, self.open, strict=True):
-            square += problem.marker_cost(trial.coefficients, problem.body(parameters))
+            square += problem.compute_marker_cost(
+                trial.coefficients, problem.build_body(parameters)
+            )
             count += 3.0 * float((problem.data.weight > 0).sum())
         self.sigma = float(np.sqrt(square / count))
         """m per coordinate: the marker residual at the start, over all trials."""
@@ -165,7 +169,7 @@ class _MarkersAndLoads(SharedMotions):
 
     def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
         """Form the equations at x, with the arrow."""
-        theta, coefficients = self.parted(x)
+        theta, coefficients = self.split_unknowns(x)
         parameters = self.parameters_at(theta)
         equations = [
             self._form_equations(k, parameters, theta, n) for k, n in enumerate(coefficients)
@@ -181,9 +185,9 @@ class _MarkersAndLoads(SharedMotions):
     ) -> NormalEquations:
         """Form the equations of one trial: markers in units of sigma_m, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
-        marker = problem.equations(coefficients, problem.body(parameters)).scaled(
-            1.0 / self.sigma**2
-        )
+        marker = problem.assemble_equations(
+            coefficients, problem.build_body(parameters)
+        ).scale_cost(1.0 / self.sigma**2)
         mixed, corner = np.zeros((coefficients.size, self.size)), np.zeros((self.size, self.size))
         gradient = np.zeros(self.size)
         mixed[:, columns], gradient[columns] = marker.mixed, marker.parameter_gradient
@@ -193,7 +197,7 @@ class _MarkersAndLoads(SharedMotions):
             return placed
         valid = np.ones(len(problem.basis.time), bool) if trial.valid is None else trial.valid
         q, v, a = (problem.basis.evaluate(coefficients, d)[valid] for d in range(3))
-        load = root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
+        load = compute_root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
         by_theta = self._differentiate_residual(load, parameters, theta)
         return _with_loads(placed, problem.basis, valid, load, by_theta, self.load_weight)
 

@@ -400,16 +400,16 @@ def compute_marker_scores(
         Columns of markers, bandwidth and posture.
     """
     problem = problem.with_free(joint.free if joint else ())
-    body = problem.body(parameters)
-    eliminated = eliminate(problem.equations(coefficients, body))
+    body = problem.build_body(parameters)
+    eliminated = eliminate(problem.assemble_equations(coefficients, body))
     columns = [_compute_cluster_gradients(problem, body, coefficients)]
     clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
     if problem.penalty is not None:
-        columns.append(problem.penalty.both(coefficients)[1].reshape(-1, 1))
+        columns.append(problem.penalty.evaluate(coefficients)[1].reshape(-1, 1))
         clusters.append(f"bandwidth/{problem.name}")
     for prior in problem.priors:
         if prior.centred:
-            columns.append(prior.scores(problem.basis, problem.chain.coordinates))
+            columns.append(prior.compute_scores(problem.basis, problem.chain.coordinates))
             clusters += [f"posture/{problem.name}/{k}" for k in range(columns[-1].shape[1])]
     moves = -eliminated.factor.solve(np.hstack(columns))
     return MarkerScores(
@@ -425,7 +425,7 @@ def _compute_cluster_gradients(
     nq = len(chain.coordinates)
     q = basis.evaluate(coefficients)
     spatial = Kinematics(body, q, data.secondary).columns
-    x = problem.positions(coefficients, body)
+    x = problem.compute_positions(coefficients, body)
     residual = x - data.measured
     least = 0.0 if problem.noise is None else 1e-3 * problem.noise.size_mm
     of_one = (
@@ -468,7 +468,7 @@ def _find_first_duplicates(measured: Array) -> IntArray:
 
 def _invert_frame_hessians(problem: MotionProblem, body: LinkageModel, q: Array) -> Array:
     """Compute pseudo-inverses (nf, nq, nq) of the Gauss-Newton matrices of single frames."""
-    hessian = problem.frame_hessians(q, body)
+    hessian = problem.compute_frame_hessians(q, body)
     # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the
     # same for all
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
@@ -512,7 +512,7 @@ def compute_motion_sensitivity(
     ]
     shift, others = np.zeros((scores.sensitivity.shape[1], 0)), list[ErrorSource]()
     if joint is not None:
-        errors = joint.parameters[problem.with_free(joint.free).places_in(joint.free)]
+        errors = joint.parameters[problem.with_free(joint.free).locate_in(joint.free)]
         named = [classify_source(name) for name in joint.clusters]
         for source in dict.fromkeys(named):
             columns = errors[

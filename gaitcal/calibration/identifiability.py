@@ -22,7 +22,7 @@ from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.tracking import motion, rigid, trial_problem
-from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.start import find_start_coefficients
 
 # m, standard error above which a joint position counts as not determined
 LARGEST_POSITION = 0.020
@@ -283,12 +283,12 @@ def is_same_placement(problems: Sequence[trial_problem.MotionProblem]) -> bool:
 
     False if soft tissue or camera noise leave that open, and for points that are no markers.
     """
-    floors = [motion.rigid_floor(problem) for problem in problems if problem.noise is None]
+    floors = [motion.compute_rigid_floor(problem) for problem in problems if problem.noise is None]
     shown = [
         (floor, s)
         for floor in floors
         for s in linkage.LOWER_BODY
-        if floor.kept(s).sum() >= rigid.FEWEST_MARKERS
+        if floor.select_observed(s).sum() >= rigid.FEWEST_MARKERS
     ]
     distances = [floor.rms(segment) or 0.0 for floor, segment in shown]
     return bool(distances) and len(floors) == len(problems) and max(distances) < SAME_PLACEMENT_M
@@ -366,7 +366,7 @@ def detect_ambiguous_arms(
     out: dict[str, float] = {}
     arm = [row.name for row in coordinates.COORDINATE_TABLE.values() if row.group == "arm"]
     for problem, nodes in zip(problems, coefficients, strict=True):
-        start = starting_nodes(problem.body(parameters), problem.data, problem.basis)
+        start = find_start_coefficients(problem.build_body(parameters), problem.data, problem.basis)
         rotation = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(nodes - start))))
         median = dict(
             zip(problem.chain.coordinates, np.median(rotation, axis=0).tolist(), strict=True)

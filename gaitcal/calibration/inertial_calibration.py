@@ -185,7 +185,7 @@ def compress_root_equations(
     Parameters
     ----------
     regressor : (nf, 6, 12, 10) array
-        Result of `Dynamics.root_regressor`.
+        Result of `Dynamics.compute_root_regressor`.
     ground : (nf, 6) array
         Contribution of the ground reactions: force (N) and moment (N·m) about the pelvis origin.
     weight : float
@@ -304,7 +304,7 @@ def assemble_root_equations(
     for motion in motions:
         at = motion.valid
         q, v, a = (x[at] for x in motion.state)
-        regressors.append(dynamics.root_regressor(q, v, a))
+        regressors.append(dynamics.compute_root_regressor(q, v, a))
         total = motion.wrench[at].sum(axis=1)
         about_pelvis = total[:, 3:] - np.cross(q[:, :3], total[:, :3])
         grounds.append(-np.hstack([total[:, :3], about_pelvis]))

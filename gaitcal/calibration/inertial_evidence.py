@@ -156,7 +156,7 @@ def estimate_residual_noise(
     feet = [
         f"plate/{foot}/{what}"
         for foot in inverse_dynamics.FEET
-        for what in measurement_errors.OF_A_PLATE
+        for what in measurement_errors.PLATE_ERROR_COLUMNS
     ]
     for trial in trials:
         basis, wrenches = trial.problem.basis, trial.reactions.wrench
@@ -165,23 +165,23 @@ def estimate_residual_noise(
             trial.problem, trial.coefficients, parameters, sources
         )
         shift, marker_columns = (
-            sources.parameters[opened.places_in(sources.free)],
+            sources.parameters[opened.locate_in(sources.free)],
             moves.coefficients.shape[1],
         )
         unit_moves = moves.append_unknowns()
         # the same covariance by as many columns as the trial has unknowns, of thousands of sources
         root = np.asarray(np.linalg.qr(shift.T, mode="r")).T
-        rates = measurement_errors.wrench_rates(basis.time, wrenches)
+        rates = measurement_errors.compute_wrench_rates(basis.time, wrenches)
         coarse = None if trial.problem.penalty else _refit_coarser(basis, trial.coefficients)
         names = [*moves.clusters, *feet, "plate/clock"]
         names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (
             ["bandwidth"] if coarse else []
         )
-        repeated = max(plates.memory * spline.frame_rate(basis), 1.0)
+        repeated = max(plates.memory * spline.compute_frame_rate(basis), 1.0)
         valid = np.flatnonzero(trial.reactions.valid)
         for at in (valid[k : k + BLOCK] for k in range(0, len(valid), BLOCK)):
             q, v, a = (basis.evaluate(trial.coefficients, k)[at] for k in range(3))
-            residual = derivatives.root_residual(
+            residual = derivatives.compute_root_residual(
                 parameters, opened.chain.free[: opened.joint_parameters], q, v, a, wrenches[at]
             )
             by_state = np.concatenate(
@@ -191,13 +191,18 @@ def estimate_residual_noise(
             unknown, columns = every[:, :, marker_columns:], [every[:, :, :marker_columns]]
             columns.append(
                 _compute_plate_errors(
-                    q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)
+                    q,
+                    measurement_errors.compute_wrench_errors(
+                        wrenches[at], rates[at], plates.errors
+                    ),
                 )
             )
             columns.append(residual.regressor @ by_kept)
             if coarse:
                 q, v, a = (coarse[0].evaluate(coarse[1], k)[at] for k in range(3))
-                other = inverse_dynamics.pelvis_residual(q, dynamics.forces(q, v, a, wrenches[at]))
+                other = inverse_dynamics.compute_pelvis_residual(
+                    q, dynamics.compute_forces(q, v, a, wrenches[at])
+                )
                 columns.append((residual.value - other)[:, :, None])
             moved = np.concatenate(columns, axis=2)
             rows = scale[:, None] * (residual.regressor @ by_variable)
@@ -235,7 +240,7 @@ def _refit_coarser(
 ) -> tuple[spline.SplineBasis, Array]:
     """Refit the same motion with longer knot spans."""
     spans = max(round((basis.nodes - spline.MINIMUM_NODES + 1) / COARSER_SPANS), 1)
-    coarse = spline.spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
+    coarse = spline.build_spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
     return coarse, coarse.fit(basis.evaluate(coefficients))
 
 

@@ -67,10 +67,10 @@ from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.banded import eliminate
-from gaitcal.tracking.coordinate_prior import joints_left_open
+from gaitcal.tracking.coordinate_prior import find_undetermined_joints
 from gaitcal.tracking.soft_tissue import SoftTissue
-from gaitcal.tracking.spline import frame_rate
-from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.spline import compute_frame_rate
+from gaitcal.tracking.start import find_start_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
@@ -153,7 +153,9 @@ def select_movable_parameters(
             if a.any() and b.any()
         }
         passed |= {
-            name for name in found if name.split(".")[0] not in joints_left_open(problem.guessed)
+            name
+            for name in found
+            if name.split(".")[0] not in find_undetermined_joints(problem.guessed)
         }
     return tuple(name for name in wanted if name in passed)
 
@@ -218,7 +220,7 @@ def estimate_joints(
         noise += estimate_noise(
             of_kind, present, free, None if equal_weights else get_noise_prior(kind)
         )
-    starts = [starting_nodes(p.body(present), p.data, p.basis) for p in problems]
+    starts = [find_start_coefficients(p.build_body(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _compute_expected(nominal, free, prior)
     search = JointSearch(
         problems,
@@ -363,11 +365,12 @@ def estimate_noise(
     ]
     movable = select_movable_parameters(problems, free)
     noise = [
-        FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems
+        FIRST_NOISE * float(np.sqrt(max(compute_frame_rate(p.basis) * MEMORY_S, 1.0)))
+        for p in problems
     ]
     if not movable:
         return noise
-    starts = [starting_nodes(p.body(nominal), p.data, p.basis) for p in problems]
+    starts = [find_start_coefficients(p.build_body(nominal), p.data, p.basis) for p in problems]
     about = nominal.joint[[JP_INDEX[n] for n in movable]], _make_wide_precision(movable)
     tissue, least = (
         make_secondary_prior(problems),
@@ -385,7 +388,7 @@ def estimate_noise(
             estimate_forbidden_noise(p, at, trial.coefficients)
             for p, trial in zip(moved, state.trials, strict=True)
         ]
-        rates = [frame_rate(p.basis) for p in problems]
+        rates = [compute_frame_rate(p.basis) for p in problems]
         priors = (
             None
             if expected is None or any(p.noise for p in problems)
@@ -527,8 +530,10 @@ def _compute_coupling(
     for problem, coefficients, nu in zip(problems, fit.coefficients, noise, strict=True):
         opened = problem.with_free(joints)
         z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
-        moved = opened.displaced(np.array(z)) if z else opened
-        of_trial = eliminate(moved.equations(coefficients, moved.body(fit.parameters)))
-        places = moved.places_in(names)
+        moved = opened.displace(np.array(z)) if z else opened
+        of_trial = eliminate(
+            moved.assemble_equations(coefficients, moved.build_body(fit.parameters))
+        )
+        places = moved.locate_in(names)
         out[np.ix_(places, places)] += of_trial.hessian / nu**2
     return out[: len(unknowns), len(unknowns) :]

@@ -45,7 +45,7 @@ from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGME
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, list_isolated_parameters
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import JointPrior
-from gaitcal.tracking.bandwidth import with_bandwidth
+from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.trial_problem import MotionProblem
 
@@ -559,8 +559,8 @@ def take_segments(
     MotionProblem
         The part.
     """
-    part = body.part(segments[0], segments)
-    return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
+    part = body.extract_part(segments[0], segments)
+    return apply_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
 def _fit_trunk_and_arms(

@@ -94,7 +94,7 @@ from gaitcal.study.settings import ParameterPriorTable
 from gaitcal.tracking import spline, trial_problem
 from gaitcal.tracking.marker_residual import MarkerData
 from gaitcal.tracking.rigid import FEWEST_MARKERS
-from gaitcal.tracking.soft_tissue import together
+from gaitcal.tracking.soft_tissue import build_rigid_pattern
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -395,8 +395,8 @@ def compute_least_noise(basis: spline.SplineBasis, noise: PointNoise | None = No
         m.
     """
     if noise is not None:
-        return noise.compute_least_noise(spline.frame_rate(basis))
-    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.frame_rate(basis), 1.0)))
+        return noise.compute_least_noise(spline.compute_frame_rate(basis))
+    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.compute_frame_rate(basis), 1.0)))
 
 
 def estimate_forbidden_noise(
@@ -421,7 +421,7 @@ def estimate_forbidden_noise(
     ForbiddenNoise
         Variance (m^2) and number of independent samples.
     """
-    model = problem.positions(coefficients, problem.body(parameters))
+    model = problem.compute_positions(coefficients, problem.build_body(parameters))
     for counted_markers in (_find_full_clusters(problem.data), np.ones(len(model), dtype=bool)):
         weight = problem.data.weight * counted_markers[:, None]
         some = problem.with_weight(weight)
@@ -479,7 +479,7 @@ def _project_on_rigid_motions(
         )
         # a rotation in units of one that moves markers as far as a translation does
         size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
-        pattern = together((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
+        pattern = build_rigid_pattern((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
         columns = (np.sqrt(weight)[:, :, None, None] * pattern).transpose(1, 0, 2, 3)
         # (nf, 3 nm, 6)
         columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])
@@ -504,9 +504,11 @@ def _count_linkage_directions(
     visible = np.asarray(problem.data.weight > 0)
     _, first, which = np.unique(visible, axis=1, return_index=True, return_inverse=True)
     frames = np.sort(first)
-    some = replace(problem, basis=problem.basis.at(frames), data=problem.data.frames(frames))
+    some = replace(
+        problem, basis=problem.basis.select_frames(frames), data=problem.data.select_frames(frames)
+    )
     q = problem.basis.evaluate(coefficients)[frames]
-    hessian = some.frame_hessians(q, some.body(parameters))
+    hessian = some.compute_frame_hessians(q, some.build_body(parameters))
     size = np.sqrt(np.einsum("fii->fi", hessian))
     inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values = np.linalg.eigvalsh(hessian * inverse[:, :, None] * inverse[:, None, :])

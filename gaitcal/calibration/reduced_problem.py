@@ -132,7 +132,9 @@ class OpenMotion:
 
     def evaluate(self, x: Array) -> OpenEvaluation:
         """Evaluate cost and half gradients."""
-        cost, by_nodes, by_parameter = self.problem.both_gradients(self.coefficients(x), self.body)
+        cost, by_nodes, by_parameter = self.problem.compute_gradients(
+            self.coefficients(x), self.body
+        )
         return OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
@@ -141,7 +143,7 @@ class OpenMotion:
         return OpenMatrix(
             self.values,
             coefficients,
-            self.problem.equations(coefficients, self.body, curved=curved),
+            self.problem.assemble_equations(coefficients, self.body, curved=curved),
         )
 
     def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
@@ -184,7 +186,9 @@ class OpenMotion:
             coefficients=self.coefficients(x),
             matrices=matrices,
             cost=max(before.cost - predicted_reduction, 0.0),
-            reduced_gradient=matrices.eliminated.reduced(before.gradient, before.by_parameter),
+            reduced_gradient=matrices.eliminated.reduce_gradient(
+                before.gradient, before.by_parameter
+            ),
             converged=converged,
         )
 
@@ -259,7 +263,7 @@ class ReducedProblem:
         """Weight of each trial's cost."""
         self.fixed = [replace(problem.with_free(()), tissue=None) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
-        self.bodies = [problem.body(parameters) for problem in self.open]
+        self.bodies = [problem.build_body(parameters) for problem in self.open]
         """Of each trial; a free joint parameter is a joint, so that nothing is built anew when it
         changes.
         """
@@ -279,7 +283,7 @@ class ReducedProblem:
         """
         for members, kind_prior in zip(self.members, self.tissue, strict=True):
             for t in members:
-                self.columns[t] = self.open[t].places_in((*free, *kind_prior.keys))
+                self.columns[t] = self.open[t].locate_in((*free, *kind_prior.keys))
         self.prior = np.zeros((0, len(free))) if prior is None else prior
         self.centre = np.zeros(len(free)) if centre is None else centre
         self.state: ReducedState | None = None
@@ -496,7 +500,7 @@ class ReducedProblem:
         opened = self.open[t]
         if opened.tissue is None:
             return self.fixed[t], opened
-        moved = opened.displaced(values[opened.joint_parameters :])
+        moved = opened.displace(values[opened.joint_parameters :])
         return self.fixed[t].with_data(moved.data), moved
 
     def _open_motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
@@ -534,7 +538,10 @@ class ReducedProblem:
             damped = self.settings.first_damping > 0.0
             about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
             predicted = track_nodes(
-                fixed, fixed.body(self._get_trial_parameters(t, values)), self.starts[t], about
+                fixed,
+                fixed.build_body(self._get_trial_parameters(t, values)),
+                self.starts[t],
+                about,
             ).x
         else:
             predicted = near.predict_coefficients(values)
@@ -559,7 +566,10 @@ class ReducedProblem:
         """Track the motion, and take one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=curved)
         tracked = track_nodes(
-            fixed, fixed.body(self._get_trial_parameters(t, motion.values)), coefficients, settings
+            fixed,
+            fixed.build_body(self._get_trial_parameters(t, motion.values)),
+            coefficients,
+            settings,
         )
         if tracked.curved and not settings.curved:
             self.slow_at[t] = min(self.slow_at[t], tracked.cost)

@@ -94,7 +94,7 @@ from gaitcal.model.linkage import (
 )
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking import motion, soft_tissue
-from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_fit
+from gaitcal.tracking.rigid import FEWEST_MARKERS, fit_rigid
 from gaitcal.tracking.trial_problem import MotionProblem
 
 
@@ -208,7 +208,7 @@ def compute_angle_units(
     for name in dict.fromkeys(name for of_trial in angles for name in of_trial):
         still = (posture or {}).get(name, 0.0)
         every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial]) - still
-        size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.LEAST_SPREAD)
+        size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.MIN_ANGLE_SPREAD_RAD)
         relative = every / size
         bend = float(np.mean(relative**3)) / max(float(np.mean(relative**2)), TINY)
         out[name] = AngleUnit(size, bend)
@@ -346,7 +346,7 @@ class _Cluster:
         gait: bool,
     ) -> None:
         self.kind, _, side = segment.partition("_")
-        self.pattern = soft_tissue.together(local - middle)
+        self.pattern = soft_tissue.build_rigid_pattern(local - middle)
         self._flat = self.pattern.reshape(-1, soft_tissue.WIDTH)
         self._mirror = np.array([1.0, 1.0, -1.0 if side == "l" else 1.0])
         self._field = table.get(self.kind)
@@ -394,7 +394,7 @@ class _Cluster:
         """Compute the covariance (6, 6) m^2, m rad, rad^2 of the rigid part about its mean."""
         field = self._get_field(regressor)
         size = self._size
-        together = np.linalg.pinv(self._flat, rcond=soft_tissue.SMALLEST)
+        together = np.linalg.pinv(self._flat, rcond=soft_tissue.RANK_TOLERANCE)
         more = np.zeros((soft_tissue.WIDTH,) * 2)
         if field is not None:
             size = ArtefactSize(
@@ -599,7 +599,7 @@ def compute_cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale
     """
     count, width = observed.expected.shape
     flat = observed.pattern.reshape(-1, soft_tissue.WIDTH)
-    to_rigid = np.linalg.pinv(flat, rcond=soft_tissue.SMALLEST)
+    to_rigid = np.linalg.pinv(flat, rcond=soft_tissue.RANK_TOLERANCE)
     before, roots, rigid = list[Array](), list[Array](), list[Array]()
     columns = zip(
         observed.names,
@@ -693,7 +693,7 @@ def _compute_deformation(
         (often > 0) & (often >= min(third, TRUSTED * often.max(initial=0)))
     )
     local, weight = data.local[used], data.weight[used]
-    fit = rigid_fit(local, data.measured[used], weight)
+    fit = fit_rigid(local, data.measured[used], weight)
     # a pair has no turn about its line, and needs none: all that it can do by itself is along it
     determined = fit.determined | (len(used) == PAIR)
     whole = determined & trusted[used - group.markers.start].all(axis=0)
@@ -714,7 +714,7 @@ def _compute_deformation(
     errors = errors - errors.mean(axis=0)
     psi = psi - psi.mean(axis=1, keepdims=True)
     rigid = _find_rigid_directions(
-        soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
+        soft_tissue.build_rigid_pattern(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
     )
     noise = _estimate_noise(
         errors,
@@ -736,7 +736,7 @@ def _compute_deformation(
 def _find_rigid_directions(flat: Array) -> Array:
     """Find orthonormal columns (3 nm, 6 or 5) that span those of B (3 nm, 6)."""
     columns, sizes, _ = np.linalg.svd(flat, full_matrices=False)
-    return np.asarray(columns[:, sizes > soft_tissue.SMALLEST * sizes[0]])
+    return np.asarray(columns[:, sizes > soft_tissue.RANK_TOLERANCE * sizes[0]])
 
 
 def _estimate_noise(errors: Array, psi: Array, directions: int, least: float) -> float:
@@ -805,7 +805,7 @@ def assemble_tissue_prior(
                 blocks.append(found.covariance[np.ix_(rows, rows)])
                 continue
             for r in new:
-                mean = group.rigid_part(group.expected[r])
+                mean = group.fit_rigid_part(group.expected[r])
                 means.append(np.zeros(soft_tissue.WIDTH))
                 blocks.append(
                     scales[kind].compute_covariance(
@@ -886,7 +886,7 @@ class FoundTissue:
         if problem.tissue is None or not problem.tissue.groups:
             return problem
         z = np.array([self.values.get(key, 0.0) for key in problem.tissue.keys])
-        return problem.shifted(problem.tissue.shift(z, len(problem.labels)))
+        return problem.shift_markers(problem.tissue.compute_shift(z, len(problem.labels)))
 
 
 NO_FOUND_TISSUE = FoundTissue()
@@ -1032,7 +1032,7 @@ def prepare_task_tissue(
         )
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(
-        zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True)
+        zip(gait, soft_tissue.build_secondary_columns(GAIT, [angles[n] for n in gait]), strict=True)
     )
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
 
@@ -1063,7 +1063,7 @@ def prepare_task_tissue(
 
 def _track_angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     """Track the coordinates that a marker of the trial shows: name -> (nf,) rad."""
-    q = motion.tracked_motion(part, nominal).q
+    q = motion.track_motion(part, nominal).q
     return {
         name: values
         for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True)
@@ -1141,7 +1141,7 @@ def make_further_tissue(
         for name, phi in angles.items()
         if any(key.startswith(f"{kind}/{name}/^") for key in known)
     }
-    (secondary,) = soft_tissue.secondary_columns(kind, [knees])
+    (secondary,) = soft_tissue.build_secondary_columns(kind, [knees])
     secondary_or_none = secondary if secondary.names else None
     tissue = make_tissue_columns(
         trial, kind, regressors, nominal, known, secondary_or_none, softness=softness

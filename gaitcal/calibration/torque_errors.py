@@ -85,7 +85,7 @@ class ForceErrors:
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, joint_kinetics.HELD)
         self._opened = Dynamics(parameters, joint_kinetics.HELD, self.free)
-        self._rates = measurement_errors.wrench_rates(problem.basis.time, wrenches)
+        self._rates = measurement_errors.compute_wrench_rates(problem.basis.time, wrenches)
         self._state = [problem.basis.evaluate(coefficients, k) for k in range(3)]
 
     @property
@@ -113,11 +113,11 @@ class ForceErrors:
         """
         dynamics, opened, wrenches = self._dynamics, self._opened, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
-        placed, forces = opened.placed(q), dynamics.forces(q, v, a, wrenches)
+        placed, forces = opened.place(q), dynamics.compute_forces(q, v, a, wrenches)
         slopes = derivatives.differentiate_forces(
             opened, q, v, a, wrenches, joint_kinetics.ALL_FORCES
         )
-        kinetic = joint_kinetics.kinetic_slopes(placed, v, forces, self.free)
+        kinetic = joint_kinetics.differentiate_kinetics(placed, v, forces, self.free)
         through = kinetic.by_force
         by_state = np.concatenate(
             [
@@ -142,13 +142,20 @@ class ForceErrors:
         if self.inertial is not None:
             heavier = _propagate_inertial_errors(dynamics, self.parameters, self.inertial, q, v, a)
             found.add(measurement_errors.ErrorSource.INERTIA, sum_squares(through @ heavier))
-        if self.plates is not None and self.plates.any:
-            plates = measurement_errors.wrench_errors(wrenches, self._rates[part], self.plates)
-            wrong = dynamics.of_ground(placed, plates)
+        if self.plates is not None and self.plates.nonzero:
+            plates = measurement_errors.compute_wrench_errors(
+                wrenches, self._rates[part], self.plates
+            )
+            wrong = dynamics.compute_ground_forces(placed, plates)
             found.add(measurement_errors.ErrorSource.PLATES, sum_squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
-            moving, turns = self._compute_rate_errors(self.axes, part), self.axes.segment_turns(q)
-            moved = kinetic.moved(self.axes.torque_moves(q, forces), moving, turns)
+            moving, turns = (
+                self._compute_rate_errors(self.axes, part),
+                self.axes.compute_segment_rotations(q),
+            )
+            moved = kinetic.propagate_axis_errors(
+                self.axes.compute_torque_sensitivities(q, forces), moving, turns
+            )
             found.add(measurement_errors.ErrorSource.FRAMES, sum_squares(moved))
         return found
 
@@ -158,14 +165,14 @@ class ForceErrors:
         They are zero for coordinates that no marker moves with.
         """
         wide = slice(max(part.start - 1, 0), part.stop + 1)
-        moves = axes.rate_moves(self._state[0][wide], self.problem.basis.time[wide])
+        moves = axes.compute_rate_sensitivities(self._state[0][wide], self.problem.basis.time[wide])
         moves = moves[part.start - wide.start :][: part.stop - part.start]
         return np.where(self.problem.active[:, None], moves, 0.0)
 
 
 @dataclass
 class Variances:
-    """Variances of the forces of some frames, and of powers and moments (`kinetic_slopes`)."""
+    """Variances of the forces of some frames, and of powers and moments (`differentiate_kinetics`)."""
 
     # (frames, 29) by source
     torques: dict[measurement_errors.ErrorSource, Array]
@@ -196,8 +203,8 @@ def join_variances(parts: Sequence[Variances]) -> measurement_errors.TorqueError
         torques[source] = np.concatenate([part.torques[source] for part in parts])
     kinetics = np.concatenate([part.kinetics for part in parts])
     trial_markers = np.concatenate([part.trial_markers for part in parts])
-    return measurement_errors.TorqueErrors.of(
-        torques, joint_kinetics.kinetic_errors(kinetics, trial_markers)
+    return measurement_errors.TorqueErrors.from_sources(
+        torques, joint_kinetics.build_kinetic_errors(kinetics, trial_markers)
     )
 
 
@@ -209,7 +216,7 @@ def _propagate_inertial_errors(
     by_source = slopes @ spread.reshape(
         len(slopes), 7, sources
     )  # (12, 10, n) change of the dynamic parameters
-    regressor = dynamics.regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
+    regressor = dynamics.compute_regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
     return regressor @ by_source.reshape(-1, sources)
 
 

@@ -326,7 +326,7 @@ def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
     floor = trial.joint_floor_mm(*segments)
     shown = ["-" if v is None else f"{v:.2f}" for v in (*values, floor)]
     ratio = f"{calibrated / floor:.2f}" if calibrated is not None and floor else "-"
-    return [str(int(trial.calibrated.errors.kept(*segments).sum())), *shown, ratio]
+    return [str(int(trial.calibrated.errors.select_observed(*segments).sum())), *shown, ratio]
 
 
 def _valid(name: str, loads: Loads) -> str:

@@ -1,12 +1,13 @@
-"""Derivatives of the generalised forces and of the pelvis residual: by motion, joint and dynamic
-parameters.
+"""Derivatives of the generalised forces and of the pelvis residual.
 
-The joint parameters of interest are joints of the linkage, constant in time, so that
-`pin.computeRNEADerivatives` gives all derivatives, by coordinates, rates, accelerations and joint
-parameters, of the generalised forces without ground reactions. Ground reactions stay fixed in the
-laboratory: for a variable j before i on the way to a foot the column J_i rotates and moves with j,
+They are taken by coordinates, rates, accelerations, joint parameters and dynamic parameters. Free
+joint parameters are joints of the linkage that are constant in time, so that
+`pin.computeRNEADerivatives` gives all derivatives of the generalised forces without ground
+reactions. Ground reactions stay fixed in the laboratory. For a variable j before i on the path to a
+foot, the column J_i rotates and moves with j,
 
-    d (J_i^T w) / d j = (J_j x J_i) . w,      [v_j; w_j] x [v_i; w_i] = [w_j x v_i + v_j x w_i; w_j x w_i],
+    d (J_i^T w) / d j = (J_j x J_i) . w,
+    [v_j; w_j] x [v_i; w_i] = [w_j x v_i + v_j x w_i; w_j x w_i],
 
 and not otherwise. The pelvis residual rho = [F; T] (`inverse_dynamics.py`), which a fit to ground
 reactions minimises, has  dT = A^-1 (d tau - dA T).
@@ -24,10 +25,10 @@ from gaitcal.model.parameters import Parameters
 
 @dataclass(frozen=True, kw_only=True)
 class ForceDerivatives:
-    """Of n generalised forces: the 29 in the order of `FORCES`, or some of them, then those of held
-    joint parameters.
+    """Derivatives of n generalised forces: those of `FORCES` or some, then of held joint
+    parameters.
 
-    N·m or N per m, rad, and their rates.
+    Units: N·m or N per m, rad, and their rates.
     """
 
     by_position: Array  # (nf, n, nq)
@@ -45,7 +46,7 @@ class RootResidual(ForceDerivatives):
     regressor: Array  # (nf, 6, 120) by the dynamic parameters of the 12 massive segments
 
 
-def force_derivatives(
+def compute_force_derivatives(
     parameters: Parameters,
     free: tuple[str, ...],
     q: Array,
@@ -53,37 +54,71 @@ def force_derivatives(
     a: Array,
     wrenches: Array,
     held: tuple[str, ...] = (),
-    of: tuple[str, ...] = inverse_dynamics.FORCES,
+    names: tuple[str, ...] = inverse_dynamics.FORCES,
 ) -> ForceDerivatives:
-    """Derivatives of `Dynamics.forces` at coordinates (nf, nq), their derivatives, and foot
-    wrenches (nf, 2, 6).
+    """Compute the derivatives of `Dynamics.compute_forces`.
 
-    `held`: joint parameters whose own generalised forces follow (`Dynamics`). `of`: those of the 29
-    that are wanted.
+    Parameters
+    ----------
+    parameters
+        Joint and inertial parameters.
+    free
+        Joint parameters to differentiate by.
+    q, v, a
+        (nf, 27) coordinates and their derivatives, m and rad.
+    wrenches
+        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+    held
+        Joint parameters whose generalised forces are differentiated too (`Dynamics`).
+    names
+        Those of the 29 generalised forces that are needed.
+
+    Returns
+    -------
+    ForceDerivatives
     """
     dynamics = inverse_dynamics.Dynamics(parameters, held, free)
-    return differentiate_forces(dynamics, q, v, a, wrenches, (*of, *held))
+    return differentiate_forces(dynamics, q, v, a, wrenches, (*names, *held))
 
 
-def root_residual(
+def compute_root_residual(
     parameters: Parameters, free: tuple[str, ...], q: Array, v: Array, a: Array, wrenches: Array
 ) -> RootResidual:
-    """Pelvis residual at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
+    """Compute the pelvis residual and its derivatives.
+
+    Parameters
+    ----------
+    parameters
+        Joint and inertial parameters.
+    free
+        Joint parameters to differentiate by.
+    q, v, a
+        (nf, 27) coordinates and their derivatives, m and rad.
+    wrenches
+        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+
+    Returns
+    -------
+    RootResidual
+    """
     dynamics = inverse_dynamics.Dynamics(parameters)
-    value = inverse_dynamics.pelvis_residual(q, dynamics.forces(q, v, a, wrenches))
-    slopes = force_derivatives(parameters, free, q, v, a, wrenches, of=inverse_dynamics.FORCES[:6])
-    _, by_tilt, by_list = inverse_dynamics.pelvis_axes(q)
-    by_position = slopes.by_position.copy()
-    for k, turned in ((3, by_tilt), (4, by_list)):
-        by_position[:, 3:, k] -= np.einsum("fij,fj->fi", turned, value[:, 3:])
+    value = inverse_dynamics.compute_pelvis_residual(q, dynamics.compute_forces(q, v, a, wrenches))
+    derivatives = compute_force_derivatives(
+        parameters, free, q, v, a, wrenches, names=inverse_dynamics.FORCES[:6]
+    )
+    # The axes A depend on tilt and list: A dT = d tau - dA T.
+    _, by_tilt, by_list = inverse_dynamics.compute_pelvis_axes(q)
+    by_position = derivatives.by_position.copy()
+    for k, axes_by_angle in ((3, by_tilt), (4, by_list)):
+        by_position[:, 3:, k] -= np.einsum("fij,fj->fi", axes_by_angle, value[:, 3:])
     return RootResidual(
         value=value,
-        by_position=inverse_dynamics.root_wrench(q, by_position),
-        by_velocity=inverse_dynamics.root_wrench(q, slopes.by_velocity),
-        by_acceleration=inverse_dynamics.root_wrench(q, slopes.by_acceleration),
-        by_parameter=inverse_dynamics.root_wrench(q, slopes.by_parameter),
-        free=slopes.free,
-        regressor=dynamics.root_regressor(q, v, a).reshape(len(q), 6, -1),
+        by_position=inverse_dynamics.compute_root_wrench(q, by_position),
+        by_velocity=inverse_dynamics.compute_root_wrench(q, derivatives.by_velocity),
+        by_acceleration=inverse_dynamics.compute_root_wrench(q, derivatives.by_acceleration),
+        by_parameter=inverse_dynamics.compute_root_wrench(q, derivatives.by_parameter),
+        free=derivatives.free,
+        regressor=dynamics.compute_root_regressor(q, v, a).reshape(len(q), 6, -1),
     )
 
 
@@ -93,18 +128,27 @@ def differentiate_forces(
     v: Array,
     a: Array,
     wrenches: Array,
-    of: tuple[str, ...],
+    names: tuple[str, ...],
 ) -> ForceDerivatives:
-    """Differentiate the generalised forces named `of` by coordinates, their derivatives and
-    `dynamics.free`.
+    """Differentiate generalised forces by coordinates, their derivatives and `dynamics.free`.
 
     Parameters
     ----------
-    q, v, a : (nf, 27) coordinates and their derivatives, m and rad.
-    wrenches : (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+    dynamics
+        Linkage of one set of parameters.
+    q, v, a
+        (nf, 27) coordinates and their derivatives, m and rad.
+    wrenches
+        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+    names
+        Generalised forces to differentiate.
+
+    Returns
+    -------
+    ForceDerivatives
     """
-    states = dynamics.joint_states(q, v, a)
-    rows = np.array([dynamics.body.index(name) for name in of])
+    states = dynamics.build_joint_states(q, v, a)
+    rows = np.array([dynamics.body.index(name) for name in names])
     by_parameter = np.array([dynamics.body.index(name) for name in dynamics.free], dtype=np.intp)
     model, nf = dynamics.body.model, len(wrenches)
     columns = dynamics.body.chain.at_coordinates
@@ -112,15 +156,15 @@ def differentiate_forces(
     by_q = np.empty((nf, len(rows), len(both)))
     by_v, by_a = (np.empty((nf, len(rows), len(columns))) for _ in range(2))
     jacobians = np.empty((nf, model.nv, 6))
-    of_both, of_columns = np.ix_(rows, both), np.ix_(rows, columns)
-    # Pinocchio fills in the upper half of the mass matrix alone
-    upper = np.minimum(*of_columns), np.maximum(*of_columns)
+    entries_q, entries_v = np.ix_(rows, both), np.ix_(rows, columns)
+    # Pinocchio fills the upper half of the mass matrix only.
+    upper = np.minimum(*entries_v), np.maximum(*entries_v)
     with dynamics.body.chain.lend_work_space() as data:
         for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
             dq, dv, da = pin.computeRNEADerivatives(model, data, q_k, v_k, a_k)
-            by_q[k], by_v[k], by_a[k] = dq[of_both], dv[of_columns], da[upper]
+            by_q[k], by_v[k], by_a[k] = dq[entries_q], dv[entries_v], da[upper]
             jacobians[k] = data.J.T
-    by_q += _by_moved_contacts(dynamics, rows, both, jacobians, wrenches)
+    by_q += _differentiate_moved_contacts(dynamics, rows, both, jacobians, wrenches)
     return ForceDerivatives(
         by_position=by_q[:, :, : len(columns)],
         by_velocity=by_v,
@@ -130,15 +174,16 @@ def differentiate_forces(
     )
 
 
-def _by_moved_contacts(
+def _differentiate_moved_contacts(
     dynamics: inverse_dynamics.Dynamics,
     rows: IntArray,
     by: IntArray,
     jacobians: Array,
     wrenches: Array,
 ) -> Array:
-    """(nf, n, k) derivatives of -sum_feet J_i^T w, wrenches fixed in the laboratory, by joints j
-    before i.
+    """Differentiate -sum_feet J_i^T w by joints j before i: (nf, n, k).
+
+    Wrenches are fixed in the laboratory.
     """
     after = dynamics.body.chain.after
     pulls = np.zeros((len(wrenches), len(rows), 6))

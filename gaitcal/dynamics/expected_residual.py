@@ -1,27 +1,26 @@
-"""How large the pelvis residual of a trial may be: what its own errors let expect, and what only 1
-in 1000 exceeds.
+"""Expected size of the pelvis residual of a trial, and the limit that 1 in 1000 trials exceeds.
 
-Of the residual's three components i (force, or moment), laboratory axes, over the valid frames f,
+For the three components i of the residual (force, or moment), laboratory axes, over valid frames f,
 
     RMS^2 = mean_i mean_f r_if^2
     V_i = S_i + A_i,     S_i = mean_f SE_if^2,     A_i = U_i^2 + mean_f B_if^2
-    expected^2 = mean_i V_i,     limit^2 = expected^2 chi^2_n(1 - RARE) / n
+    expected^2 = mean_i V_i,     limit^2 = expected^2 chi^2_n(1 - FALSE_ALARM_RATE) / n
 
-SE is the error bar of the generalised forces of the pelvis (`calibration/torque_errors.py`). U is
-what walks without a fault leave once inertial parameters have taken their part, as no body is made
-of rigid segments. B is what the plates hold above the cut-off of the motion: the impact of a heel
-is over before a smoothed motion can follow it. The error bar counts as one draw a component in a
-whole trial, since masses, joints and skin are in error from its first frame to its last; the rest
-forgets itself within `TAU`. With T the duration of the valid frames, a sum of squares is chi^2
-distributed (Satterthwaite, Biometrics Bulletin 2:110-114, 1946) with
+SE is the standard error of the generalised forces of the pelvis (`calibration/torque_errors.py`). U
+is the residual of walks without a fault after inertial parameters have been fitted, as bodies are
+not rigid. B is the part of the plates' forces above the cut-off of the motion: the impact of a heel
+is over before a smoothed motion can follow it. The standard error counts as one draw for each
+component in a whole trial, since errors of masses, joints and soft tissue last from its first frame
+to its last. The rest is uncorrelated after `CORRELATION_S`. With T the duration of the valid
+frames, a sum of squares is chi^2 distributed (Satterthwaite, Biometrics Bulletin 2:110-114, 1946)
+with
 
-    n = (sum_i V_i)^2 / sum_i (S_i^2 + A_i^2 / max(1, T / TAU)).
+    n = (sum_i V_i)^2 / sum_i (S_i^2 + A_i^2 / max(1, T / CORRELATION_S)).
 
-What is asked of simulations (Hicks et al., Journal of Biomechanical Engineering 2015), a residual
-force under 5 % of the peak net external force and a residual moment under 1 % of the height of the
-mass centre times that force, are limits of a magnitude, for motions that were changed until they
-agree with the forces. They are drawn beside its course; nothing is judged by them: plates have the
-impact of a heel, and a smoothed motion does not.
+Hicks et al. (Journal of Biomechanical Engineering 2015) ask of simulations a residual force below
+5 % of the peak net external force, and a residual moment below 1 % of the height of the mass centre
+times that force. These limits hold for motions that were adjusted to the forces. They are drawn
+beside the residual and do not enter the verdict.
 """
 
 from collections.abc import Sequence
@@ -41,27 +40,29 @@ from gaitcal.model import chain, linkage
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking.motion import Motion
 
-BASELINE = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
-"""U of force (body weight) and moment (body weight times height) forward, up and to the right."""
-TAU = 0.07
-"""s, over which what clean walks leave forgets itself."""
-RARE = 1e-3
-"""Of all trials without a fault: those whose residual is beyond its limit."""
+BASELINE_RESIDUAL = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
+"""U of force (share of body weight) and moment (share of body weight times height): forward, up, to
+the right."""
+CORRELATION_S = 0.07
+"""s, correlation time of the residual of walks without a fault."""
+FALSE_ALARM_RATE = 1e-3
+"""Share of trials without a fault whose residual exceeds its limit."""
 PELVIS = [
     linkage.COORDINATE_INDEX[f"pelvis_{name}"]
     for name in ("tx", "ty", "tz", "list", "rotation", "tilt")
 ]
-"""Generalised forces whose errors are those of force and moment forward, up and to the right: the
-pelvis leans little enough for its three axes to count as those of the laboratory."""
+"""Columns of the generalised forces whose errors are those of force and moment forward, up and to
+the right. The pelvis leans little enough for its axes to be taken as those of the laboratory."""
 FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
-"""Of the peak net external force; of that times the height of the mass centre."""
+"""Limits: share of the peak net external force; of that force times the height of the mass centre.
+"""
 MOST_FRAMES = 50
 """Frames over which the height of the mass centre is averaged."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeldResidual:
-    """One RMS over valid frames and the three components, as in `summary.json`: N or N·m."""
+class ComparedResidual:
+    """RMS over valid frames and the three components, as in `summary.json`: N or N·m."""
 
     rms: float
     expected: float
@@ -75,65 +76,86 @@ class HeldResidual:
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedResidual:
-    """The pelvis residual of one trial against what its errors let expect."""
+    """Pelvis residual of one trial, compared with its expected size."""
 
-    force: HeldResidual
-    moment: HeldResidual
+    force: ComparedResidual
+    moment: ComparedResidual
 
     @property
     def within(self) -> bool:
-        """Whether force and moment are."""
+        """Whether force and moment are within their limits."""
         return self.force.within and self.moment.within
 
     @property
     def share(self) -> float:
-        """Of its limit, the larger one of both."""
+        """Ratio to the limit, the larger one of force and moment."""
         return max(self.force.rms / self.force.limit, self.moment.rms / self.moment.limit)
 
 
-def expected_residual(
+def estimate_expected_residual(
     moments: Moments,
     errors: TorqueErrors,
     reactions: GroundReactions,
     motion: Motion,
     weight: float,
 ) -> ExpectedResidual | None:
-    """Of the final moments of a trial; None without a valid frame or a standard error. `weight`: of
-    the body, N.
+    """Estimate the expected pelvis residual of the final moments of a trial.
+
+    Parameters
+    ----------
+    moments
+        Generalised forces of the trial.
+    errors
+        Their standard errors.
+    reactions
+        Ground reactions with their valid frames.
+    motion
+        Tracked motion.
+    weight
+        N, of the body.
+
+    Returns
+    -------
+    ExpectedResidual or None
+        None without a valid frame with standard errors.
     """
     frames = reactions.valid & np.isfinite(errors.tau[:, PELVIS]).all(axis=1)
     if not frames.any():
         return None
+    # Mean squares of the residual and of its expected parts: S (`bar`), and U and B (`other`).
     residual = np.hstack([moments.residual_force, moments.residual_moment])[frames]
     bar = (errors.tau[frames][:, PELVIS] ** 2).mean(axis=0)
-    baseline = (BASELINE * np.repeat([weight, moments.bwh], 3)) ** 2
-    other = baseline + (_faster(reactions, motion, frames) ** 2).mean(axis=0)
-    draws = max(1.0, float(frames.sum()) * _step(motion.time) / TAU)
+    baseline = (BASELINE_RESIDUAL * np.repeat([weight, moments.bwh], 3)) ** 2
+    other = baseline + (_compute_fast_forces(reactions, motion, frames) ** 2).mean(axis=0)
+    draws = max(1.0, float(frames.sum()) * _compute_time_step(motion.time) / CORRELATION_S)
     squares = (residual**2).mean(axis=0)
     force, moment = (
-        _held(squares[of], bar[of], other[of], draws) for of in (slice(0, 3), slice(3, 6))
+        _compare_residual(squares[rows], bar[rows], other[rows], draws)
+        for rows in (slice(0, 3), slice(3, 6))
     )
     return ExpectedResidual(force=force, moment=moment)
 
 
-def _held(squares: Array, bar: Array, other: Array, draws: float) -> HeldResidual:
-    """From mean squares (3,) of the residual, S, and A."""
+def _compare_residual(squares: Array, bar: Array, other: Array, draws: float) -> ComparedResidual:
+    """Compare mean squares (3,) of the residual with S (`bar`) and A (`other`)."""
+    # Degrees of freedom n (Satterthwaite): S counts as one draw, A as `draws`.
     total = float((bar + other).sum())
     n = total**2 / float((bar**2 + other**2 / draws).sum())
     expected = float(np.sqrt(total / 3.0))
-    return HeldResidual(
+    return ComparedResidual(
         rms=float(np.sqrt(squares.mean())),
         expected=expected,
-        limit=expected * float(np.sqrt(chdtri(n, RARE) / n)),
+        limit=expected * float(np.sqrt(chdtri(n, FALSE_ALARM_RATE) / n)),
     )
 
 
-def _faster(reactions: GroundReactions, motion: Motion, frames: BoolArray) -> Array:
-    """(k, 6) N, N·m about the pelvis: what all ground reactions together hold above the motion's
-    cut-off.
+def _compute_fast_forces(reactions: GroundReactions, motion: Motion, frames: BoolArray) -> Array:
+    """Compute the total ground reaction above the cut-off of the motion.
+
+    Returns (k, 6) N, N·m about the pelvis.
     """
     total = np.nan_to_num(reactions.wrench.sum(axis=1))
-    rate = 1.0 / _step(motion.time)
+    rate = 1.0 / _compute_time_step(motion.time)
     if len(total) < 3 or not 0.0 < motion.cutoff_hz < 0.5 * rate:
         return np.zeros((int(frames.sum()), 6))
     fast = (total - low_pass(total, rate, motion.cutoff_hz))[frames]
@@ -141,14 +163,14 @@ def _faster(reactions: GroundReactions, motion: Motion, frames: BoolArray) -> Ar
     return np.hstack([fast[:, :3], fast[:, 3:] - cross(pelvis, fast[:, :3])])
 
 
-def _step(time: Array) -> float:
-    """S between frames."""
-    return float(np.median(np.diff(time))) if len(time) > 1 else TAU
+def _compute_time_step(time: Array) -> float:
+    """Compute the time between frames, s."""
+    return float(np.median(np.diff(time))) if len(time) > 1 else CORRELATION_S
 
 
 @dataclass(frozen=True)
 class ResidualLimits:
-    """The limits for one trial, and what they rest on."""
+    """Published limits for one trial, and the figures that they are made of."""
 
     force: float
     """N."""
@@ -162,7 +184,7 @@ class ResidualLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualMagnitudes:
-    """How large the pelvis residual is with one model, to be held against the limits."""
+    """Magnitudes of the pelvis residual with one model."""
 
     name: str
     """Which model, in words."""
@@ -180,9 +202,23 @@ class ResidualMagnitudes:
     """N·m."""
 
 
-def residual_magnitudes(name: str, moments: Moments, valid: BoolArray) -> ResidualMagnitudes:
-    """Magnitudes of a residual in every frame, and its figures over the valid frames (nf,), of
-    which there are some.
+def compute_residual_magnitudes(
+    name: str, moments: Moments, valid: BoolArray
+) -> ResidualMagnitudes:
+    """Compute the magnitudes of a residual.
+
+    Parameters
+    ----------
+    name
+        Description of the model.
+    moments
+        Generalised forces of the trial.
+    valid
+        (nf,) frames for the RMS and the peaks, at least one.
+
+    Returns
+    -------
+    ResidualMagnitudes
     """
     force, moment = (
         np.linalg.norm(r, axis=1) for r in (moments.residual_force, moments.residual_moment)
@@ -199,10 +235,26 @@ def residual_magnitudes(name: str, moments: Moments, valid: BoolArray) -> Residu
     )
 
 
-def residual_limits(
+def compute_residual_limits(
     parameters: Parameters, q: Array, reactions: GroundReactions, plates: Sequence[ForcePlate]
 ) -> ResidualLimits:
-    """The limits of one trial with coordinates (nf, nq) and at least one valid frame."""
+    """Compute the published limits for one trial.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the model.
+    q
+        (nf, nq) coordinates, m and rad.
+    reactions
+        Ground reactions, with at least one valid frame.
+    plates
+        Force plates; the floor is the mean height of their corners.
+
+    Returns
+    -------
+    ResidualLimits
+    """
     valid = np.flatnonzero(reactions.valid)
     net = np.linalg.norm(reactions.wrench[valid].sum(axis=1)[:, :3], axis=1)
     peak = float(net.max())

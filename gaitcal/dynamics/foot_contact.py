@@ -1,20 +1,18 @@
-"""Feet on the ground: when one rests, told by its motion and not by forces; its sole; and whose
-foot loads a plate.
+"""Foot contact: when a foot rests, the area of its sole, and the foot that loads a plate.
 
-A heel or a toe that moves with the ground rests. A resting foot that no plate carries stands on the
-floor: what the ground does to it is not known. Resting begins up to 40 ms after the true contact
-and ends up to 90 ms before it (40 contacts on plates of nine people), so that so much around it is
-unknown too. Where the file tells foot strikes and offs that agree with its own plates, they say it
-to the frame.
+A foot rests while its heel or its toe moves with the ground; forces are not used. A resting foot
+that no plate carries stands on the floor, where its ground reaction is unknown. Resting begins up
+to 40 ms after the true contact and ends up to 90 ms before its true end (40 contacts on plates of
+nine people), so that frames around it are unknown too. Foot strikes and offs of the file are exact
+to the frame where they agree with its plates.
 
-The sole, seen from above, begins a little before the heel marker, which sits on the back of the
-heel, and ends at the tip of the foot; it is as wide as Winter (2009) gives the foot, less at heel
-and toes. Its cells count by their area.
+The sole, seen from above, begins a little before the heel marker, which is on the back of the heel,
+and ends at the tip of the foot. Its width is that of Winter (2009), less at heel and toes. Its
+cells are weighted by their area.
 
-A loading of a plate is of the foot under whose sole its centre of pressure lies; one that two feet
-make one after the other is divided where the first has left the ground and the second rests. One
-that lasts over steps, on a belt that carries both feet, is of each foot from where it stands alone
-on.
+A loading of a plate belongs to the foot under whose sole its centre of pressure is. A loading by
+two feet in succession is divided where the first has left the ground and the second rests. A
+loading over several steps, on a belt that carries both feet, is divided where a foot stands alone.
 """
 
 from collections.abc import Sequence
@@ -23,34 +21,35 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.measurement_errors import outside
+from gaitcal.dynamics.measurement_errors import compute_distance_outside
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import ForcePlate, duration, runs, spans
 from gaitcal.model.linkage import SIDES
 
-RESTING = (
-    0.4  # m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait
-)
-# m/s: what heels and toes of feet that roll over a floor, and still ones, may seem to move by
-SLOWEST_BELT = 0.05
-SLOWEST_SWING = 0.25  # m/s against the belt that a foot in swing exceeds, as in `gait/events.py`
-SWINGING = 0.9  # Share of the moments of all points below the speed that some swing must exceed
-# s by which resting and loading of a plate may differ at the beginning and end of one contact
-EDGE = 0.08
-LANDING, LEAVING = 0.05, 0.10
-"""s before a foot on the floor rests, and after, in which it may be loaded already, or still."""
-SAME_EVENT = 0.1  # s: an event this near to the beginning or end of a contact is of that contact
-BELIEVED = 0.05
-"""s by which an event may miss the loading of a plate; one that misses it by more, and none of the
-file is used.
-"""
+RESTING_SPEED = 0.4
+"""m/s: a heel or toe below this speed rests. In swing both are faster, also in slow gait."""
+MIN_BELT_SPEED = 0.05
+"""m/s: apparent speed of heels and toes that roll over a floor, or stand."""
+MIN_SWING_SPEED = 0.25
+"""m/s against the belt that a foot in swing exceeds, as in `gait/events.py`."""
+SWING_QUANTILE = 0.9
+"""Quantile, over all points and frames, of the speed that swing exceeds."""
+EDGE_S = 0.08
+"""s by which resting and loading of a plate may differ at the beginning and end of one contact."""
+LANDING_S, LEAVING_S = 0.05, 0.10
+"""s before and after resting on the floor in which a foot may carry load."""
+SAME_EVENT_S = 0.1
+"""s from the beginning or end of a contact within which an event belongs to it."""
+MAX_EVENT_ERROR_S = 0.05
+"""s between an event and the loading of a plate. One larger difference, and no event of the file is
+used."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FootPoints:
-    """Heel and toe of both feet, from the tracked model: order right, left."""
+    """Heel and toe of both feet from the tracked model, in the order right, left."""
 
     heel: Array  # (nf, 2, 3) m
     toe: Array  # (nf, 2, 3) m
@@ -65,17 +64,26 @@ class FootPoints:
 
     @property
     def resting(self) -> BoolArray:
-        """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
-        return np.minimum(self.heel_speed, self.toe_speed) < RESTING
+        """(nf, 2) whether the foot rests: its heel or its toe moves with the ground."""
+        return np.minimum(self.heel_speed, self.toe_speed) < RESTING_SPEED
 
 
-def belts(points: Array, velocity: Array) -> Array:
-    """(2, 3) m/s, how the ground moves under both feet: as one, unless their lowest points show two
-    belts.
+def estimate_belt_velocities(points: Array, velocity: Array) -> Array:
+    """Estimate the velocity of the ground under both feet.
 
-    `points`, `velocity`: (nf, 2 k, 3) of the right and the left foot in turn.
+    One velocity for both, unless their lowest points show two belts.
+
+    Parameters
+    ----------
+    points, velocity
+        (nf, 2 k, 3) m and m/s, of the right and the left foot in turn.
+
+    Returns
+    -------
+    (2, 3) array
+        m/s.
     """
-    common = ground_velocity(points, velocity)
+    common = estimate_ground_velocity(points, velocity)
     out = np.tile(common, (len(SIDES), 1))
     whole = np.isfinite(points).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
     lowest = points[whole, :, 1].argmin(axis=1) if common.any() else np.zeros(0, dtype=int)
@@ -85,16 +93,24 @@ def belts(points: Array, velocity: Array) -> Array:
     by_foot = np.array(
         [np.median(under[lowest % len(SIDES) == foot], axis=0) for foot in range(len(SIDES))]
     )
-    return by_foot if np.linalg.norm(by_foot[0] - by_foot[1]) > 2.0 * SLOWEST_BELT else out
+    return by_foot if np.linalg.norm(by_foot[0] - by_foot[1]) > 2.0 * MIN_BELT_SPEED else out
 
 
-def ground_velocity(points: Array, velocity: Array) -> Array:
-    """(3,) m/s, how the ground moves under feet with points and velocities (nf, n, 3): the median
-    of the lowest one's.
+def estimate_ground_velocity(points: Array, velocity: Array) -> Array:
+    """Estimate the velocity of the ground from the median of the lowest point's.
 
-    Zero on a floor, the belt's velocity on a treadmill. A belt slower than a resting foot is told
-    by feet that go to and fro and get no further than it does: over a floor they get on, at several
-    times the speed of a foot that rolls.
+    A belt slower than a resting foot is detected by feet that move to and fro and do not advance
+    beyond it. Over a floor they advance, at several times the speed of a rolling foot.
+
+    Parameters
+    ----------
+    points, velocity
+        (nf, n, 3) m and m/s, of the feet.
+
+    Returns
+    -------
+    (3,) array
+        m/s; zero on a floor.
     """
     whole = np.isfinite(points).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
     if not whole.any():
@@ -102,57 +118,85 @@ def ground_velocity(points: Array, velocity: Array) -> Array:
     lowest = points[whole, :, 1].argmin(axis=1)
     out: Array = np.median(velocity[whole, lowest], axis=0)
     speed = float(np.linalg.norm(out))
-    if speed > RESTING:
+    if speed > RESTING_SPEED:
         return out
-    back = out / speed if speed > SLOWEST_BELT else np.zeros(3)
-    onwards = -(velocity[whole] @ back)  # (nf, n) m/s, in the room
-    swings = float(np.quantile(onwards, SWINGING)) + speed > SLOWEST_SWING
-    stays = abs(float(onwards.mean())) < 0.5 * speed
+    # Slow ground: a belt if feet swing against it and, in the room, do not advance (m/s, (nf, n)).
+    direction = out / speed if speed > MIN_BELT_SPEED else np.zeros(3)
+    forward = -(velocity[whole] @ direction)
+    swings = float(np.quantile(forward, SWING_QUANTILE)) + speed > MIN_SWING_SPEED
+    stays = abs(float(forward.mean())) < 0.5 * speed
     return out if swings and stays else np.zeros(3)
 
 
-def near(marked: BoolArray, time: Array) -> BoolArray:
-    """(nf,) or (nf, feet) frames within `EDGE` of a marked one, at `time` (nf,) s."""
+def mark_near(marked: BoolArray, time: Array) -> BoolArray:
+    """Mark the frames within `EDGE_S` of a marked one.
+
+    Parameters
+    ----------
+    marked
+        (nf,) or (nf, feet).
+    time
+        (nf,) s.
+
+    Returns
+    -------
+    array of bool
+        In the shape of `marked`.
+    """
     if marked.ndim > 1:
-        return np.stack([near(column, time) for column in marked.T], axis=1)
+        return np.stack([mark_near(column, time) for column in marked.T], axis=1)
     times = time[marked]
     if not len(times):
         return marked.copy()
     after = np.clip(np.searchsorted(times, time), min(1, len(times) - 1), len(times) - 1)
     gap = np.minimum(np.abs(time - times[after]), np.abs(time - times[np.maximum(after - 1, 0)]))
-    return marked | (gap <= EDGE)
+    return marked | (gap <= EDGE_S)
 
 
-def on_the_floor(
+def detect_floor_contact(
     resting: BoolArray, loaded: BoolArray, time: Array, events: Sequence[FootEvent] = ()
 ) -> BoolArray:
-    """(nf, 2) frames in which a foot may be on the ground where no plate carries it.
+    """Detect frames in which a foot may be on the ground where no plate carries it.
 
-    `resting`, `loaded`: (nf, 2) the foot is down by its motion; a plate carries it.
-    `time`: (nf,) s.
-    `events`: of the file; used where they agree with the plates.
+    Parameters
+    ----------
+    resting
+        (nf, 2) whether the foot rests, by its motion.
+    loaded
+        (nf, 2) whether a plate carries it.
+    time
+        (nf,) s.
+    events
+        Of the file; used where they agree with the plates.
+
+    Returns
+    -------
+    (nf, 2) array of bool
     """
-    used = events if agree(events, loaded, time) else ()
+    used = events if match_events_to_plates(events, loaded, time) else ()
     out = np.zeros_like(resting)
     for foot, side in enumerate(SIDES):
         strikes, offs = (
             np.array(times_of(used, side, moment)) for moment in (FootMoment.STRIKE, FootMoment.OFF)
         )
-        carried = near(loaded[:, foot], time)
+        carried = mark_near(loaded[:, foot], time)
         for run in runs(resting[:, foot] & ~carried):
             begin, end = float(time[run.start]), float(time[run.stop - 1])
-            before, after = (
-                time[: run.start][loaded[: run.start, foot]],
-                time[run.stop :][loaded[run.stop :, foot]],
-            )
+            before = time[: run.start][loaded[: run.start, foot]]
+            after = time[run.stop :][loaded[run.stop :, foot]]
+            # Begin: at the end of the plate's load, at a strike of the file, or a little earlier.
             if run.start > 0:
-                strike = _event_near(strikes, begin - SAME_EVENT, begin + BELIEVED, begin)
-                at_earliest = begin - LANDING if strike is None else strike
+                strike = _find_event_near(
+                    strikes, begin - SAME_EVENT_S, begin + MAX_EVENT_ERROR_S, begin
+                )
+                at_earliest = begin - LANDING_S if strike is None else strike
                 begin = float(before[-1]) if carried[run.start - 1] else at_earliest
+            # End: at the next load of a plate, at an off of the file, or a little later.
             if run.stop < len(time):
-                off = _event_near(offs, end - BELIEVED, end + SAME_EVENT, end)
-                at_latest = end + LEAVING if off is None else off
+                off = _find_event_near(offs, end - MAX_EVENT_ERROR_S, end + SAME_EVENT_S, end)
+                at_latest = end + LEAVING_S if off is None else off
                 end = float(after[0]) if carried[run.stop] else at_latest
+            # At the ends of the trial the contact has no known limit.
             inner = (time > begin) & (time < end)
             inner[run.start] |= run.start == 0
             inner[run.stop - 1] |= run.stop == len(time)
@@ -160,17 +204,16 @@ def on_the_floor(
     return out
 
 
-def _event_near(times: Array, earliest: float, latest: float, contact: float) -> float | None:
-    """s, the event of a file nearest to the beginning or end of a contact (s); None where none lies
-    between.
-    """
+def _find_event_near(times: Array, earliest: float, latest: float, contact: float) -> float | None:
+    """Find the event (s) in a range that is nearest to the beginning or end of a contact (s)."""
     close = times[(times >= earliest) & (times <= latest)]
     return float(close[np.abs(close - contact).argmin()]) if len(close) else None
 
 
-def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
-    """Whether events are those of this walk: some are of loadings (nf, 2) of plates, and none
-    misses its own.
+def match_events_to_plates(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
+    """Check that events are those of this walk.
+
+    Some are those of plate loadings (nf, 2), and none is far from its loading.
     """
     gaps = []
     for foot, side in enumerate(SIDES):
@@ -178,26 +221,30 @@ def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
             ends = {FootMoment.STRIKE: run.start > 0, FootMoment.OFF: run.stop < len(time)}
             for moment, inside in ends.items():
                 at = time[run.start if moment is FootMoment.STRIKE else run.stop - 1]
-                apart = [abs(t - at) for t in times_of(events, side, moment)] if inside else []
-                gaps += sorted(gap for gap in apart if gap < SAME_EVENT)[:1]
-    return bool(gaps) and max(gaps) <= BELIEVED
+                distances = [abs(t - at) for t in times_of(events, side, moment)] if inside else []
+                # only the nearest event of this contact counts
+                gaps += sorted(gap for gap in distances if gap < SAME_EVENT_S)[:1]
+    return bool(gaps) and max(gaps) <= MAX_EVENT_ERROR_S
 
 
-FOOT_BREADTH = 0.055  # Of body height (Winter 2009)
-HEEL_M = 0.015
-"""From the middle of a marker on the back of the heel to where the sole meets the ground: half a
-marker, and the rounding of the heel."""
-SHAPE = ((0.0, 0.15, 0.35, 0.7, 0.9, 1.0), (0.4, 0.65, 0.65, 1.0, 0.85, 0.45))
-"""How far from heel to tip, and how wide there, of the greatest width."""
-LENGTHWISE, ACROSS = 15, 5  # Cells
-# Plates no further apart than this touch, and what lies as near to a plate is on it: markers tell
-# no less
+FOOT_BREADTH = 0.055
+"""Share of body height (Winter 2009)."""
+HEEL_RADIUS_M = 0.015
+"""m from the centre of a marker on the back of the heel to the sole: half a marker, and the
+rounding of the heel.
+"""
+SOLE_SHAPE = ((0.0, 0.15, 0.35, 0.7, 0.9, 1.0), (0.4, 0.65, 0.65, 1.0, 0.85, 0.45))
+"""Share of the length from heel to tip, and share of the greatest width there."""
+CELLS_ALONG, CELLS_ACROSS = 15, 5
+"""Number of cells of a sole."""
 GAP_M = 0.01
+"""m: plates this near to each other touch, and cells this near to a plate are on it. Markers locate
+a sole no better."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SoleCells:
-    """One foot in some frames."""
+    """Cells of the sole of one foot in some frames."""
 
     cells: Array  # (nf, n, 3) m, middles of the cells
     share: Array  # (n,) of the sole's area; they sum to 1
@@ -205,64 +252,95 @@ class SoleCells:
     """(nf, n) the half of the sole to which a cell belongs is on the ground, as heel or toe moves
     with it.
     """
-    rear: (
-        BoolArray  # (n,) cells of the half that belongs to the heel; the others belong to the toes
-    )
+    # (n,) cells of the half that belongs to the heel; the others belong to the toes
+    rear: BoolArray
     forward: Array  # (nf, 2) unit vectors from heel to tip, x and z of the laboratory
 
-    def beside(self, plates: Sequence[ForcePlate]) -> BoolArray:
-        """(nf, n) cells beside all of these plates, which have corners; those that touch are one
-        surface.
+    def find_cells_off_plates(self, plates: Sequence[ForcePlate]) -> BoolArray:
+        """Find the cells beside all of these plates. Plates that touch are one surface.
+
+        Parameters
+        ----------
+        plates
+            Force plates with corners.
+
+        Returns
+        -------
+        (nf, n) array of bool
         """
         if not plates:
             return np.ones(self.cells.shape[:2], dtype=bool)
-        away = outside(plates, self.cells.reshape(-1, 3)).reshape(self.cells.shape[:2])
+        away = compute_distance_outside(plates, self.cells.reshape(-1, 3)).reshape(
+            self.cells.shape[:2]
+        )
         return np.asarray(away > GAP_M)
 
-    def share_of(self, chosen: BoolArray) -> Array:
-        """(nf,) share of the sole's area in the chosen cells (nf, n)."""
+    def sum_share(self, chosen: BoolArray) -> Array:
+        """Sum the share (nf,) of the area of the sole in the chosen cells (nf, n)."""
         return chosen @ self.share
 
-    def share_of_halves(self, chosen: BoolArray) -> Array:
-        """(nf, 2) share of the heel's half, and of the toes', in the chosen cells (nf, n).
+    def sum_half_shares(self, chosen: BoolArray) -> Array:
+        """Sum the shares of heel half and toe half in chosen cells.
 
-        A heel is a small part of a sole, and bears the whole body where it alone rests.
+        A heel is a small part of a sole, and carries the whole body where it alone rests.
+
+        Parameters
+        ----------
+        chosen
+            (nf, n) cells.
+
+        Returns
+        -------
+        (nf, 2) array
+            Share of the heel half and of the toe half.
         """
         halves = np.stack([self.rear, ~self.rear], axis=1) * self.share[:, None]
         return chosen @ (halves / halves.sum(axis=0))
 
-    def offsets(self, point: Array) -> tuple[Array, Array]:
-        """(nf, n) m along the foot and (nf, n) m across it, from points (nf, 3) to the cells, not
-        negative.
-        """
-        apart = (self.cells - point[:, None])[:, :, [0, 2]]
-        across = np.stack([-self.forward[:, 1], self.forward[:, 0]], axis=1)
-        along, beside = (
-            np.abs(np.einsum("fnk,fk->fn", apart, axis)) for axis in (self.forward, across)
+    def compute_offsets(self, point: Array) -> tuple[Array, Array]:
+        """Compute the distances (nf, n) m along and across the foot from points to the cells."""
+        offset = (self.cells - point[:, None])[:, :, [0, 2]]
+        sideways = np.stack([-self.forward[:, 1], self.forward[:, 0]], axis=1)
+        along, across = (
+            np.abs(np.einsum("fnk,fk->fn", offset, axis)) for axis in (self.forward, sideways)
         )
-        return along, beside
+        return along, across
 
 
-def sole_of(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
-    """The sole of a foot (0 right, 1 left)."""
+def build_sole(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
+    """Build the cells of the sole of a foot.
+
+    Parameters
+    ----------
+    feet
+        Heels, toes and tips of both feet.
+    foot
+        0 right, 1 left.
+    frames
+        Frames to build.
+
+    Returns
+    -------
+    SoleCells
+    """
     heel, tip = feet.heel[frames, foot], feet.tip[frames, foot]
     line = (tip - heel)[:, [0, 2]]
     length = np.maximum(np.linalg.norm(line, axis=1), 1e-9)
     forward = line / length[:, None]
-    part = (np.arange(LENGTHWISE) + 0.5) / LENGTHWISE
-    width = feet.width * np.interp(part, *SHAPE)
-    aside = (np.arange(ACROSS) + 0.5) / ACROSS - 0.5
-    begin = np.minimum(HEEL_M, 0.5 * length)
+    part = (np.arange(CELLS_ALONG) + 0.5) / CELLS_ALONG
+    width = feet.width * np.interp(part, *SOLE_SHAPE)
+    aside = (np.arange(CELLS_ACROSS) + 0.5) / CELLS_ACROSS - 0.5
+    begin = np.minimum(HEEL_RADIUS_M, 0.5 * length)
     ahead = begin[:, None] + (length - begin)[:, None] * part
-    along, across = np.repeat(ahead, ACROSS, axis=1), np.outer(width, aside).ravel()
-    cells = np.empty((len(heel), LENGTHWISE * ACROSS, 3))
+    along, across = np.repeat(ahead, CELLS_ACROSS, axis=1), np.outer(width, aside).ravel()
+    cells = np.empty((len(heel), CELLS_ALONG * CELLS_ACROSS, 3))
     cells[:, :, 0] = heel[:, None, 0] + along * forward[:, None, 0] - across * forward[:, None, 1]
     cells[:, :, 2] = heel[:, None, 2] + along * forward[:, None, 1] + across * forward[:, None, 0]
     cells[:, :, 1] = heel[:, None, 1] + along / length[:, None] * (tip - heel)[:, None, 1]
-    area = np.repeat(np.interp(part, *SHAPE), ACROSS)
-    rear = np.repeat(part < 0.5, ACROSS)
+    area = np.repeat(np.interp(part, *SOLE_SHAPE), CELLS_ACROSS)
+    rear = np.repeat(part < 0.5, CELLS_ACROSS)
     heel_rests, toe_rests = (
-        speed[frames, foot] < RESTING for speed in (feet.heel_speed, feet.toe_speed)
+        speed[frames, foot] < RESTING_SPEED for speed in (feet.heel_speed, feet.toe_speed)
     )
     resting = np.where(rear, heel_rests[:, None], toe_rests[:, None])
     return SoleCells(
@@ -270,22 +348,20 @@ def sole_of(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
     )
 
 
-# m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs
-# to
-UNDER_FOOT = 0.15
-SEAT_ABOVE_M = (
-    0.25  # A plate that lies higher above the lower heel is no step: stairs rise by 0.2 m at most
-)
-FEWEST_IN_TURN = 3
-"""Times that feet stand on a plate in turn, from which nobody merely steps from one foot to the
-other.
-"""
-SHORTEST = 0.05  # s: a shorter loading is a knock, not a step
+UNDER_FOOT_M = 0.15
+"""m, largest distance of the centre of pressure from the heel-toe line of its foot."""
+SEAT_ABOVE_M = 0.25
+"""m above the lower heel from which a plate is no step: stairs rise by 0.2 m at most."""
+MIN_ALTERNATIONS = 3
+"""Alternating single stances on one plate, from which it is not merely a step from one foot to the
+other."""
+MIN_LOADING_S = 0.05
+"""s: a shorter loading is a knock, not a step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loading:
-    """One plate under load, given to one foot."""
+    """One plate under load, assigned to one foot."""
 
     plate: ForcePlate
     foot: int  # 0 right, 1 left
@@ -296,139 +372,188 @@ class Loading:
 
 @dataclass(frozen=True, kw_only=True)
 class FootContact(Loading):
-    """A loading of the tracked motion."""
+    """Loading of a plate in a tracked motion."""
 
     wrench: Array  # (nf, 6) of the plate at all frames of the trial, not filtered
-    words: str  # Plate and time, for messages
+    label: str  # Plate and time, for messages
 
-    def wrench_in(self, frames: slice) -> Array:
-        """(n, 6) its wrench in some frames, zero outside of it."""
+    def extract_wrench(self, frames: slice) -> Array:
+        """Extract the wrench (n, 6) in some frames; zero outside of the loading."""
         out = np.zeros((frames.stop - frames.start, 6))
         first, last = max(self.frames.start, frames.start), min(self.frames.stop, frames.stop)
         out[first - frames.start : last - frames.start] = self.wrench[first:last]
         return out
 
 
-def steps_on(
+def find_steps(
     plate: ForcePlate, wrench: Array, time: Array, feet: FootPoints, side: str | None
 ) -> tuple[list[FootContact], list[Finding]]:
-    """The steps on one plate, and loadings that fit no foot.
+    """Find the steps on one plate, and loadings that fit no foot.
 
-    `wrench`: (nf, 6) of the plate at the frames, not filtered.
-    `side`: "r" or "l" where the study says whose plate it is; None: found.
+    Parameters
+    ----------
+    plate
+        Force plate.
+    wrench
+        (nf, 6) of the plate at the marker frames, not filtered.
+    time
+        (nf,) s.
+    feet
+        Heels and toes of both feet.
+    side
+        "r" or "l" where the study assigns the plate; None: found by the centre of pressure.
+
+    Returns
+    -------
+    list of FootContact
+    list of Finding
     """
     steps, findings = list[FootContact](), list[Finding]()
-    height = surface_height(plate)
+    height = get_surface_height(plate)
     for stretch in runs(wrench[:, 1] > LOADED_N):
-        if duration(time, stretch) < SHORTEST:
+        if duration(time, stretch) < MIN_LOADING_S:
             continue
-        foot = SIDES.index(side) if side else foot_under(wrench, stretch, feet)
-        alone = [] if side else taken_in_turn(wrench, stretch, time, feet)
-        if alone:  # each until the other foot stands alone
+        foot = SIDES.index(side) if side else find_foot_under(wrench, stretch, feet)
+        alone = [] if side else find_single_stances(wrench, stretch, time, feet)
+        if alone:
+            # Each foot carries the plate until the other one stands alone.
             ends = [*(frames.start for frames, _ in alone[1:]), stretch.stop]
             begins = [stretch.start, *ends[:-1]]
-            parts = [(slice(a, b), of) for a, b, (_, of) in zip(begins, ends, alone, strict=True)]
+            parts = [(slice(a, b), k) for a, b, (_, k) in zip(begins, ends, alone, strict=True)]
         elif foot is None:
             lowest = float(np.nanmin(feet.heel[stretch][..., 1]))
             seat = height > lowest + SEAT_ABOVE_M
             findings.append(
-                _under_neither(plate, f"plate {plate.name}, {spans(time, [stretch])}", seat)
+                _report_under_no_foot(plate, f"plate {plate.name}, {spans(time, [stretch])}", seat)
             )
             continue
         else:
-            parts = [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet)
-        for frames, of in parts:
+            parts = (
+                [(stretch, foot)] if side else _divide_loading(wrench, stretch, foot, time, feet)
+            )
+        for frames, side_index in parts:
             steps.append(
                 FootContact(
-                    foot=of,
+                    foot=side_index,
                     frames=frames,
                     plate=plate,
                     wrench=wrench,
                     point=centre_on_ground(wrench[frames], height),
                     load=wrench[frames, 1],
-                    words=f"plate {plate.name}, {spans(time, [frames])}",
+                    label=f"plate {plate.name}, {spans(time, [frames])}",
                 )
             )
     return steps, findings
 
 
-def surface_height(plate: ForcePlate) -> float:
-    """m, of the plane in which the centre of pressure lies."""
+def get_surface_height(plate: ForcePlate) -> float:
+    """Get the height (m) of the plane of the centre of pressure."""
     if plate.corners is not None and np.isfinite(plate.corners).all():
         return float(plate.corners[:, 1].mean())
     height = plate.point[np.nan_to_num(plate.force[:, 1]) > LOADED_N, 1]
     return float(np.nanmedian(height)) if np.isfinite(height).any() else 0.0
 
 
-def foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
-    """The foot whose heel-toe line is nearest to the centre of pressure, weighed by the load; None:
-    far from both.
+def find_foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
+    """Find the foot whose heel-toe line is nearest to the centre of pressure, weighted by the load.
+
+    None if the centre is far from both.
     """
     distances = [
-        np.average(_away(wrench, stretch, feet, k), weights=wrench[stretch, 1])
+        np.average(_compute_distance_to_foot(wrench, stretch, feet, k), weights=wrench[stretch, 1])
         for k in range(len(SIDES))
     ]
     best = int(np.argmin(distances))
-    return best if distances[best] < UNDER_FOOT else None
+    return best if distances[best] < UNDER_FOOT_M else None
 
 
-def taken_in_turn(
+def find_single_stances(
     wrench: Array, stretch: slice, time: Array, feet: FootPoints
 ) -> list[tuple[slice, int]]:
-    """Frames in which one foot alone stands under a loading, and which; none where it is a step or
-    two of feet so near to each other that one of them is under all of it.
+    """Find the frames of a loading in which one foot alone stands on the plate.
 
-    On a belt that carries both feet a loading lasts for many steps, and its sum tells of a foot
+    On a belt under both feet a loading lasts for many steps, and its sum is the force of one foot
     only there.
+
+    Parameters
+    ----------
+    wrench
+        (nf, 6) of the plate, not filtered.
+    stretch
+        Frames of the loading.
+    time
+        (nf,) s.
+    feet
+        Heels and toes of both feet.
+
+    Returns
+    -------
+    list of (slice, int)
+        Frames and foot. Empty for an ordinary step, or two feet so near to each other that one is
+        under the whole loading.
     """
-    resting, away = (
-        feet.resting,
-        np.stack([_away(wrench, stretch, feet, k) for k in range(len(SIDES))], axis=1),
-    )
+    resting = feet.resting
+    distances = [_compute_distance_to_foot(wrench, stretch, feet, k) for k in range(len(SIDES))]
+    away = np.stack(distances, axis=1)
+    # Alone: the foot rests, the other one does not, and the centre of pressure is under it.
     alone = (
         resting[stretch]
-        & ~near(resting, time)[stretch, ::-1]
-        & (away < np.fmin(UNDER_FOOT, away[:, ::-1]))
+        & ~mark_near(resting, time)[stretch, ::-1]
+        & (away < np.fmin(UNDER_FOOT_M, away[:, ::-1]))
     )
+    # Stances of both feet in their order; successive ones of the same foot are one.
     stands = [(run, foot) for foot in range(len(SIDES)) for run in runs(alone[:, foot])]
     out = list[tuple[slice, int]]()
     for run, foot in sorted(stands, key=lambda found: found[0].start):
         frames = slice(stretch.start + run.start, stretch.start + run.stop)
         if out and out[-1][1] == foot:
             out[-1] = slice(out[-1][0].start, frames.stop), foot
-        elif duration(time, frames) >= SHORTEST:
+        elif duration(time, frames) >= MIN_LOADING_S:
             out.append((frames, foot))
-    fewest = 2 if foot_under(wrench, stretch, feet) is None else FEWEST_IN_TURN
+    fewest = 2 if find_foot_under(wrench, stretch, feet) is None else MIN_ALTERNATIONS
     return out if len(out) >= fewest else []
 
 
-def _divided(
+def _divide_loading(
     wrench: Array, stretch: slice, foot: int, time: Array, feet: FootPoints
 ) -> list[tuple[slice, int]]:
-    """The stretch, or its two parts, each with the foot that made it."""
+    """Divide a loading into the parts of both feet, if two feet made it."""
     other, resting = 1 - foot, feet.resting
-    gone = ~near(resting[:, foot], time)[stretch] & resting[stretch, other]
-    away, mine = (_away(wrench, stretch, feet, k) for k in (other, foot))
-    nearer = runs(gone & (away < np.minimum(mine, UNDER_FOOT)))
-    taken = [run for run in nearer if duration(time[stretch], run) >= SHORTEST]
+    # Frames in which the assigned foot has left and the other one rests under the pressure.
+    gone = ~mark_near(resting[:, foot], time)[stretch] & resting[stretch, other]
+    away, mine = (_compute_distance_to_foot(wrench, stretch, feet, k) for k in (other, foot))
+    nearer = runs(gone & (away < np.minimum(mine, UNDER_FOOT_M)))
+    taken = [run for run in nearer if duration(time[stretch], run) >= MIN_LOADING_S]
     if not taken:
         return [(stretch, foot)]
     first, last = stretch.start + taken[0].start, stretch.start + taken[-1].stop
-    if not resting[stretch, foot][: taken[0].start].any():  # the other foot was there first
+    # The other foot was on the plate first.
+    if not resting[stretch, foot][: taken[0].start].any():
         return [(slice(stretch.start, last), other), (slice(last, stretch.stop), foot)]
     return [(slice(stretch.start, first), foot), (slice(first, stretch.stop), other)]
 
 
-def _away(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
-    """(n,) m from the centre of pressure to the line heel-toe of a foot."""
+def _compute_distance_to_foot(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
+    """Compute the distance (n,) m of the centre of pressure from the heel-toe line of a foot."""
     centre = centre_on_ground(wrench[stretch])[:, [0, 2]]
-    return distance_to_line(
+    return compute_distance_to_line(
         centre, feet.heel[stretch, foot][:, [0, 2]], feet.toe[stretch, foot][:, [0, 2]]
     )
 
 
-def distance_to_line(point: Array, a: Array, b: Array) -> Array:
-    """(...) m, from points (..., k) to the stretches from a to b (..., k)."""
+def compute_distance_to_line(point: Array, a: Array, b: Array) -> Array:
+    """Compute the distance of points from line segments.
+
+    Parameters
+    ----------
+    point, a, b
+        (..., k) m, points and ends of the line segments.
+
+    Returns
+    -------
+    (...) array
+        m.
+    """
     along = b - a
     t = np.clip(
         np.sum((point - a) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-12),
@@ -438,20 +563,21 @@ def distance_to_line(point: Array, a: Array, b: Array) -> Array:
     return np.asarray(np.linalg.norm(a + t[..., None] * along - point, axis=-1))
 
 
-def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:
+def _report_under_no_foot(plate: ForcePlate, span: str, seat: bool) -> Finding:
+    """Report a loading that is under neither foot."""
     topic, code = "plate to foot", Code.UNDER_NO_FOOT
     if seat:
         found = (
-            f"{span}: it lies {100 * SEAT_ABOVE_M:.0f} cm and more above both feet: a seat, or a "
-            "rest of the hands"
+            f"{span}: it is at least {100 * SEAT_ABOVE_M:.0f} cm above both feet, as a seat or a "
+            "hand rest is"
         )
         return Finding(
             severity=Severity.INFO, topic=topic, found=f"{found}; left out of torques", code=code
         )
     cause = f"the load on plate {plate.name} is under neither foot"
     found = (
-        f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT:.0f} mm from both feet; "
-        "left out"
+        f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT_M:.0f} mm from both "
+        "feet; left out"
     )
     cure = (
         "check the position of the plate (corners), the axes of the forces, and that they belong "
@@ -462,8 +588,10 @@ def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:
     )
 
 
-def meeting(steps: Sequence[FootContact], foot: int, frames: slice) -> list[FootContact]:
-    """The steps of a foot that last in some of these frames."""
+def select_overlapping_steps(
+    steps: Sequence[FootContact], foot: int, frames: slice
+) -> list[FootContact]:
+    """Select the steps of a foot that overlap some frames."""
     return [
         s
         for s in steps

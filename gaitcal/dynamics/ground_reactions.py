@@ -1,13 +1,12 @@
-"""What the ground does to each foot, and in which frames that is known for each leg.
+"""Ground reactions on each foot, and the frames in which they are valid for each leg.
 
-A leg's torques need its own foot: on the ground wholly on plates that together carry it, or in the
-air. Where a foot is down and no plate carries it, where it rests partly beside its plates, where a
-plate carries both feet, or where the centre of pressure is not under it, the torques of that leg
-are not valid; those of the other leg may be. Pelvis, trunk and the fit of masses need both feet at
-once. Whether a foot is down at all is told by its motion, or by events (`foot_contact.py`). The
-size of the forces plays no part in this: residuals stay a check. Where a leg segment shows no
-marker its motion is a guess of the splines: these frames are not valid for that leg, nor for the
-whole body.
+The torques of a leg need the ground reaction of its foot: completely on plates that together carry
+it, or in the air. They are not valid where the foot is on the ground without a plate, partly beside
+its plates, on a plate with the other foot, or not under the centre of pressure. The other leg may
+still be valid. Pelvis, trunk and the inertial fit need both feet at once. Contact with the ground
+is detected by motion, or by events (`foot_contact.py`). The size of the forces is not used, so that
+residuals remain an independent check. Where no marker of a leg segment is visible, its motion is an
+interpolation: these frames are not valid for that leg, nor for the whole body.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,13 +20,13 @@ from gaitcal.display import Displayed
 from gaitcal.dynamics import inverse_dynamics, measurement_errors, off_sole
 from gaitcal.dynamics.foot_contact import (
     FOOT_BREADTH,
-    RESTING,
+    RESTING_SPEED,
     FootContact,
     FootPoints,
-    belts,
-    near,
-    on_the_floor,
-    steps_on,
+    detect_floor_contact,
+    estimate_belt_velocities,
+    find_steps,
+    mark_near,
 )
 from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.force_plate import (
@@ -50,34 +49,36 @@ from gaitcal.tracking.spline import DEGREE
 if TYPE_CHECKING:
     import pandas as pd
 
-_OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in coordinates.LEG_COORDINATES))
-"""How the names of what belongs to a leg begin."""
-# Knot spans at either end of a trial whose accelerations nothing before or after supports; not
-# valid
-SPLINE_ENDS = 2
+_LEG_PREFIXES = tuple(
+    dict.fromkeys(f"{name.split('_')[0]}_" for name in coordinates.LEG_COORDINATES)
+)
+"""Beginnings of the names of coordinates and torques of a leg."""
+END_SPANS = 2
+"""Knot spans at either end of a trial that are not valid, as their accelerations lack neighbours.
+"""
 FORCE_HZ = 50.0
-"""Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose
+"""Hz, default filter of the plates. RMS errors of leg torques on synthetic walks whose
 truth is known, true model, mean of three seeds, N·m (50 Hz, filtered like the motion, not
 filtered): impacts that shake the whole body 2.16, 5.06, 2.64; the same under skin movement 3.46,
 10.19, 3.78; impacts of the feet 3.83, 4.25, 4.10; no impacts 1.52, 2.09, 1.66.
 """
-SMOOTHED_ENDS = 0.5
-"""Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only;
-not valid.
+END_CYCLES = 0.5
+"""Periods of the cut-off at either end of a smoothed motion that are not valid, as its
+accelerations have data on one side only.
 """
-# Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11
-CONTRADICTION = 0.25
-# Of gravity, by which heel and toe of a foot accelerate downwards together that is in the air
-FALLING = 0.5
-# Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40
+MAX_FORCE_MISMATCH = 0.25
+"""Share of body weight: larger vertical residuals are reported, and kept. The largest of subject01
+is 0.11."""
+FALLING_SHARE = 0.5
+"""Share of gravity: heel and toe that accelerate downwards by more are in the air."""
 SITTING_DEG = 60.0
-# Of body weight: what is left of it on the seat that somebody rises from; residuals are as large
-SEAT = 0.05
+"""deg, lean of the thighs from the vertical. Standing: up to 10, crouching children up to 40."""
+SEAT_LOAD = 0.05
+"""Share of body weight that remains on a seat during rising; residuals are as large."""
 CONTRADICTED = "the plates' vertical force is not what the motion asks for"
-CONTRADICTION_S = 0.05
-"""s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a
-motion can show.
-"""
+MIN_MISMATCH_S = 0.05
+"""s, shortest mismatch. A motion cannot show the impact of a heel, over in 10 to 20 ms (Whittle
+1999)."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -89,25 +90,22 @@ class GroundReactions(Displayed):
     where none.
     """
     valid: BoolArray
-    """(nf,) whole body: each foot is wholly on plates of its own or in the air, by its motion
-    alone, too, and a plate carries the body. Masses are fitted to these frames: no event that
-    somebody set decides on them, and no centre of pressure, which would make a residual small by
-    construction."""
+    """(nf,) whole body: each foot is completely on its plates or in the air, by its motion alone
+    too, and a plate carries the body. Masses are fitted to these frames. Neither events of the file
+    nor centres of pressure select them, as these would make a residual small by construction."""
     valid_legs: BoolArray
-    """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, with the centre
-    of pressure under it, or in the air."""
+    """(nf, 2) right, left: the foot is completely on its plates, with the centre of pressure under
+    it, or in the air."""
     loaded: BoolArray
     """(nf, 2) a plate carries the foot."""
     resting: BoolArray
-    """(nf, 2) the foot is down, judged by its motion."""
+    """(nf, 2) whether the foot rests on the ground, by its motion."""
     notes: tuple[str, ...]
-    """What was found and assumed."""
+    """Findings and assumptions, for the log."""
     steps: tuple[tuple[str, int, slice], ...] = ()
-    """Each loading of a plate that a foot was given: plate, foot (0 right, 1 left), frames."""
+    """Loadings of plates and their feet: plate, foot (0 right, 1 left), frames."""
     findings: tuple[Finding, ...] = ()
-    """What speaks against these ground reactions, and frames that they leave out; without the name
-    of their trial.
-    """
+    """Findings on these ground reactions and on frames left out, without the name of the trial."""
     seated: BoolArray | None = None
     """(nf,) a seat bears part of the body; None: nowhere."""
 
@@ -151,7 +149,7 @@ class GroundReactions(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against these ground reactions, in words."""
+        """Findings that are warnings."""
         return tuple(f.evidence for f in self.findings if f.severity is not Severity.INFO)
 
     @property
@@ -170,24 +168,42 @@ class GroundReactions(Displayed):
         return bool((self.valid_legs & self.loaded).any())
 
     def valid_for(self, name: str) -> BoolArray:
-        """(nf,) of a coordinate or torque: `hip_flexion_r` as its leg, what belongs to no leg as
-        the whole body.
+        """Return the valid frames (nf,) of a coordinate or torque.
+
+        Parameters
+        ----------
+        name
+            `hip_flexion_r` is valid with its leg, pelvis, trunk and arms with the whole body.
+
+        Returns
+        -------
+        (nf,) array of bool
         """
-        side = leg_of(name)
+        side = get_leg(name)
         return self.valid_legs[:, SIDES.index(side)] if side else self.valid
 
-    def without(self, legs: Sequence[str]) -> "GroundReactions":
-        """The same with no valid frame of some legs (`r`, `l`), and so none of the whole body."""
+    def exclude_legs(self, legs: Sequence[str]) -> "GroundReactions":
+        """Return them without valid frames of some legs and of the whole body.
+
+        Parameters
+        ----------
+        legs
+            `r`, `l`, or both.
+
+        Returns
+        -------
+        GroundReactions
+        """
         kept = np.array([side not in legs for side in SIDES])
         return replace(self, valid=self.valid & kept.all(), valid_legs=self.valid_legs & kept)
 
 
-def leg_of(name: str) -> str:
-    """`r` or `l` of a coordinate or torque of a leg; empty for pelvis, trunk and arms."""
-    return coordinates.split_side(name)[1] if name.startswith(_OF_LEG) else ""
+def get_leg(name: str) -> str:
+    """Get the leg, `r` or `l`, of a coordinate or torque; empty for pelvis, trunk and arms."""
+    return coordinates.split_side(name)[1] if name.startswith(_LEG_PREFIXES) else ""
 
 
-def ground_reactions_on_feet(
+def compute_foot_reactions(
     plates: Sequence[ForcePlate],
     time: Array,
     feet: FootPoints,
@@ -197,13 +213,29 @@ def ground_reactions_on_feet(
     assigned: Mapping[str, str] | None = None,
     events: Sequence[FootEvent] = (),
 ) -> GroundReactions:
-    """Assign plates to feet, filter their wrenches and bring them to the marker frames.
+    """Assign plates to feet, filter their wrenches and resample them to the marker frames.
 
-    `time`: (nf,) s of the marker frames. `cutoff`: Hz of the zero-lag low-pass filter on the
-    wrenches; None: none. `ends`: s at the beginning and end of the trial that are not valid, as
-    accelerations are not supported there. `assigned`: plate name -> "r", "l" or "none", from the
-    study; the rest is found. `events`: of the file, for feet beside all plates; used where they
-    agree with the plates.
+    Parameters
+    ----------
+    plates
+        Force plates.
+    time
+        (nf,) s of the marker frames.
+    feet
+        Heels, toes and tips of both feet.
+    cutoff
+        Hz of the zero-lag low-pass filter on the wrenches; None: no filter.
+    ends
+        s at the beginning and end of the trial that are not valid, as accelerations lack
+        neighbours.
+    assigned
+        Plate -> "r", "l" or "none", from the study; other plates by their centre of pressure.
+    events
+        Foot events of the file, for feet beside all plates; used where they agree with the plates.
+
+    Returns
+    -------
+    GroundReactions
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes, findings = list[str](), list[Finding]()
@@ -222,37 +254,41 @@ def ground_reactions_on_feet(
         if side == "none":
             continue
         used.append(plate)
-        found, unfit = steps_on(plate, raw, time, feet, side)
+        found, unfit = find_steps(plate, raw, time, feet, side)
         findings += unfit
         for step in found:
+            # The filter distributes the force of a loading over frames before and after it.
             wide = _widen(step.frames, raw[:, 1] > LOADED_N, time, cutoff)
             wrench[wide, step.foot] += np.nan_to_num(smooth[wide])
             loaded[step.frames, step.foot] = True
             how = "as the study says" if side else "by its centre of pressure"
-            notes.append(f"{step.words}: {SIDE_WORDS[SIDES[step.foot]]} foot, {how}")
+            notes.append(f"{step.label}: {SIDE_WORDS[SIDES[step.foot]]} foot, {how}")
         steps += found
     resting = feet.resting
-    floor, at_most = (on_the_floor(resting, loaded, time, told) for told in (events, ()))
-    partly, beside = off_sole.beside_plates(steps, used, time, feet, loaded)
-    shared, both = off_sole.shared_plates(steps, used, time, feet, at_most)
-    off, unlike = off_sole.off_sole_frames(steps, time, feet)
-    there = time[known] if known.any() else time
-    inner = known & (time >= there[0] + ends) & (time <= there[-1] - ends)
+    # Contact with the floor: by events and motion, and by motion alone, which marks more frames.
+    floor = detect_floor_contact(resting, loaded, time, events)
+    floor_by_motion = detect_floor_contact(resting, loaded, time)
+    partly, partial_findings = off_sole.find_partial_contact(steps, used, time, feet, loaded)
+    shared, shared_findings = off_sole.find_shared_plates(steps, used, time, feet, floor_by_motion)
+    off, off_findings = off_sole.find_off_sole_frames(steps, time, feet)
+    # Frames with forces, without the ends of the trial.
+    covered = time[known] if known.any() else time
+    inner = known & (time >= covered[0] + ends) & (time <= covered[-1] - ends)
     legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
     return GroundReactions(
         wrench=wrench,
-        valid=legs.all(axis=1) & loaded.any(axis=1) & ~at_most.any(axis=1),
+        valid=legs.all(axis=1) & loaded.any(axis=1) & ~floor_by_motion.any(axis=1),
         valid_legs=legs & ~off,
         loaded=loaded,
         resting=resting,
         notes=tuple(notes),
         steps=tuple((step.plate.name, step.foot, step.frames) for step in steps),
-        findings=(*findings, *beside, *both, *unlike),
+        findings=(*findings, *partial_findings, *shared_findings, *off_findings),
     )
 
 
 def _widen(stretch: slice, pressed: BoolArray, time: Array, cutoff: float | None) -> slice:
-    """A stretch with the tails that the filter makes, up to half way to the plate's next loading."""
+    """Widen a loading by the tails of the filter, up to half way to the next loading."""
     if cutoff is None:
         return stretch
     tail = 1.0 / cutoff
@@ -274,19 +310,28 @@ def ground_reactions(
     plates: Mapping[str, str] | None = None,
     cutoff_hz: float | Literal["matched"] | None = FORCE_HZ,
 ) -> GroundReactions:
-    """Ground reactions on the feet of a tracked motion, from the force plates of its recording.
+    """Compute the ground reactions on the feet of a tracked motion from its force plates.
 
-    `gaitcal.inverse_dynamics(model, motion, reactions.wrench)` takes them; its torques count where
-    `reactions.valid_for(name)`: those of a leg by its own foot, others where `reactions.valid`.
+    `gaitcal.inverse_dynamics(model, motion, reactions.wrench)` uses them. A torque is meaningful
+    where `reactions.valid_for(name)`: of a leg by its foot, of all others where `reactions.valid`.
 
     Parameters
     ----------
-    model : the person's model, with the parameters that the motion was tracked with. motion : from
-    `gaitcal.track`, all coordinates. recording : the one that was tracked, in the same axes. plates
-    : plate name -> "r", "l" or "none"; the foot under the centre of pressure unless given.
-    cutoff_hz : zero-lag low-pass filter of the forces, left out where a plate is sampled at twice
-    that or less;
-        "matched": that of the motion; None: no filter.
+    model
+        The person's model, with the parameters that the motion was tracked with.
+    motion
+        From `gaitcal.track`, all coordinates.
+    recording
+        The one that was tracked, in the same axes.
+    plates
+        Plate -> "r", "l" or "none"; the foot under the centre of pressure unless given.
+    cutoff_hz
+        Hz, zero-lag low-pass filter of the forces, left out where a plate is sampled at twice that
+        or less. "matched": that of the motion; None: no filter.
+
+    Returns
+    -------
+    GroundReactions
 
     Raises
     ------
@@ -310,10 +355,10 @@ def ground_reactions(
             message = f"found '{name}'; allowed: {', '.join(known)}"
             raise InputError(message, source=recording.source, field="plates", code=Code.ARGUMENT)
     hz = motion.cutoff_hz if cutoff_hz == "matched" else cutoff_hz
-    return reactions_of_motion(model, model.parameters, motion, recording, plates or {}, hz)
+    return compute_motion_reactions(model, model.parameters, motion, recording, plates or {}, hz)
 
 
-def reactions_of_motion(
+def compute_motion_reactions(
     model: SubjectModel,
     parameters: Parameters,
     motion: Motion,
@@ -321,14 +366,30 @@ def reactions_of_motion(
     plates: Mapping[str, str],
     hz: float | None,
 ) -> GroundReactions:
-    """Ground reactions at the frames of a whole-body motion, filtered at `hz` (None: not), and what
-    speaks against.
+    """Compute the ground reactions of a whole-body motion and check them.
+
+    Parameters
+    ----------
+    model, parameters
+        The person's model, and the parameters of the motion.
+    motion
+        Motion with all coordinates.
+    recording
+        Its recording.
+    plates
+        Plate -> "r", "l" or "none".
+    hz
+        Hz, low-pass filter of the forces; None: no filter.
+
+    Returns
+    -------
+    GroundReactions
     """
-    feet = foot_points(model, motion, parameters)
-    ends = SPLINE_ENDS * float(np.ptp(motion.basis.knots)) / (motion.basis.nodes - DEGREE)
+    feet = compute_foot_points(model, motion, parameters)
+    ends = END_SPANS * float(np.ptp(motion.basis.knots)) / (motion.basis.nodes - DEGREE)
     if motion.smoothed_hz is not None:
-        ends = max(ends, SMOOTHED_ENDS / motion.smoothed_hz)
-    measured = ground_reactions_on_feet(
+        ends = max(ends, END_CYCLES / motion.smoothed_hz)
+    measured = compute_foot_reactions(
         recording.plates,
         motion.time,
         feet,
@@ -337,27 +398,35 @@ def reactions_of_motion(
         assigned=plates,
         events=recording.events,
     )
-    unseen = unseen_frames(motion)
+    # Frames without markers of a leg segment are not valid.
+    unobserved = find_unobserved_frames(motion)
     valid, legs = measured.valid.copy(), measured.valid_legs.copy()
-    for segment, lost in unseen.items():
+    for segment, lost in unobserved.items():
         valid &= ~lost
         legs[:, SIDES.index(segment[-1])] &= ~lost
     ends_left_out = f"the first and last {ends:.2f} s are not valid: ends of the splines"
-    missing = _missing(measured.wrench, parameters, motion)
-    seated = near(_seated(missing, thighs_lie(motion, parameters)), motion.time)
+    # Vertical forces that contradict the motion: of a seat, or a fault.
+    missing = _compute_missing_force(measured.wrench, parameters, motion)
+    seated = mark_near(
+        _detect_seated(missing, detect_lying_thighs(motion, parameters)), motion.time
+    )
     valid, legs = valid & ~seated, legs & ~seated[:, None]
-    contradictions = [*_seat(seated, motion.time), *_contradictions(missing, valid, motion.time)]
+    contradictions = [
+        *_report_seat(seated, motion.time),
+        *_report_force_mismatch(missing, valid, motion.time),
+    ]
     return replace(
         measured,
         valid=valid,
         valid_legs=legs,
         seated=seated,
-        notes=(*measured.notes, ends_left_out, _filter_words(recording, hz)),
-        findings=(*measured.findings, *_unseen_findings(unseen, motion), *contradictions),
+        notes=(*measured.notes, ends_left_out, _describe_filter(recording, hz)),
+        findings=(*measured.findings, *_report_unobserved(unobserved, motion), *contradictions),
     )
 
 
-def _filter_words(recording: Recording, hz: float | None) -> str:
+def _describe_filter(recording: Recording, hz: float | None) -> str:
+    """Describe the filter of the forces."""
     plain = [
         plate.name for plate in recording.plates if hz is not None and not filterable(plate, hz)
     ]
@@ -369,80 +438,96 @@ def _filter_words(recording: Recording, hz: float | None) -> str:
     return f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order){but}"
 
 
-def _missing(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
-    """(nf,) body weights that the plates carry less than the motion asks for."""
-    residual = inverse_dynamics.Dynamics(parameters).residual_force(
+def _compute_missing_force(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
+    """Compute the vertical force (nf,) that the plates lack, as share of body weight."""
+    residual = inverse_dynamics.Dynamics(parameters).compute_residual_force(
         motion.q, motion.velocity, motion.acceleration, wrench
     )[:, 1]
     out: Array = residual / (parameters.mass * GRAVITY)
     return out
 
 
-def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
-    """(nf,) frames in which both thighs lean further than those of anybody who stands or walks."""
+def detect_lying_thighs(motion: Motion, parameters: Parameters) -> BoolArray:
+    """Detect frames (nf,) in which both thighs lean further than in standing or walking."""
     axes, _ = kinematics.compute_body_poses(parameters, motion.q)
     upright = [axes[f"thigh_{side}"][1, 1] for side in SIDES]
     return np.asarray(np.max(upright, axis=0) < np.cos(np.deg2rad(SITTING_DEG)))
 
 
-def _seated(missing: Array, lying: BoolArray) -> BoolArray:
-    """(nf,) frames in which a seat bears what the plates lack, more than while the person is off
-    it, from before the thighs lie until after they do: little, so far behind the feet, is much of a
-    moment. It bears much at some time.
+def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
+    """Detect frames (nf,) in which a seat carries part of the body.
+
+    The missing force exceeds that while the person is off the seat, from before the thighs lie
+    until after they do, as even a small force far behind the feet makes a moment. It is large at
+    some time.
     """
     usual = float(np.median(missing[~lying])) if not lying.all() else 0.0
     out = np.zeros_like(lying)
-    for run in runs(missing > min(usual, SEAT)):
-        out[run] = (lying[run] & (missing[run] > SEAT)).any() and missing[run].max() > CONTRADICTION
+    for run in runs(missing > min(usual, SEAT_LOAD)):
+        sits = (lying[run] & (missing[run] > SEAT_LOAD)).any()
+        out[run] = sits and missing[run].max() > MAX_FORCE_MISMATCH
     return out
 
 
-def _seat(seated: BoolArray, time: Array) -> list[Finding]:
-    """That a seat bears part of the body, and when."""
+def _report_seat(seated: BoolArray, time: Array) -> list[Finding]:
+    """Report that a seat carries part of the body, and when."""
     found = (
         f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less "
-        "than the "
+        "than the body weighs; where the seat pushes is not known, so that torques are not valid "
+        "then"
     )
-    found += "body weighs; where the seat pushes is not known, so that torques are not valid then"
     cause, note = "a seat bears part of the body", Severity.INFO
     seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)
     return [seat] if seated.any() else []
 
 
-def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Finding]:
-    """Valid frames whose vertical force is far from what the body's acceleration asks for; they
-    stay valid.
+def _report_force_mismatch(missing: Array, valid: BoolArray, time: Array) -> list[Finding]:
+    """Report valid frames with a vertical force that contradicts the acceleration of the body.
 
-    To leave them out would make every residual look small by construction.
+    The frames stay valid: leaving them out would make every residual small by construction.
     """
     gap = np.abs(missing)
-    apart = np.zeros_like(valid)
-    for run in runs(valid & (gap > CONTRADICTION), 2):
-        apart[run] = duration(time, run) >= CONTRADICTION_S
-    if not apart.any():
+    mismatched = np.zeros_like(valid)
+    for run in runs(valid & (gap > MAX_FORCE_MISMATCH), 2):
+        mismatched[run] = duration(time, run) >= MIN_MISMATCH_S
+    if not mismatched.any():
         return []
-    most = 100 * float(gap[apart].max())
+    most = 100 * float(gap[mismatched].max())
+    times = spans(time, runs(mismatched), most=len(mismatched))
     return [
         Finding(
             severity=Severity.WARNING,
             topic="forces",
             cause=CONTRADICTED,
-            found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % "
-            "of body weight",
+            found=f"{times}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
-            weight=most / (100 * CONTRADICTION),
+            weight=most / (100 * MAX_FORCE_MISMATCH),
             code=Code.FORCES_CONTRADICT,
         )
     ]
 
 
 def has_feet(model: SubjectModel) -> bool:
-    """Whether the model knows where heels and toes are."""
+    """Check that the model has landmarks of heels and toes."""
     return {f"{end}_{side}" for end in ("heel", "toe") for side in SIDES} <= set(model.landmarks)
 
 
-def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
-    """Heel and toe of both feet over a whole-body motion."""
+def compute_foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
+    """Compute heel and toe of both feet over a whole-body motion.
+
+    Parameters
+    ----------
+    model
+        The person's model, with landmarks of heels and toes.
+    motion
+        Motion with all coordinates.
+    parameters
+        Parameters of the motion.
+
+    Returns
+    -------
+    FootPoints
+    """
     axes, origins = kinematics.compute_body_poses(parameters, motion.q)
     points = {}
     for end in ("heel", "toe"):
@@ -455,19 +540,25 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
             axis=1,
         )
     velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
-    ground = belts(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
+    ground = estimate_belt_velocities(
+        *(np.concatenate([ends["heel"], ends["toe"]], axis=1) for ends in (points, velocity))
+    )
     speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
-    # the feet of who jumps stand still at the top, and rest on nothing
+    # In a jump feet are slow at the top, but do not rest: both ends fall.
     falls = [
-        np.gradient(v[:, :, 1], motion.time, axis=0) < -FALLING * GRAVITY for v in velocity.values()
+        np.gradient(v[:, :, 1], motion.time, axis=0) < -FALLING_SHARE * GRAVITY
+        for v in velocity.values()
     ]
     speed = {
-        end: np.where(np.all(falls, axis=0), np.maximum(s, RESTING), s) for end, s in speed.items()
+        end: np.where(np.all(falls, axis=0), np.maximum(s, RESTING_SPEED), s)
+        for end, s in speed.items()
     }
     return FootPoints(
         heel=points["heel"],
         toe=points["toe"],
-        tip=measurement_errors.foot_tip(points["heel"], points["toe"], model.subject.height),
+        tip=measurement_errors.compute_foot_tip(
+            points["heel"], points["toe"], model.subject.height
+        ),
         heel_speed=speed["heel"],
         toe_speed=speed["toe"],
         width=FOOT_BREADTH * model.subject.height,
@@ -475,9 +566,13 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
     )
 
 
-def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
-    """Leg segment -> (nf,) frames in which none of its markers with weight is seen; segments always
-    seen left out.
+def find_unobserved_frames(motion: Motion) -> dict[str, BoolArray]:
+    """Find frames in which no marker with weight of a leg segment is visible.
+
+    Returns
+    -------
+    dict
+        Segment -> (nf,) array of bool; segments that are always visible are left out.
     """
     errors = motion.errors
     names = np.array(errors.segments, dtype=str)
@@ -490,8 +585,8 @@ def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
     return out
 
 
-def _unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Finding]:
-    """What to say of `unseen_frames`: one line for the segments that are lost in the same frames."""
+def _report_unobserved(frames: Mapping[str, BoolArray], motion: Motion) -> list[Finding]:
+    """Report unobserved segments, in one finding for those lost in the same frames."""
     lost_alike: dict[bytes, list[str]] = {}
     for segment, lost in frames.items():
         lost_alike.setdefault(lost.tobytes(), []).append(segment)

@@ -1,18 +1,18 @@
-"""Inverse dynamics by Pinocchio: the generalised forces that motion and ground reactions ask for.
+"""Inverse dynamics by Pinocchio: generalised forces from motion and ground reactions.
 
     tau = M(q) a + h(q, v) + g(q) - sum_feet J_foot^T w_foot
 
 is the recursive Newton-Euler algorithm, `pin.rnea`, with the wrenches of the ground on the feet as
-external forces. Two locked joints report the knees' internal reaction moment about the knee
-frame's x axis. The six root rows are the pelvis residual, what no ground reaction explains:
+external forces. Two locked joints report the internal reaction moment of the knees about the x axis
+of the knee frame. The six root rows are the pelvis residual, which ground reactions do not explain:
 
-    F = tau_(tx, ty, tz),   A(q) T = tau_(tilt, list, rotation),
+    F = tau_(tx, ty, tz),   A(q) T = tau_(tilt, list, rotation).
 
-A's rows being the axes of the pelvis rotations in the laboratory, so that T is the moment about the
-pelvis origin in laboratory axes. Without ground reactions tau is linear in the dynamic parameters
-of the segments (m, m c, I about the segment origin). Their matrix is the regressor
+The rows of A are the axes of the pelvis rotations in the laboratory, so that T is the moment about
+the pelvis origin in laboratory axes. Without ground reactions tau is linear in the dynamic
+parameters of the segments (m, m c, I about the segment origin). Their matrix is the regressor
 (`pin.computeJointTorqueRegressor`). Pinocchio gives its columns for bodies in the frames of their
-joints; those of segments follow by a constant matrix (`transformed_parameters`).
+joints; those of segments follow by a constant matrix (`build_parameter_transform`).
 """
 
 import math
@@ -43,15 +43,15 @@ FORCES: tuple[str, ...] = (*linkage.COORDINATES, *linkage.REACTIONS)
 """Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions.
 """
 BLOCK = 500
-"""Frames at a time: a treadmill's trial may last for minutes."""
+"""Frames in one block, to bound memory: trials on treadmills last for minutes."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Moments(Displayed):
-    """Generalised forces of one trial: internal, net of all structures crossing the joint, acting
-    on the child.
+    """Generalised forces of one trial: internal and net, acting on the distal segment.
 
-    Positive along the coordinate of that name.
+    They are net of all structures that cross the joint, and positive along the coordinate of that
+    name.
     """
 
     coordinates: tuple[str, ...]
@@ -71,14 +71,14 @@ class Moments(Displayed):
     """Body weight times height, N·m."""
 
     def to_dataframe(self) -> "pd.DataFrame":
-        """Return the moments as a table, with the columns of `moments/TRIAL.csv` that they
-        determine.
+        """Return the moments as a table.
 
         Returns
         -------
         pandas.DataFrame
-            `time` (s), then for every generalised force NAME (N·m; N of the pelvis translations)
-            and `NAME_bwh` (percent of body weight times height; NaN of translations).
+            With the columns of `moments/TRIAL.csv` that moments determine: `time` (s), then for
+            every generalised force NAME (N·m; N of the pelvis translations) and `NAME_bwh` (percent
+            of body weight times height; NaN of translations).
         """
         import pandas as pd
 
@@ -115,8 +115,17 @@ class Moments(Displayed):
         )
 
     def residual_rms(self, valid: BoolArray) -> tuple[float, float]:
-        """RMS pelvis residual over valid frames and three components: force (N), torque about the
-        pelvis (N·m).
+        """Compute the RMS pelvis residual over valid frames and three components.
+
+        Parameters
+        ----------
+        valid
+            (nf,) frames to include.
+
+        Returns
+        -------
+        tuple of float
+            Force (N), and moment about the pelvis origin (N·m).
         """
         force, moment = (
             np.sqrt(np.mean(r[valid] ** 2)) for r in (self.residual_force, self.residual_moment)
@@ -125,16 +134,21 @@ class Moments(Displayed):
 
 
 class Dynamics:
-    """The linkage of one set of parameters, ready for inverse dynamics of any number of frames.
+    """Linkage of one set of parameters, prepared for inverse dynamics of any number of frames.
 
     Parameters
     ----------
-    parameters : joint and inertial parameters, SI units. held : joint parameters that report their
-    generalised forces, too, as rigid joints that stay where
-        they are: after the 29, in their order.
-    free : joint parameters by which `derivatives.py` differentiates. segments : part of the body
-    whose forces are wanted, pelvis and both legs included; all unless given. bodies : segment ->
-    inertia in its frame, instead of those of `parameters`.
+    parameters
+        Joint and inertial parameters, SI units.
+    held
+        Joint parameters that report their generalised forces too, as locked joints; after the 29,
+        in their order.
+    free
+        Joint parameters that `derivatives.py` differentiates by.
+    segments
+        Part of the body whose forces are needed, pelvis and both legs included; all unless given.
+    bodies
+        Segment -> inertia in its frame, instead of those of `parameters`.
     """
 
     def __init__(
@@ -160,40 +174,56 @@ class Dynamics:
         self.feet = [int(chain.segment_joint[chain.segments.index(foot)]) for foot in FEET]
         """Joints that carry the feet."""
 
-    def placed(self, q: Array) -> Kinematics:
+    def place(self, q: Array) -> Kinematics:
         """Place the linkage at coordinates (nf, 27), with the Jacobian of all its variables."""
         return Kinematics(self.body, q[:, self._columns])
 
-    def joint_states(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Configurations, velocities and accelerations (nf, nv) of all joints, from (nf, 27)."""
+    def build_joint_states(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Build configurations, velocities and accelerations of all joints.
+
+        Parameters
+        ----------
+        q, v, a
+            (nf, 27) coordinates and their derivatives, m and rad.
+
+        Returns
+        -------
+        tuple of (nf, nv) arrays
+        """
         at = self.body.chain.at_coordinates
         velocity, acceleration = (np.zeros((len(q), self.body.model.nv)) for _ in range(2))
         velocity[:, at], acceleration[:, at] = v[:, self._columns], a[:, self._columns]
         return self.body.fill_configurations(q[:, self._columns]), velocity, acceleration
 
-    def forces(self, q: Array, v: Array, a: Array, wrenches: Array | None = None) -> Array:
+    def compute_forces(self, q: Array, v: Array, a: Array, wrenches: Array | None = None) -> Array:
         """Compute generalised forces.
 
         Parameters
         ----------
-        q, v, a : (nf, 27) coordinates and their derivatives, m and rad. wrenches : (nf, 2, 6)
-        ground on the right and left foot: force (N) and moment (N·m) about the
+        q, v, a
+            (nf, 27) coordinates and their derivatives, m and rad.
+        wrenches
+            (nf, 2, 6) ground on the right and left foot: force (N) and moment (N·m) about the
             laboratory origin; none unless given.
 
         Returns
         -------
-        (nf, nt) N·m, N, in the order of `forces_of`.
+        (nf, nt) array
+            N·m, N, in the order of `forces_of`.
         """
         parts = []
         for part in stretches(len(q), BLOCK) or [slice(0)]:
-            states = self.joint_states(q[part], v[part], a[part])
-            on_feet = None if wrenches is None else self._in_joint_axes(q[part], wrenches[part])
-            parts.append(self._forces(*states, on_feet))
+            states = self.build_joint_states(q[part], v[part], a[part])
+            on_feet = (
+                None if wrenches is None else self._express_in_joint_axes(q[part], wrenches[part])
+            )
+            parts.append(self._run_rnea(*states, on_feet))
         return np.concatenate(parts)[:, self.rows]
 
-    def _forces(self, q: Array, v: Array, a: Array, on_feet: Array | None) -> Array:
-        """(nf, nv) of all joints; `on_feet`: (nf, 2, 6) in the axes of the feet's joints, about
-        their origins.
+    def _run_rnea(self, q: Array, v: Array, a: Array, on_feet: Array | None) -> Array:
+        """Run the Newton-Euler algorithm: (nf, nv) generalised forces of all joints.
+
+        `on_feet`: (nf, 2, 6) in the axes of the joints of the feet, about their origins.
         """
         model = self.body.model
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
@@ -206,8 +236,8 @@ class Dynamics:
                 out[k] = pin.rnea(model, data, q[k], v[k], a[k], external)
         return out
 
-    def _in_joint_axes(self, q: Array, wrenches: Array) -> Array:
-        """(nf, 2, 6) foot wrenches in the axes of the feet's joints, about their origins."""
+    def _express_in_joint_axes(self, q: Array, wrenches: Array) -> Array:
+        """Express foot wrenches (nf, 2, 6) in the axes and about the origins of the joints."""
         placed, out = (
             Kinematics(self.body, q[:, self._columns], columns=False),
             np.empty_like(wrenches),
@@ -217,20 +247,43 @@ class Dynamics:
             *axes, origin = placed.segments_by_frame[:, segment].transpose(1, 0, 2)
             force, moment = wrenches[:, foot, :3], wrenches[:, foot, 3:]
             about = moment - cross(origin, force)
-            local = [np.sum(of * axis, axis=1) for of in (force, about) for axis in axes]
+            local = [np.sum(vector * axis, axis=1) for vector in (force, about) for axis in axes]
             out[:, foot] = (
                 np.stack(local, axis=1)
                 @ self.body.segment_placement[segment].toDualActionMatrix().T
             )
         return out
 
-    def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
-        """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
-        return self.forces(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
+    def compute_residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
+        """Compute the residual force; points of application of the ground's are not needed.
 
-    def of_ground(self, placed: Kinematics, wrenches: Array) -> Array:
-        """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6,
-        k) make.
+        Parameters
+        ----------
+        q, v, a
+            (nf, 27) coordinates and their derivatives, m and rad.
+        wrenches
+            (nf, 2, 6) ground on the feet.
+
+        Returns
+        -------
+        (nf, 3) array
+            N, laboratory axes.
+        """
+        return self.compute_forces(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
+
+    def compute_ground_forces(self, placed: Kinematics, wrenches: Array) -> Array:
+        """Compute the part -J_foot^T w of the generalised forces.
+
+        Parameters
+        ----------
+        placed
+            Linkage in nf frames.
+        wrenches
+            (nf, 2, 6, k) foot wrenches, or errors of them.
+
+        Returns
+        -------
+        (nf, nt, k) array
         """
         columns, variables = placed.columns_by_frame, placed.chain.variables
         out = np.zeros((len(wrenches), len(variables), wrenches.shape[3]))
@@ -241,25 +294,32 @@ class Dynamics:
 
     @cached_property
     def _to_joints(self) -> tuple[IntArray, Array]:
-        """(nb,) joints of the massive segments, and (nb, 10, 10) parameters there by those in the
-        segments.
-        """
+        """Joints (nb,) of the massive segments, and (nb, 10, 10) parameter transforms."""
         chain = self.body.chain
         if not set(MASSIVE_SEGMENTS) <= set(chain.segments):
             raise ValueError(
                 "regressors are of the whole body: a part of it has no place for the other segments"
             )
         at = [chain.segments.index(s) for s in MASSIVE_SEGMENTS]
-        moves = np.array([transformed_parameters(self.body.segment_placement[k]) for k in at])
+        moves = np.array([build_parameter_transform(self.body.segment_placement[k]) for k in at])
         return self.body.chain.segment_joint[at] - 1, moves
 
-    def regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment,
-        without the ground's.
+    def compute_regressor(self, q: Array, v: Array, a: Array) -> Array:
+        """Compute the generalised forces per dynamic parameter, without ground reactions.
+
+        Parameters
+        ----------
+        q, v, a
+            (nf, 27) coordinates and their derivatives, m and rad.
+
+        Returns
+        -------
+        (nf, nt, 12, 10) array
+            By massive segment and its ten parameters.
         """
         model = self.body.model
         joints, moves = self._to_joints
-        states = self.joint_states(q, v, a)
+        states = self.build_joint_states(q, v, a)
         out = np.empty((len(q), len(self.rows), len(joints), 10))
         pick = np.ix_(self.rows, joints)
         with self.body.chain.lend_work_space() as data:
@@ -270,25 +330,41 @@ class Dynamics:
             out[:, :, body] = out[:, :, body] @ move
         return out
 
-    def root_regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each
-        massive segment.
+    def compute_root_regressor(self, q: Array, v: Array, a: Array) -> Array:
+        """Compute force and moment about the pelvis origin per dynamic parameter.
 
-        Contracted with `compute_dynamic_parameters` it gives the root wrench without ground reactions,
-        laboratory axes.
+        Contracted with `dynamic_parameters` it is the root wrench without ground reactions.
+
+        Parameters
+        ----------
+        q, v, a
+            (nf, 27) coordinates and their derivatives, m and rad.
+
+        Returns
+        -------
+        (nf, 6, 12, 10) array
+            Laboratory axes; by massive segment and its ten parameters.
         """
         parts = stretches(len(q), BLOCK) or [slice(0)]
-        rows = np.concatenate([self.regressor(q[part], v[part], a[part])[:, :6] for part in parts])
-        return root_wrench(q, rows.reshape(len(q), 6, math.prod(rows.shape[2:]))).reshape(
+        rows = np.concatenate(
+            [self.compute_regressor(q[part], v[part], a[part])[:, :6] for part in parts]
+        )
+        return compute_root_wrench(q, rows.reshape(len(q), 6, math.prod(rows.shape[2:]))).reshape(
             rows.shape
         )
 
 
-def transformed_parameters(placement: pin.SE3) -> Array:
-    """Find the matrix (10, 10) that takes dynamic parameters of a body into the frame it is placed
-    in.
+def build_parameter_transform(placement: pin.SE3) -> Array:
+    """Build the matrix (10, 10) that transforms dynamic parameters of a body to another frame.
 
-    Pinocchio moves ten bodies with independent parameters; their moved parameters give the matrix.
+    Parameters
+    ----------
+    placement
+        Pose of the body's frame in the other frame.
+
+    Notes
+    -----
+    Pinocchio transforms ten bodies with independent parameters; their parameters give the matrix.
     """
     unit = np.eye(3)
     bodies = [pin.Inertia(1.0, np.zeros(3), unit)]
@@ -302,22 +378,37 @@ def transformed_parameters(placement: pin.SE3) -> Array:
     return np.asarray(np.linalg.solve(before, after).T)
 
 
-def root_wrench(q: Array, rows: Array) -> Array:
-    """(nf, 6, k) [F; T] of the pelvis in laboratory axes, T about its origin, from the six root
-    rows (nf, 6, k).
+def compute_root_wrench(q: Array, rows: Array) -> Array:
+    """Compute [F; T] of the pelvis from the six root rows.
+
+    Parameters
+    ----------
+    q
+        (nf, 27) coordinates, m and rad.
+    rows
+        (nf, 6, k) generalised forces of the pelvis.
+
+    Returns
+    -------
+    (nf, 6, k) array
+        Laboratory axes, T about the pelvis origin.
     """
-    axes, _, _ = pelvis_axes(q)
+    axes, _, _ = compute_pelvis_axes(q)
     return np.concatenate([rows[:, :3], np.linalg.solve(axes, rows[:, 3:])], axis=1)
 
 
-def pelvis_residual(q: Array, forces: Array) -> Array:
-    """(nf, 6) [F; T] that the ground reactions do not explain, from generalised forces (nf, nt)."""
-    return root_wrench(q, forces[:, :6, None])[:, :, 0]
+def compute_pelvis_residual(q: Array, forces: Array) -> Array:
+    """Compute the pelvis residual (nf, 6) [F; T] from generalised forces (nf, nt)."""
+    return compute_root_wrench(q, forces[:, :6, None])[:, :, 0]
 
 
-def pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
-    """(nf, 3, 3) laboratory axes of tilt, list and rotation as rows; and their derivatives by tilt
-    and by list.
+def compute_pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
+    """Compute the axes of tilt, list and rotation, and their derivatives by tilt and by list.
+
+    Returns
+    -------
+    tuple of (nf, 3, 3) arrays
+        Laboratory axes, an axis in each row.
     """
     ct, st, cl, sl = np.cos(q[:, 3]), np.sin(q[:, 3]), np.cos(q[:, 4]), np.sin(q[:, 4])
     zero, one = np.zeros(len(q)), np.ones(len(q))
@@ -332,10 +423,28 @@ def pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
     return axes, by_tilt, by_list
 
 
-def moments_of(parameters: Parameters, motion: Motion, wrenches: Array, bwh: float) -> Moments:
-    """Generalised forces of a whole-body motion under foot wrenches (nf, 2, 6); `bwh` in N·m."""
-    forces = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrenches)
-    residual = pelvis_residual(motion.q, forces)
+def compute_moments(parameters: Parameters, motion: Motion, wrenches: Array, bwh: float) -> Moments:
+    """Compute the generalised forces of a whole-body motion.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the model.
+    motion
+        Motion with all coordinates.
+    wrenches
+        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+    bwh
+        N·m, body weight times height.
+
+    Returns
+    -------
+    Moments
+    """
+    forces = Dynamics(parameters).compute_forces(
+        motion.q, motion.velocity, motion.acceleration, wrenches
+    )
+    residual = compute_pelvis_residual(motion.q, forces)
     return Moments(
         coordinates=linkage.COORDINATES,
         time=motion.time,
@@ -349,22 +458,29 @@ def moments_of(parameters: Parameters, motion: Motion, wrenches: Array, bwh: flo
 
 @with_one_blas_thread
 def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Moments:
-    """Joint torques of a whole-body motion.
+    """Compute the joint torques of a whole-body motion.
 
     Parameters
     ----------
-    model : the person's model; its parameters should be those the motion was tracked with. motion :
-    from `gaitcal.track`, all coordinates. forces : (nf, 2, 6) ground on right and left foot at the
-    frames of the motion: force (N) and moment (N·m) about
-        the laboratory origin, laboratory axes; zeros where a foot is in the air: the `wrench` that
-        `gaitcal.ground_reactions` makes of a recording's plates.
+    model
+        The person's model; its parameters should be those the motion was tracked with.
+    motion
+        From `gaitcal.track`, all coordinates.
+    forces
+        (nf, 2, 6) ground on right and left foot at the frames of the motion: force (N) and moment
+        (N·m) about the laboratory origin, laboratory axes; zeros where a foot is in the air.
+        `gaitcal.ground_reactions` computes them as `wrench` from the plates of a recording.
+
+    Returns
+    -------
+    Moments
 
     Raises
     ------
     InputError
-        The forces are no array: force plates must be given to the feet first.
+        `forces` is no array: force plates must be assigned to the feet first.
     ValueError
-        The motion is of a part of the body only, or there is not one row of forces for every frame.
+        The motion is of a part of the body only, or the shape of `forces` does not fit the motion.
     """
     if motion.coordinates != linkage.COORDINATES:
         message = (
@@ -382,4 +498,4 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
         )
     if forces.shape != (len(motion.time), 2, 6):
         raise ValueError(f"forces have shape {forces.shape}, expected ({len(motion.time)}, 2, 6)")
-    return moments_of(model.parameters, motion, forces, model.subject.bwh)
+    return compute_moments(model.parameters, motion, forces, model.subject.bwh)

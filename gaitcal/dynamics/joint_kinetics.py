@@ -1,53 +1,51 @@
-"""Powers of the joints, net moments between two segments as vectors, and how errors of motion and
-forces move them.
+"""Joint powers, net joint moments as vectors, and their sensitivities to errors.
 
-M is the moment that the proximal segment puts on the distal one, about the joint centre, net of all
-structures that cross the joint. Three turns of the linkage pass through that centre, about axes
-a_k; their generalised forces are
+M is the net moment of the proximal segment on the distal one, about the joint centre, of all
+structures that cross the joint. Three rotations of the linkage pass through that centre, about axes
+a_k. Their generalised forces are
 
-    tau_k = a_k . M,      so that      M = A^-1 tau,      A's rows being the a_k.
+    tau_k = a_k . M,      so that      M = A^-1 tau,      with the a_k as rows of A.
 
-All three are coordinates at the hip and the back; a knee adds its locked reaction and, held still,
-the joint parameter of its turn about the length; an ankle the two joint parameters of its hinge.
+All three are coordinates at the hip and the back. The knee adds its locked reaction and the locked
+joint parameter of its rotation about the length; the ankle the two joint parameters of its hinge.
 The components are m_i = e_i . M:
 
-    proximal, distal     e_1, e_2, e_3 = z, x, y of that segment (x forward, y up, z right: Wu and Cavanagh, J Biomech
-                         28:1257-1261, 1995)
-    joint coordinate     e_1 = z of the proximal segment, e_3 = y of the distal one, e_2 = e_3 x e_1 / |e_3 x e_1|, the
-    system               floating axis (Grood and Suntay, J Biomech Eng 105:136-144, 1983)
+    proximal, distal    e_1, e_2, e_3 = z, x, y of that segment (x forward, y up, z right: Wu and
+                        Cavanagh, J Biomech 28:1257-1261, 1995)
+    joint coordinate    e_1 = z of the proximal segment, e_3 = y of the distal one,
+    system
+    e_2 = e_3 x e_1 / |e_3 x e_1|, the floating axis (Grood and Suntay, J Biomech
+                        Eng 105:136-144, 1983)
 
 The axes e_1 and e_3 are not at right angles to each other. m_i is the orthogonal projection ("motor
-torque": what turns the joint about that axis), not the part of M along it (Desroches, Cheze and
-Dumas, J Biomech Eng 132:114503, 2010). How much the frame matters: Schache and Baker, Gait Posture
-25:440-452, 2007.
+torque"), not the part of M along the axis (Desroches, Cheze and Dumas, J Biomech Eng 132:114503,
+2010). For the effect of the frame see Schache and Baker, Gait Posture 25:440-452, 2007.
 
-Turning the proximal segment by a small p and the distal one by d, M staying, moves m_i by p . g_i +
-d . h_i,
+A small rotation p of the proximal segment and d of the distal one, at constant M, change m_i by
+p . g_i + d . h_i,
 
     proximal   g_i = e_i x M;    distal   h_i = e_i x M;    joint   g_1 = e_1 x M,  h_3 = e_3 x M,
     g_2 = e_1 x (b x e_3),  h_2 = e_3 x (e_1 x b),   b = (M - m_2 e_2) / |e_3 x e_1|.
 
-A variable x_j of the chain that turns about w_j what comes after it moves a_k, where it comes
-before turn k, so that
+A variable x_j of the chain that rotates all segments after it about w_j also rotates a_k, if it
+comes before rotation k, so that
 
     d m_i / d x_j = w_j . (g_i [j moves the proximal] + h_i [j moves the distal] - sum_k c_ik (a_k x
     M) [j before k])
 
 besides c_i . d tau, with c_i = A^-T e_i.
 
-Powers: P_k = tau_k v_k of a coordinate, their sum of a joint. Positive: work is done on the
-segments (generated, concentric); negative: it is taken from them (absorbed, eccentric). At joints
-whose axes meet in one point (hip, back) and at hinges (knee, elbow) the sum is the joint moment
-times the angular velocity of the distal segment relative to the proximal one, M . w; the ankle
-holds both of its hinges, whose axes do not meet. The pelvis has no joint.
+Powers: P_k = tau_k v_k of a coordinate, and their sum of a joint. Positive power generates energy
+(concentric), negative power absorbs it (eccentric). At joints whose axes meet in one point (hip,
+back) and at hinges (knee, elbow) the sum is M . w, with w the angular velocity of the distal
+segment relative to the proximal one. The axes of the two ankle hinges do not meet. The pelvis has
+no joint.
 
-Powers and moments are linear in the generalised forces f, with coefficients that posture and rates
-give, y = L(q, v) f,
+Powers and moments are linear in the generalised forces f, y = L(q, v) f, so that
 
-    d y = L d f + (dL/dq f) d q + (dL/dv f) d v + (dL/dp f) d p,
+    d y = L d f + (dL/dq f) d q + (dL/dv f) d v + (dL/dp f) d p.
 
-so that a source of error passes on with all that it moves at once: a torque and the rate beside it
-are not independent.
+All changes of one error source are propagated together: a torque and its rate are correlated.
 """
 
 from dataclasses import dataclass
@@ -71,11 +69,12 @@ from gaitcal.tracking.motion import Motion
 if TYPE_CHECKING:
     import pandas as pd
 
-BLOCK = 500  # Frames at a time
+BLOCK = 500
+"""Frames in one block, to bound memory."""
 
 
 class MomentFrame(Enum):
-    """Along which axes a joint moment is told. `words`: in files and on pages."""
+    """Axes along which a joint moment is expressed. `label`: in files and on pages."""
 
     COORDINATES = (
         "coordinates",
@@ -94,24 +93,23 @@ class MomentFrame(Enum):
     )
     """Projected on the axes of the joint coordinate system."""
 
-    def __init__(self, key: str, words: str) -> None:
-        self.key, self.words = key, words
+    def __init__(self, key: str, label: str) -> None:
+        self.key, self.label = key, label
 
 
 VECTOR_FRAMES = (MomentFrame.PROXIMAL, MomentFrame.DISTAL, MomentFrame.JCS)
-"""Those of a moment that is a vector: the order of every array of three frames."""
+"""Frames of moment vectors, in the order of every array of three frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NetJoint:
-    """Two segments, and the three turns through the centre of the joint between them."""
+    """Two segments, and the three rotations through the centre of the joint between them."""
 
     name: str  # `hip_r`
     proximal: str
     distal: str
-    turns: tuple[
-        str, str, str
-    ]  # Coordinates, a reaction, joint parameters, in their order along the linkage
+    # Coordinates, a reaction, joint parameters, in their order along the linkage
+    turns: tuple[str, str, str]
     components: tuple[str, str, str]  # Names of the moments about z, x and y
     signs: tuple[float, float, float]
     """About z, x and y: in the sense of the coordinates, which mean the same on both sides."""
@@ -125,12 +123,12 @@ _LEG = {
         "angle inversion rotation",
     ),
 }
-"""Joint -> its turns in their order, and what moments about z, x and y are called."""
+"""Joint -> its rotations in their order, and names of the moments about z, x and y."""
 _BACK = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
 _SIGNS = {e.name: e.sign for joint in JOINTS for e in joint.elements}
 
 
-def _joint_of_leg(kind: str, side: str) -> NetJoint:
+def _build_leg_joint(kind: str, side: str) -> NetJoint:
     segments, (turns, components) = list_joint_segments(f"{kind}_{side}"), _LEG[kind]
     first, second, third = turns.format(side).split()
     about_z, about_x, about_y = (f"{kind}_{component}_{side}" for component in components.split())
@@ -146,7 +144,7 @@ def _joint_of_leg(kind: str, side: str) -> NetJoint:
 
 
 NET_JOINTS = (
-    *(_joint_of_leg(kind, side) for side in SIDES for kind in _LEG),
+    *(_build_leg_joint(kind, side) for side in SIDES for kind in _LEG),
     NetJoint(
         name="lumbar",
         proximal="pelvis",
@@ -160,17 +158,15 @@ NET_JOINTS = (
 HELD: tuple[str, ...] = tuple(
     name for joint in NET_JOINTS for name in joint.turns if name in JP_INDEX
 )
-"""Joint parameters among their turns, as `Dynamics` takes them."""
-ALL_FORCES: tuple[str, ...] = (
-    *FORCES,
-    *HELD,
-)  # The 35 generalised forces that the moments follow from
+"""Joint parameters among their rotations, as `Dynamics` takes them."""
+# The 35 generalised forces that the moments follow from
+ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)
 COMPONENTS: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.components)
 """Name of every component, joint by joint: `hip_flexion_r`, `knee_rotation_r`, `ankle_inversion_r`.
 """
 
 
-def _power_joints() -> dict[str, tuple[str, ...]]:
+def _group_power_joints() -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for joint in JOINTS:
         kind, side = split_side(joint.name)
@@ -180,11 +176,11 @@ def _power_joints() -> dict[str, tuple[str, ...]]:
     return found
 
 
-POWER_JOINTS: dict[str, tuple[str, ...]] = _power_joints()
+POWER_JOINTS: dict[str, tuple[str, ...]] = _group_power_joints()
 """Joint (`hip_r`, ..., `lumbar`, `shoulder_r`, `elbow_r`) -> its coordinates."""
 POWERS: tuple[str, ...] = (
     *POWER_JOINTS,
-    *(name for own in POWER_JOINTS.values() if len(own) > 1 for name in own),
+    *(name for names in POWER_JOINTS.values() if len(names) > 1 for name in names),
 )
 """Order of every array of powers: of each joint, then of each coordinate of those that have
 several.
@@ -193,22 +189,31 @@ POWER_COORDINATES: dict[str, tuple[str, ...]] = {
     name: POWER_JOINTS.get(name, (name,)) for name in POWERS
 }
 POWER_SUMS: Array = np.array(
-    [[float(c in own) for c in COORDINATES] for own in POWER_COORDINATES.values()]
+    [np.isin(COORDINATES, names) for names in POWER_COORDINATES.values()], dtype=float
 )
 """(np, nq) which coordinates' powers make each power."""
 
 
-def power_name(name: str) -> str:
-    """What a power is called in files: `hip_power_r` of `hip_r`, `hip_flexion_power_r` of
-    `hip_flexion_r`.
-    """
+def name_power_column(name: str) -> str:
+    """Name the column of a power: `hip_power_r` of `hip_r`."""
     sided = name[-2:] in ("_r", "_l")
     return f"{name[:-2]}_power{name[-2:]}" if sided else f"{name}_power"
 
 
-def powers(tau: Array, velocity: Array) -> Array:
-    """(nf, np) W, in the order of `POWERS`, from generalised forces and rates of the coordinates
-    (nf, nq).
+def compute_powers(tau: Array, velocity: Array) -> Array:
+    """Compute powers.
+
+    Parameters
+    ----------
+    tau
+        (nf, nq) generalised forces, N·m and N.
+    velocity
+        (nf, nq) rates of the coordinates, rad/s and m/s.
+
+    Returns
+    -------
+    (nf, np) array
+        W, in the order of `POWERS`.
     """
     return (tau * velocity) @ POWER_SUMS.T
 
@@ -221,28 +226,25 @@ class KineticErrors:
     """(nf, 28) W, in the order of `POWERS`."""
     moment: Array
     """(nf, 3, 21) N·m, by `VECTOR_FRAMES` and `COMPONENTS`."""
-    own: "KineticErrors | None" = None
-    """The part that the trial's own markers make, which differs from stride to stride; None where
-    it is not known.
-    """
+    from_markers: "KineticErrors | None" = None
+    """Part caused by the noise of this trial's markers, which differs from stride to stride; None
+    where it is not available."""
 
-    def only(self, coordinates: BoolArray) -> "KineticErrors":
-        """The same with NaN for all that is not made of some coordinates (nq,) alone."""
+    def select(self, coordinates: BoolArray) -> "KineticErrors":
+        """Set all errors to NaN that are not of the given coordinates (nq,) alone."""
         kept = {name for name, chosen in zip(COORDINATES, coordinates, strict=True) if chosen}
-        joints = {joint for joint, own in POWER_JOINTS.items() if kept.issuperset(own)}
+        joints = {joint for joint, names in POWER_JOINTS.items() if kept.issuperset(names)}
         powers = [kept.issuperset(POWER_COORDINATES[name]) for name in POWERS]
         moments = [joint.name in joints for joint in NET_JOINTS for _ in joint.components]
-        own = None if self.own is None else self.own.only(coordinates)
+        part = None if self.from_markers is None else self.from_markers.select(coordinates)
         return KineticErrors(
-            np.where(powers, self.power, np.nan), np.where(moments, self.moment, np.nan), own
+            np.where(powers, self.power, np.nan), np.where(moments, self.moment, np.nan), part
         )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class JointKinetics(Displayed):
-    """Powers and moment vectors of the joints of one trial: internal, net, acting on the distal
-    segment.
-    """
+    """Powers and net internal moments of the joints of one trial, acting on the distal segment."""
 
     time: Array
     """(nf,) s."""
@@ -264,10 +266,10 @@ class JointKinetics(Displayed):
         import pandas as pd
 
         columns = {"time": self.time}
-        columns |= {power_name(name): power_of(self, name) for name in POWERS}
+        columns |= {name_power_column(name): power_of(self, name) for name in POWERS}
         for name in COMPONENTS:
             columns |= {
-                vector_column(name, frame): component_of(self, name, frame)
+                name_vector_column(name, frame): component_of(self, name, frame)
                 for frame in VECTOR_FRAMES
             }
         return pd.DataFrame(columns)
@@ -288,20 +290,44 @@ class JointKinetics(Displayed):
 
 
 def power_of(kinetics: JointKinetics | KineticErrors, name: str) -> Array:
-    """(nf,) W, or its standard error, of a joint (`hip_r`, `ankle_l`, `lumbar`) or coordinate
-    (`hip_flexion_r`).
+    """Return the power of a joint or coordinate, or its standard error.
+
+    Parameters
+    ----------
+    kinetics
+        Powers, or their standard errors.
+    name
+        Joint (`hip_r`, `ankle_l`, `lumbar`) or coordinate (`hip_flexion_r`).
+
+    Returns
+    -------
+    (nf,) array
+        W.
 
     Raises
     ------
     ValueError
         There is none of that name.
     """
-    return kinetics.power[:, _place(name, POWERS)]
+    return kinetics.power[:, _find_index(name, POWERS)]
 
 
 def component_of(kinetics: JointKinetics | KineticErrors, name: str, frame: MomentFrame) -> Array:
-    """(nf,) N·m, or its standard error: a component (`knee_adduction_r`) along the axes of one of
-    `VECTOR_FRAMES`.
+    """Return a component of a joint moment, or its standard error.
+
+    Parameters
+    ----------
+    kinetics
+        Moments, or their standard errors.
+    name
+        Component, for example `knee_adduction_r`.
+    frame
+        One of `VECTOR_FRAMES`.
+
+    Returns
+    -------
+    (nf,) array
+        N·m.
 
     Raises
     ------
@@ -313,59 +339,97 @@ def component_of(kinetics: JointKinetics | KineticErrors, name: str, frame: Mome
         raise ValueError(
             f"'{frame.key}' has no vectors; the torques of the coordinates are in Moments.tau"
         )
-    return kinetics.moment[:, VECTOR_FRAMES.index(frame), _place(name, COMPONENTS)]
+    return kinetics.moment[:, VECTOR_FRAMES.index(frame), _find_index(name, COMPONENTS)]
 
 
-def vector_column(name: str, frame: MomentFrame) -> str:
+def name_vector_column(name: str, frame: MomentFrame) -> str:
     """Name the column of a moment component in a frame: `knee_adduction_r_proximal`."""
     return f"{name}_{frame.key}"
 
 
-def _place(name: str, names: tuple[str, ...]) -> int:
+def _find_index(name: str, names: tuple[str, ...]) -> int:
+    """Find the index of a name; ValueError with the names that exist."""
     if name not in names:
         raise ValueError(f"found '{name}'; allowed: {', '.join(names)}{nearest(name, names)}")
     return names.index(name)
 
 
-def kinetics_of(parameters: Parameters, motion: Motion, wrenches: Array) -> JointKinetics:
-    """Powers and moments of a whole-body motion under foot wrenches (nf, 2, 6)."""
+def compute_kinetics(parameters: Parameters, motion: Motion, wrenches: Array) -> JointKinetics:
+    """Compute powers and moments of a whole-body motion.
+
+    Parameters
+    ----------
+    parameters
+        Joint and inertial parameters.
+    motion
+        Motion with all coordinates.
+    wrenches
+        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+
+    Returns
+    -------
+    JointKinetics
+    """
     state = motion.q, motion.velocity, motion.acceleration
-    power, moment = kinetic_values(parameters, *state, wrenches)
+    power, moment = compute_kinetic_values(parameters, *state, wrenches)
     return JointKinetics(time=motion.time, power=power, moment=moment)
 
 
-def kinetic_values(
+def compute_kinetic_values(
     parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array
 ) -> tuple[Array, Array]:
-    """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, nq), their derivatives, and foot wrenches
-    (nf, 2, 6).
+    """Compute powers and moments.
+
+    Parameters
+    ----------
+    parameters
+        Joint and inertial parameters.
+    q, v, a
+        (nf, 27) coordinates and their derivatives, m and rad.
+    wrenches
+        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+
+    Returns
+    -------
+    (nf, 28) array
+        W, in the order of `POWERS`.
+    (nf, 3, 21) array
+        N·m, by `VECTOR_FRAMES` and `COMPONENTS`.
     """
     dynamics = Dynamics(parameters, HELD)
-    forces = dynamics.forces(q, v, a, wrenches)
+    forces = dynamics.compute_forces(q, v, a, wrenches)
     parts = [
-        moment_slopes(dynamics.placed(q[part]), forces[part]).values
+        differentiate_moments(dynamics.place(q[part]), forces[part]).values
         for part in stretches(len(q), BLOCK)
     ]
-    return powers(forces[:, : len(COORDINATES)], v), _by_frame(np.concatenate(parts))
+    return compute_powers(forces[:, : len(COORDINATES)], v), _arrange_by_frame(
+        np.concatenate(parts)
+    )
 
 
 @with_one_blas_thread
 def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointKinetics:
-    """Powers and moment vectors of the joints of a whole-body motion, as `inverse_dynamics` gives
-    its torques.
+    """Compute powers and moment vectors of the joints of a whole-body motion.
 
     Parameters
     ----------
-    model : the person's model; its parameters should be those the motion was tracked with. motion :
-    from `gaitcal.track`, all coordinates. forces : (nf, 2, 6) ground on right and left foot: force
-    (N) and moment (N·m) about the laboratory origin, as in
-        `gaitcal.ground_reactions(...).wrench`. A leg's powers and moments count where that leg is
-        valid.
+    model
+        The person's model; its parameters should be those the motion was tracked with.
+    motion
+        From `gaitcal.track`, all coordinates.
+    forces
+        (nf, 2, 6) ground on right and left foot: force (N) and moment (N·m) about the laboratory
+        origin, as in `gaitcal.ground_reactions(...).wrench`. Powers and moments of a leg are
+        meaningful where that leg is valid.
+
+    Returns
+    -------
+    JointKinetics
 
     Raises
     ------
     ValueError
-        The motion is of a part of the body only, or there is not one row of forces for every frame.
+        The motion is of a part of the body only, or the shape of `forces` does not fit the motion.
     """
     if motion.coordinates != COORDINATES:
         raise ValueError(
@@ -374,13 +438,14 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
         )
     if forces.shape != (len(motion.time), 2, 6):
         raise ValueError(f"forces have shape {forces.shape}, expected ({len(motion.time)}, 2, 6)")
-    return kinetics_of(model.parameters, motion, forces)
+    return compute_kinetics(model.parameters, motion, forces)
 
 
 @dataclass(frozen=True)
-class MomentSlopes:
-    """Moments of all joints and what they depend on; rows run over joint, frame (`VECTOR_FRAMES`),
-    component.
+class MomentJacobian:
+    """Moments of all joints and their derivatives.
+
+    Rows run over joint, frame (`VECTOR_FRAMES`), component.
     """
 
     values: Array  # (nf, 63) N·m
@@ -390,23 +455,33 @@ class MomentSlopes:
     # (nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain
     by_parameter: Array
     by_turn: dict[str, Array]
-    """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints
+    """Segment -> (nf, 63, 3) per rotation of its axes in the laboratory (rad), bodies and joints
     staying.
     """
 
 
-def moment_slopes(placed: Kinematics, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
+def differentiate_moments(
+    placed: Kinematics, forces: Array, free: tuple[str, ...] = ()
+) -> MomentJacobian:
     """Differentiate the moments of all joints.
 
     Parameters
     ----------
-    placed : the linkage in nf frames, with the joint parameters `HELD` and `free` free.
-    forces : (nf, 35) generalised forces, in the order of `ALL_FORCES`.
-    free : joint parameters to derive by.
+    placed
+        Linkage in nf frames, with the joint parameters `HELD` and `free` free.
+    forces
+        (nf, 35) generalised forces, in the order of `ALL_FORCES`.
+    free
+        Joint parameters to differentiate by.
+
+    Returns
+    -------
+    MomentJacobian
     """
     nf, width = len(forces), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)
-    rank = placed.chain.at_variables  # joints are numbered along the linkage
+    # Position along the linkage: joints are numbered from the base segment outwards.
+    rank = placed.chain.at_variables
     by = (*COORDINATES, *(n for n in placed.chain.free if n in free))
     wanted = np.array([placed.chain.variables.index(n) for n in by])
     values, by_force = np.empty((nf, rows)), np.zeros((nf, rows, len(ALL_FORCES)))
@@ -417,43 +492,48 @@ def moment_slopes(placed: Kinematics, forces: Array, free: tuple[str, ...] = ())
         for segment in (joint.proximal, joint.distal)
     }
     for j, joint in enumerate(NET_JOINTS):
-        axes = np.stack(
-            [placed.axis(name) for name in joint.turns], axis=1
-        )  # (nf, 3, 3), an axis a row
+        # Moment of the joint from three generalised forces; axes: (nf, 3, 3), an axis in each row.
+        axes = np.stack([placed.axis(name) for name in joint.turns], axis=1)
         columns = [ALL_FORCES.index(name) for name in joint.turns]
         moment = np.asarray(
             np.linalg.solve(axes, forces[:, columns, None])[:, :, 0], dtype=np.float64
         )
-        e, g, h = _components(placed.frame(joint.proximal), placed.frame(joint.distal), moment)
+        e, g, h = _compute_components(
+            placed.frame(joint.proximal), placed.frame(joint.distal), moment
+        )
+        # Components in the sense of the coordinates, on both sides.
         signs = np.tile(joint.signs, len(VECTOR_FRAMES))[:, None]
         e, g, h = (signs * x for x in (e, g, h))
         at = slice(width * j, width * (j + 1))
         values[:, at] = (e @ moment[:, :, None])[:, :, 0]
-        share = np.linalg.solve(axes.transpose(0, 2, 1), e.transpose(0, 2, 1)).transpose(
-            0, 2, 1
-        )  # c_i, a row each
+        # Derivatives by generalised forces: c_i in each row.
+        share = np.linalg.solve(axes.transpose(0, 2, 1), e.transpose(0, 2, 1)).transpose(0, 2, 1)
         by_force[:, at, columns] = share
         by_turn[joint.proximal][:, at] += g
         by_turn[joint.distal][:, at] += h
-        above = np.flatnonzero(
-            placed.moves(joint.distal)[wanted]
-        )  # and so those that move the proximal segment
+        # Variables that move the distal segment include those that move the proximal one.
+        above = np.flatnonzero(placed.moves(joint.distal)[wanted])
         cols = wanted[above]
-        turning = placed.columns_by_frame[:, cols, 3:].transpose(0, 2, 1)  # (nf, 3, variables)
+        # Angular velocities by these variables, (nf, 3, variables).
+        turning = placed.columns_by_frame[:, cols, 3:].transpose(0, 2, 1)
         found = (g @ turning) * placed.moves(joint.proximal)[cols] + h @ turning
+        # Axes of the joint that come after a variable rotate with it.
         for k, name in enumerate(joint.turns):
             lever = share[:, :, k, None] * cross(axes[:, k], moment)[:, None]
             found -= (lever @ turning) * (rank[cols] < rank[placed.chain.variables.index(name)])
         by_variable[:, at][:, :, above] = found
     split = len(COORDINATES)
-    return MomentSlopes(
+    return MomentJacobian(
         values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn
     )
 
 
-def _components(proximal: Array, distal: Array, moment: Array) -> tuple[Array, Array, Array]:
-    """(nf, 9, 3) each: e_i of the three frames, g_i and h_i, from segment axes (nf, 3, 3), one a
-    row, and M (nf, 3).
+def _compute_components(
+    proximal: Array, distal: Array, moment: Array
+) -> tuple[Array, Array, Array]:
+    """Compute e_i of the three frames, g_i and h_i, (nf, 9, 3) each.
+
+    `proximal`, `distal`: (nf, 3, 3) segment axes, one in each row. `moment`: (nf, 3) M, N·m.
     """
     order = [2, 0, 1]
     e, still = [proximal[:, order], distal[:, order]], np.zeros_like(proximal)
@@ -473,9 +553,8 @@ def _components(proximal: Array, distal: Array, moment: Array) -> tuple[Array, A
 
 
 @dataclass(frozen=True)
-class KineticSlopes:
-    """How the 29 generalised forces, the 28 powers and the 63 components of moments depend on what
-    they are made of.
+class KineticJacobian:
+    """Derivatives of the 29 generalised forces, the 28 powers and the 63 moment components.
 
     Rows run over these quantities.
     """
@@ -484,37 +563,63 @@ class KineticSlopes:
     by_position: Array  # (nf, 120, nq), generalised forces staying; so are the following
     by_velocity: Array  # (nf, 120, nq)
     by_parameter: Array  # (nf, 120, np) per free joint parameter
-    by_turn: dict[
-        str, Array
-    ]  # Segment -> (nf, 63, 3), of the moments per turn of that segment's axes
+    # Segment -> (nf, 63, 3), of the moments per rotation of that segment's axes
+    by_turn: dict[str, Array]
 
-    def moved(self, forces: Array, velocity: Array, turns: dict[str, Array]) -> Array:
-        """(nf, 120, k) what errors in the direction of segments' axes make, in k columns.
+    def propagate_axis_errors(
+        self, forces: Array, velocity: Array, rotations: dict[str, Array]
+    ) -> Array:
+        """Propagate errors of the directions of segment axes.
 
-        They move the generalised forces by `forces` (nf, nt, k), rates by `velocity` (nf, nq, k),
-        and turn segments by `turns` (nf, k, 3), rad, bodies and joints staying where they are.
+        Bodies and joints keep their positions.
+
+        Parameters
+        ----------
+        forces
+            (nf, nt, k) changes of the generalised forces, in k columns.
+        velocity
+            (nf, nq, k) changes of the rates.
+        rotations
+            Segment -> (nf, k, 3) rad, rotations of its axes in the laboratory.
+
+        Returns
+        -------
+        (nf, 120, k) array
         """
         count = len(FORCES) + len(POWERS)
         out = np.zeros((forces.shape[0], self.by_force.shape[1], forces.shape[2]))
-        # moments stay where they are in the laboratory: of the forces only torques and powers are
-        # made
+        # The moments are fixed in the laboratory: `forces` change torques and powers only.
         out[:, :count] = (
             self.by_force[:, :count, : len(FORCES)] @ forces
             + self.by_velocity[:, :count] @ velocity
         )
-        for segment, turn in turns.items():
+        for segment, rotation in rotations.items():
             if segment in self.by_turn:
-                out[:, count:] += self.by_turn[segment] @ turn.transpose(0, 2, 1)
+                out[:, count:] += self.by_turn[segment] @ rotation.transpose(0, 2, 1)
         return out
 
 
-def kinetic_slopes(
+def differentiate_kinetics(
     placed: Kinematics, v: Array, forces: Array, free: tuple[str, ...] = ()
-) -> KineticSlopes:
-    """Differentiate generalised forces, powers and moments, at rates (nf, nq); the rest as in
-    `moment_slopes`.
+) -> KineticJacobian:
+    """Differentiate generalised forces, powers and moments.
+
+    Parameters
+    ----------
+    placed
+        Linkage in nf frames, with the joint parameters `HELD` and `free` free.
+    v
+        (nf, nq) rates of the coordinates.
+    forces
+        (nf, 35) generalised forces, in the order of `ALL_FORCES`.
+    free
+        Joint parameters to differentiate by.
+
+    Returns
+    -------
+    KineticJacobian
     """
-    moments = moment_slopes(placed, forces, free)
+    moments = differentiate_moments(placed, forces, free)
     nf, torques, coordinates = len(v), len(FORCES), len(COORDINATES)
     rows = torques + len(POWERS) + moments.values.shape[1]
     of_power, of_moment = slice(torques, torques + len(POWERS)), slice(torques + len(POWERS), rows)
@@ -527,18 +632,31 @@ def kinetic_slopes(
     by_velocity[:, of_power] = POWER_SUMS * forces[:, None, :coordinates]
     by_force[:, of_moment], by_position[:, of_moment] = moments.by_force, moments.by_position
     by_parameter[:, of_moment] = moments.by_parameter
-    return KineticSlopes(by_force, by_position, by_velocity, by_parameter, moments.by_turn)
+    return KineticJacobian(by_force, by_position, by_velocity, by_parameter, moments.by_turn)
 
 
-def kinetic_errors(variance: Array, own: Array | None = None) -> KineticErrors:
-    """From the variances (nf, 91) of powers and moment vectors; `own`: the part of the trial's own
-    markers.
+def build_kinetic_errors(variance: Array, from_markers: Array | None = None) -> KineticErrors:
+    """Build standard errors from variances.
+
+    Parameters
+    ----------
+    variance
+        (nf, 91) W^2 and (N·m)^2, of powers and moment components.
+    from_markers
+        (nf, 91) part caused by the noise of this trial's markers.
+
+    Returns
+    -------
+    KineticErrors
     """
-    errors, part = np.sqrt(variance), None if own is None else kinetic_errors(own)
-    return KineticErrors(errors[:, : len(POWERS)], _by_frame(errors[:, len(POWERS) :]), part)
+    errors = np.sqrt(variance)
+    part = None if from_markers is None else build_kinetic_errors(from_markers)
+    return KineticErrors(
+        errors[:, : len(POWERS)], _arrange_by_frame(errors[:, len(POWERS) :]), part
+    )
 
 
-def _by_frame(values: Array) -> Array:
-    """(nf, 3, 21) from (nf, 63) rows that run over joint, frame, component."""
+def _arrange_by_frame(values: Array) -> Array:
+    """Arrange rows (nf, 63) over joint, frame, component as (nf, 3, 21)."""
     joints = values.reshape(len(values), -1, len(VECTOR_FRAMES), 3)
     return joints.transpose(0, 2, 1, 3).reshape(len(values), len(VECTOR_FRAMES), -1)

@@ -161,7 +161,7 @@ def _moments(
 
 def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[AddedPoint]:
     tau = np.stack([torques.get(name, np.zeros(len(motion.q))) for name in COORDINATES], axis=1)
-    found = joint_kinetics.powers(tau, motion.velocity)
+    found = joint_kinetics.compute_powers(tau, motion.velocity)
     for joint in _POWERS:
         for side in SIDES:
             values = np.zeros((len(motion.q), 3))

@@ -176,7 +176,7 @@ class Convention:
         }[self.signs]
         return (
             f"moments are {self.acting.words}",
-            f"moments are told {self.frame.words}",
+            f"moments are told {self.frame.label}",
             f"{signs}; column 'positive' says it of each variable",
             f"units: angles deg, moments {self.unit.words}, powers {self.unit.power} (positive: "
             "generated)",

@@ -41,7 +41,7 @@ of the range:
 
     lowering, rising   h falls, rises               (squat: descent and ascent; sit-to-stand: rising, then sitting down)
     push-off           h rises, and flight follows
-    flight             h'' < -`FALLING` g; from the last foot off to the first strike where plates or feet tell these
+    flight             h'' < -`FALLING_SHARE` g; last foot off to first strike, where known by plates or feet
     landing            h falls, and flight was before
 """
 
@@ -53,7 +53,7 @@ from typing import Final
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_feet
+from gaitcal.dynamics.ground_reactions import GroundReactions, compute_foot_points, has_feet
 from gaitcal.errors import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
@@ -109,7 +109,7 @@ def trial_events(
     """
     by_motion: list[FootEvent] = []
     if has_feet(model):
-        feet = foot_points(model, motion, model.parameters)
+        feet = compute_foot_points(model, motion, model.parameters)
         by_motion = motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
     by_plates = (
         [] if reactions is None else plate_events(motion.time, reactions.loaded, recording.plates)

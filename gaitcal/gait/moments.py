@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_reactions import leg_of
+from gaitcal.dynamics.ground_reactions import get_leg
 from gaitcal.dynamics.inverse_dynamics import FORCES, Moments
 from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
 from gaitcal.gait.strides import Layout
@@ -104,7 +104,7 @@ def moment_numbers(
     for name in sorted(
         names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")
     ):
-        side, valid = split_side(name)[1], layout.valid_for(leg_of(name))
+        side, valid = split_side(name)[1], layout.valid_for(get_leg(name))
         if not valid.any():
             continue
         moment, before = (moment_of(f, name) / subject.mass for f in (final, nominal))

@@ -16,7 +16,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.foot_contact import ground_velocity
+from gaitcal.dynamics.foot_contact import estimate_ground_velocity
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.segment_poses import upright
@@ -342,7 +342,7 @@ def _flight(recording: Recording, marker_set: MarkerSet) -> float:
     if not labels:
         return 0.0
     velocity = np.gradient(points, recording.time, axis=0)
-    speed = np.linalg.norm(velocity - ground_velocity(points, velocity), axis=2)
+    speed = np.linalg.norm(velocity - estimate_ground_velocity(points, velocity), axis=2)
     seen = np.isfinite(speed).all(axis=1)
     if not seen.any():
         return 0.0

@@ -52,7 +52,7 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.io.recording import Recording, seen_mask, still_window
 from gaitcal.io.toml import models_path, read_toml
 from gaitcal.model.linkage import SIDES
-from gaitcal.tracking.rigid import best_rotation
+from gaitcal.tracking.rigid import find_best_rotation
 
 ON_ONE, APART = (0.005, 0.8), (0.05, 1.2)
 """Median of S_ij (m) and standard deviation of its logarithm, of two markers on one segment and on
@@ -152,7 +152,7 @@ def with_missing(
             moments = np.einsum(
                 "fmi,mj->ijf", paths[:, 1:] - middle[:, None], points[beside] - place
             )
-            turn = best_rotation(moments)[0]
+            turn = find_best_rotation(moments)[0]
             out[i] = place + np.einsum("ijf,fi->fj", turn, paths[:, 0] - middle).mean(axis=0)
             break
     return out

@@ -35,7 +35,7 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
-from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.spline import build_spline_basis
 
 SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
 
@@ -118,7 +118,7 @@ def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCas
         subject=model.subject,
         parameters=model.parameters,
         markers=_tracked(
-            model.markers, np.array(motion.errors.labels)[motion.errors.kept()].tolist()
+            model.markers, np.array(motion.errors.labels)[motion.errors.select_observed()].tolist()
         ),
         time=motion.time,
         coefficients=motion.coefficients,
@@ -220,7 +220,7 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
         and coefficients.shape[1] == len(COORDINATES)
         and wrench.shape == (len(time), 2, 6)
     )
-    if not whole or not np.array_equal(spline_basis(time, len(coefficients)).knots, knots):
+    if not whole or not np.array_equal(build_spline_basis(time, len(coefficients)).knots, knots):
         message = f"found other splines than this version writes for trial '{name}'"
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT)
     errors = folder / _marker_errors(name)

@@ -43,7 +43,7 @@ from gaitcal.montecarlo.protocol import MonteCarloSettings, ReactionFrame, Varie
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.synthetic_motion import marker_noise, synthetic_markers
 from gaitcal.tracking import banded, descent, motion, spline
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
 TORQUES = (
     LEG_COORDINATES  # The torques of a leg, without the side; the knee's adduction is a reaction
@@ -94,8 +94,10 @@ def leg_torques(
     """
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     dynamics = leg_dynamics(parameters)
-    placed = dynamics.placed(q)
-    unloaded = dynamics.forces(q, v, a)[:, [dynamics.forces_of.index(name) for name in LEG_TORQUES]]
+    placed = dynamics.place(q)
+    unloaded = dynamics.compute_forces(q, v, a)[
+        :, [dynamics.forces_of.index(name) for name in LEG_TORQUES]
+    ]
     columns = placed.columns_by_frame[
         :, [placed.chain.variables.index(name) for name in LEG_TORQUES]
     ]
@@ -133,9 +135,9 @@ class MonteCarloContext:
         self.problem = _undisturbed_problem(case)
         """The undisturbed motion fits its markers exactly."""
         self.basis, self.data = self.problem.basis, self.problem.data
-        body = self.problem.body(case.parameters)
+        body = self.problem.build_body(case.parameters)
         self.undisturbed_factor = banded.BandFactor(
-            self.problem.equations(case.coefficients, body).band
+            self.problem.assemble_equations(case.coefficients, body).band
         )
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
         self.sensitivity = np.zeros((*case.coefficients.shape, len(self.names)))
@@ -143,17 +145,17 @@ class MonteCarloContext:
         no marker.
         """
         opened = self.problem.with_free(self.names)
-        equations = opened.equations(case.coefficients, opened.body(case.parameters))
+        equations = opened.assemble_equations(case.coefficients, opened.build_body(case.parameters))
         solved = -banded.BandFactor(equations.band).solve(equations.mixed)
         moving = [self.names.index(name) for name in opened.chain.free]
         self.sensitivity[:, :, moving] = solved.reshape(*case.coefficients.shape, len(moving))
         states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
-        rows = Dynamics(case.parameters).regressor(*states)[:, _IN_BODY]
+        rows = Dynamics(case.parameters).compute_regressor(*states)[:, _IN_BODY]
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own
         frames.
         """
-        self.feet = pose_of_feet(leg_dynamics(case.parameters).placed(states[0]))
+        self.feet = pose_of_feet(leg_dynamics(case.parameters).place(states[0]))
         self.torques, _ = leg_torques(
             case.parameters, self.basis, case.coefficients, case.wrench, self.feet
         )
@@ -179,12 +181,14 @@ def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
         nominal=case.parameters,
         markers=case.markers,
     )
-    q = spline.spline_basis(case.time, len(case.coefficients)).evaluate(case.coefficients)
+    q = spline.build_spline_basis(case.time, len(case.coefficients)).evaluate(case.coefficients)
     markers = synthetic_markers(case.parameters, case.markers, q)
     recording = Recording(
         source=case.name, time=case.time, labels=case.markers.labels, markers=markers
     )
-    return trial_problem(case.name, model, recording, spline.NodeRule(fixed=len(case.coefficients)))
+    return build_trial_problem(
+        case.name, model, recording, spline.NodeRule(fixed=len(case.coefficients))
+    )
 
 
 @dataclass(frozen=True)
@@ -310,7 +314,7 @@ def refit(
         keep_within=np.inf,
         curved=True,
     )
-    factor = known or banded.BandFactor(problem.equations(start, body).band)
+    factor = known or banded.BandFactor(problem.assemble_equations(start, body).band)
     tracked = motion.track_nodes(problem, body, start, rule, factor)
     if tracked.ending is descent.Ending.MOST_STEPS:
         return Refit(tracked.x, tracked.steps, f"{tracked.steps} evaluations did not settle it")
@@ -343,12 +347,12 @@ def disturbed_model(context: MonteCarloContext, change: Disturbance) -> Disturbe
     if change.noise is not None:
         problem = problem.with_measured(problem.data.measured + change.noise)
     known = None if change.joint is not None else context.undisturbed_factor
-    return DisturbedModel(parameters, problem, problem.body(parameters), start, known)
+    return DisturbedModel(parameters, problem, problem.build_body(parameters), start, known)
 
 
 def errors_of(context: MonteCarloContext, model: DisturbedModel, coefficients: Array) -> Array:
     """(60,) in the order of `COLUMNS`: what a disturbed model in a motion (nn, nq) says wrongly."""
-    placed = model.problem.positions(coefficients, model.body)
+    placed = model.problem.compute_positions(coefficients, model.body)
     torques = leg_torques(
         model.parameters, context.basis, coefficients, context.case.wrench, context.feet
     )

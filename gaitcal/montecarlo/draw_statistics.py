@@ -33,7 +33,7 @@ import pandas as pd
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.derivatives import force_derivatives
+from gaitcal.dynamics.derivatives import compute_force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model import linkage, parameters
 from gaitcal.model.chain import get_chain
@@ -229,7 +229,7 @@ def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame,
     """
     case, basis = context.case, context.basis
     q, v, a = (basis.evaluate(case.coefficients, k) for k in range(3))
-    slopes = force_derivatives(case.parameters, context.names, q, v, a, case.wrench)
+    slopes = compute_force_derivatives(case.parameters, context.names, q, v, a, case.wrench)
     nf, nq, n_free = len(q), q.shape[1], len(context.names)
     moved = context.sensitivity.reshape(len(case.coefficients), -1)
     motion = [(basis.matrices[k] @ moved).reshape(nf, nq, n_free) for k in range(3)]

@@ -35,7 +35,7 @@ from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, resolve_marker_set
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.tracking.rigid import RigidFit, rigid_fit
+from gaitcal.tracking.rigid import RigidFit, fit_rigid
 
 USUAL_HEIGHT_M = 1.75
 """Clean recordings from which limits in metres are taken are of people up to about this height:
@@ -414,7 +414,7 @@ def _fitted(
         return None
     turn, shift = alignment(shape, static)
     shape = shape @ turn.T + shift
-    fit = rigid_fit(shape, measured, weight)
+    fit = fit_rigid(shape, measured, weight)
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
     away[~fit.determined] = np.nan
     return shape, fit, away if near is None else away - np.nanmedian(away, axis=0)
@@ -424,11 +424,11 @@ def _mean_shape(
     start: Array, paths: Array, seen: BoolArray, measured: Array, weight: Array
 ) -> Array | None:
     """(n, 3) m, the shape of a cluster with paths (nf, n, 3), `measured` and `weight` as
-    `rigid_fit` takes them; None where a point is never seen with two others.
+    `fit_rigid` takes them; None where a point is never seen with two others.
     """
     shape = start
     for _ in range(ROUNDS):
-        fit = rigid_fit(shape, measured, weight)
+        fit = fit_rigid(shape, measured, weight)
         local = (paths - fit.origin[:, None]) @ fit.rotation
         known = seen & fit.determined[:, None]
         if not known.any(axis=0).all():

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
-from gaitcal.dynamics.measurement_errors import foot_tip
+from gaitcal.dynamics.measurement_errors import compute_foot_tip
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
 from gaitcal.io.recording import ForcePlate, duration, runs
 from gaitcal.model.linkage import SIDES
@@ -38,10 +38,12 @@ class Feet:
                 self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
         points = np.concatenate([self.heel, self.toe], axis=1)
         velocity = np.gradient(points, self.time, axis=0)
-        self.belts = foot_contact.belts(points, velocity)
-        speed = np.linalg.norm(velocity - np.tile(self.belts, (2, 1)), axis=2)
+        self.estimate_belt_velocities = foot_contact.estimate_belt_velocities(points, velocity)
+        speed = np.linalg.norm(velocity - np.tile(self.estimate_belt_velocities, (2, 1)), axis=2)
         self.heel_speed, self.toe_speed = speed[:, :2], speed[:, 2:]
-        self.resting: BoolArray = np.fmin(self.heel_speed, self.toe_speed) < foot_contact.RESTING
+        self.resting: BoolArray = (
+            np.fmin(self.heel_speed, self.toe_speed) < foot_contact.RESTING_SPEED
+        )
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
 
     def points(self, height: float) -> foot_contact.FootPoints:
@@ -51,7 +53,7 @@ class Feet:
         return foot_contact.FootPoints(
             heel=self.heel,
             toe=self.toe,
-            tip=foot_tip(self.heel, self.toe, height),
+            tip=compute_foot_tip(self.heel, self.toe, height),
             heel_speed=self.heel_speed,
             toe_speed=self.toe_speed,
             width=foot_contact.FOOT_BREADTH * height,
@@ -67,7 +69,8 @@ class Feet:
         a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
         return float(
             np.average(
-                foot_contact.distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]
+                foot_contact.compute_distance_to_line(point[known][:, [0, 2]], a, b),
+                weights=load[known],
             )
         )
 
@@ -86,7 +89,7 @@ class PlateContact(foot_contact.Loading):
     @property
     def under_foot(self) -> bool:
         """Whether the foot stands where the load is."""
-        return self.distance < foot_contact.UNDER_FOOT
+        return self.distance < foot_contact.UNDER_FOOT_M
 
     def is_whole(self, time: Array) -> bool:
         """Whether it begins and ends while the plate is recorded, at frames of `time` (nf,) s."""
@@ -115,13 +118,16 @@ def plate_contacts(
         loadings = list[slice]()
         for whole in runs(wrench[:, 1] > LOADED_N, 2):
             turns = (
-                foot_contact.taken_in_turn(wrench, whole, feet.time, points)
+                foot_contact.find_single_stances(wrench, whole, feet.time, points)
                 if one_loaded[whole].all()
                 else []
             )
             loadings += [part for part, _ in turns] or [whole]
         for run in loadings:
-            if duration(feet.time, run) < foot_contact.SHORTEST or wrench[run, 1].max() < BODY_N:
+            if (
+                duration(feet.time, run) < foot_contact.MIN_LOADING_S
+                or wrench[run, 1].max() < BODY_N
+            ):
                 continue
             level = (
                 float(np.nanmedian(plate.point[:, 1]))

@@ -26,7 +26,7 @@ from gaitcal.preprocess.static_disagreement import Contradiction, contradictions
 from gaitcal.preprocess.swapped_labels import SwappedLabels, exchanges, with_labels_back
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role
-from gaitcal.tracking.rigid import RigidFit, segment_fit
+from gaitcal.tracking.rigid import RigidFit, fit_segment
 
 NEGLIGIBLE_WEIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns,
@@ -339,7 +339,7 @@ class TrialEvidence:
         return (
             None
             if self.model is None
-            else segment_fit(self.model.markers, "pelvis", self.recording)
+            else fit_segment(self.model.markers, "pelvis", self.recording)
         )
 
     @cached_property
@@ -376,7 +376,10 @@ class TrialEvidence:
         """
         way, feet = self.way, self.feet if self.on_the_spot else None
         if feet is not None:
-            way = way - np.ptp(self.recording.time) * feet.belts.mean(axis=0)[[0, 2]]
+            way = (
+                way
+                - np.ptp(self.recording.time) * feet.estimate_belt_velocities.mean(axis=0)[[0, 2]]
+            )
         if np.linalg.norm(way) >= PROGRESSION_M or self.facing is None:
             return np.asarray(way)
         return np.asarray(self.facing / max(float(np.linalg.norm(self.facing)), 1e-12))

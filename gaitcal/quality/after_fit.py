@@ -346,7 +346,7 @@ def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]
 
 
 def _markers(errors: MarkerErrors, side: str) -> Iterator[_Broken]:
-    for k in np.flatnonzero(errors.kept() & (errors.weight >= FULL_WEIGHT)).tolist():
+    for k in np.flatnonzero(errors.select_observed() & (errors.weight >= FULL_WEIGHT)).tolist():
         segment = errors.segments[k]
         if not (segment.endswith(f"_{side}") and segment in linkage.LOWER_BODY):
             continue

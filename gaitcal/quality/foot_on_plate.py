@@ -15,14 +15,14 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
-from gaitcal.dynamics.measurement_errors import outline_known
+from gaitcal.dynamics.measurement_errors import has_known_outline
 from gaitcal.dynamics.off_sole import (
-    MOST_BESIDE,
+    MAX_BESIDE_SHARE,
     PressurePosition,
-    divided_cause,
-    divided_frames,
-    one_centre,
-    places_of,
+    describe_divided_force,
+    detect_common_centre,
+    find_divided_frames,
+    locate_pressures,
 )
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import BODY_N, covered
@@ -62,9 +62,11 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     if feet is None:
         return
     for step in steps:
-        far = step.distance > foot_contact.UNDER_FOOT
+        far = step.distance > foot_contact.UNDER_FOOT_M
         # a total force that was divided, told in `outside_sole`, may be far from both feet
-        if not (far and any(one_centre(step, other, len(feet.time)).any() for other in steps)):
+        if not (
+            far and any(detect_common_centre(step, other, len(feet.time)).any() for other in steps)
+        ):
             yield from _which_foot(trial, step)
     on_feet = [step for step in steps if step.under_foot]
     for step in on_feet:
@@ -95,7 +97,7 @@ def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
     if (
         side is not None
         and step.foot != SIDES.index(side)
-        and step.other > foot_contact.UNDER_FOOT
+        and step.other > foot_contact.UNDER_FOOT_M
         and step.under_foot
     ):
         yield trial.error(
@@ -107,16 +109,16 @@ def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
             "have it found",
             code=Code.WRONG_FOOT,
         )
-    elif step.distance > foot_contact.UNDER_FOOT and np.isinf(step.other):
+    elif step.distance > foot_contact.UNDER_FOOT_M and np.isinf(step.other):
         found = f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} foot; "
         found += f"the {FEET[1 - step.foot]} foot, whose step it may be, shows no heel and toe then"
         yield trial.info(TOPIC, found, code=Code.UNDER_NO_FOOT)
-    elif step.distance > foot_contact.UNDER_FOOT:
+    elif step.distance > foot_contact.UNDER_FOOT_M:
         yield trial.warning(
             TOPIC,
             f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} and "
             f"{1e3 * step.other:.0f} mm from the other foot; allowed: "
-            f"{1e3 * foot_contact.UNDER_FOOT:.0f} mm",
+            f"{1e3 * foot_contact.UNDER_FOOT_M:.0f} mm",
             "check the position of the plate (corners), the axes of the forces, and that they "
             "belong to this trial",
             code=Code.UNDER_NO_FOOT,
@@ -163,11 +165,14 @@ def _no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Finding:
     for foot, name in enumerate(FEET):
         if feet is None or not feet.seen[:, foot].any():
             continue
-        sole = foot_contact.sole_of(feet.points(trial.subject.height), foot, slice(None))
-        on_plate = sole.share_of_halves(sole.beside(outlined)).max(axis=1) <= MOST_BESIDE
+        sole = foot_contact.build_sole(feet.points(trial.subject.height), foot, slice(None))
+        on_plate = (
+            sole.sum_half_shares(sole.find_cells_off_plates(outlined)).max(axis=1)
+            <= MAX_BESIDE_SHARE
+        )
         stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
         if long := [
-            run for run in runs(stands, 2) if duration(feet.time, run) > foot_contact.SHORTEST
+            run for run in runs(stands, 2) if duration(feet.time, run) > foot_contact.MIN_LOADING_S
         ]:
             found += f", though the {name} foot stands on them ({spans(feet.time, long)})"
             severity = Severity.WARNING
@@ -188,15 +193,15 @@ def overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
     surface = [
         plate
         for plate in trial.recording.plates
-        if plate is step.plate or outline_known(plate, BODY_N)
+        if plate is step.plate or has_known_outline(plate, BODY_N)
     ]
-    sole = foot_contact.sole_of(feet.points(trial.subject.height), step.foot, step.frames)
+    sole = foot_contact.build_sole(feet.points(trial.subject.height), step.foot, step.frames)
     still = sole.resting.any(axis=1) & feet.seen[step.frames, step.foot]
     if still.sum() < 3:
         return
-    beside = sole.beside(surface) & sole.resting
-    if float(np.median(sole.share_of_halves(beside)[still].max(axis=1))) > MOST_BESIDE:
-        share = float(sole.share_of(beside)[still].max())
+    beside = sole.find_cells_off_plates(surface) & sole.resting
+    if float(np.median(sole.sum_half_shares(beside)[still].max(axis=1))) > MAX_BESIDE_SHARE:
+        share = float(sole.sum_share(beside)[still].max())
         yield trial.warning(
             TOPIC,
             f"{_words(trial, step)}: the {FEET[step.foot]} foot rests partly beside it "
@@ -262,16 +267,16 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
     made = [step for step in trial.plate_contacts if sides.get(step.plate.name) != "none"]
     named = {plate: SIDES.index(side) for plate, side in sides.items() if side in SIDES}
     loadings = [replace(step, foot=named.get(step.plate.name, step.foot)) for step in made]
-    places = places_of(loadings, feet.points(trial.subject.height), feet.time)
+    places = locate_pressures(loadings, feet.points(trial.subject.height), feet.time)
     outside = np.zeros((len(loadings), len(feet.time)), dtype=bool)
     for frames, one, place, step in zip(outside, loadings, places, made, strict=True):
         # what is further away is told by `contacts`
         frames[one.frames] = place.outside & (
-            (step.distance if one.foot == step.foot else step.other) < foot_contact.UNDER_FOOT
+            (step.distance if one.foot == step.foot else step.other) < foot_contact.UNDER_FOOT_M
         )
     divided = np.zeros_like(outside)
     for i, k in combinations(range(len(loadings)), 2):
-        divided[[i, k]] |= divided_frames(
+        divided[[i, k]] |= find_divided_frames(
             loadings[i], loadings[k], (places[i], places[k]), len(feet.time)
         )
     if divided.any():
@@ -302,17 +307,17 @@ def _outside(
     plate, foot = parts[0][0].plate.name, parts[0][0].foot
     chosen = np.concatenate([off[one.frames] for one, _, off in parts])
     loaded = np.concatenate([one.load for one, *_ in parts])
-    away = np.concatenate([place.away for _, place, _ in parts])[chosen]
+    away = np.concatenate([place.distance for _, place, _ in parts])[chosen]
     impulse = float(loaded[chosen].sum() / loaded.sum())
     if impulse < TOLD_SHARE or chosen.sum() * float(np.median(np.diff(feet.time))) < TOLD_S:
         return None
-    way = np.concatenate([place.way for _, place, _ in parts])[chosen]
+    way = np.concatenate([place.direction for _, place, _ in parts])[chosen]
     line = np.concatenate(
         [(feet.toe - feet.heel)[one.frames, foot][:, [0, 2]] for one, *_ in parts]
     )[chosen]
     line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     right = np.column_stack([-line[:, 1], line[:, 0]])
-    down = foot_contact.near(feet.resting[:, foot], feet.time)
+    down = foot_contact.mark_near(feet.resting[:, foot], feet.time)
     in_air = np.concatenate([~down[one.frames] for one, *_ in parts])[chosen]
     weights = loaded[chosen]
     along, across = (
@@ -391,7 +396,7 @@ def _divided(
     shared = [
         (one, p, own) for one, p, own in zip(loadings, places, divided, strict=True) if own.any()
     ]
-    away = 1e3 * np.concatenate([p.away[own[one.frames] & p.outside] for one, p, own in shared])
+    away = 1e3 * np.concatenate([p.distance[own[one.frames] & p.outside] for one, p, own in shared])
     how_far = (
         f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside of the foot"
         if len(away)
@@ -407,7 +412,7 @@ def _divided(
         "export what each plate or belt measured by itself; no torque of either leg counts in "
         "these frames"
     )
-    cause = divided_cause(list(dict.fromkeys(one.plate.name for one, *_ in shared)))
+    cause = describe_divided_force(list(dict.fromkeys(one.plate.name for one, *_ in shared)))
     return trial.warning(TOPIC, found, cure, cause=cause, weight=3.0, code=Code.DIVIDED_FORCE)
 
 

@@ -266,10 +266,10 @@ def possible_errors(found: Sequence[ForceFit]) -> PlateErrors:
         return float(np.sqrt(share @ squares))
 
     return PlateErrors(
-        place=size(ForceFault.PLACE),
+        position=size(ForceFault.PLACE),
         gain=0.0,
-        clock=size(ForceFault.CLOCK),
-        turn=size(ForceFault.YAW),
+        time_offset=size(ForceFault.CLOCK),
+        rotation=size(ForceFault.YAW),
     )
 
 

@@ -258,9 +258,9 @@ def torque_change(trials: Sequence[ForceEvidence], fit: ForceFit) -> tuple[str, 
             (change * (trial.feet == foot)[:, :, None]).sum(axis=0) for foot in range(len(FEET))
         ]
         dynamics = Dynamics(trial.parameters)
-        moved = dynamics.of_ground(dynamics.placed(trial.q), np.stack(on_feet, axis=1)[..., None])[
-            :, LEGS, 0
-        ]
+        moved = dynamics.compute_ground_forces(
+            dynamics.place(trial.q), np.stack(on_feet, axis=1)[..., None]
+        )[:, LEGS, 0]
         size = np.sqrt((moved**2).mean(axis=0)) / trial.bwh
         if size.max() > most:
             worst, most = FORCES[LEGS[int(size.argmax())]], float(size.max())

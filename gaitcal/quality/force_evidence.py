@@ -39,8 +39,12 @@ from scipy.interpolate import CubicSpline
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.dynamics import expected_residual, foot_contact
-from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, reactions_of_motion
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.dynamics.ground_reactions import (
+    GroundReactions,
+    compute_foot_points,
+    compute_motion_reactions,
+)
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, compute_pelvis_residual
 from gaitcal.io.axes import ABOUT_Y
 from gaitcal.io.force_plate import (
     LOADED_N,
@@ -145,7 +149,7 @@ def standing_feet(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArra
     """
     out = np.full(len(time), -1)
     for loaded in runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
-        if duration(time, loaded) < foot_contact.SHORTEST:
+        if duration(time, loaded) < foot_contact.MIN_LOADING_S:
             continue
         shares = [
             max((_common(loaded, down) for down in runs(resting[:, k])), default=0.0)
@@ -172,10 +176,10 @@ def off_feet(
             on = (row == foot) & (wrench[:, 1] > LOADED_N)
             if on.any():
                 heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
-                away = foot_contact.distance_to_line(
+                away = foot_contact.compute_distance_to_line(
                     centre_on_ground(wrench[on])[:, [0, 2]], heel, toe
                 )
-                if np.average(away, weights=wrench[on, 1]) > foot_contact.UNDER_FOOT:
+                if np.average(away, weights=wrench[on, 1]) > foot_contact.UNDER_FOOT_M:
                     return True
     return False
 
@@ -280,7 +284,7 @@ def force_evidence(
     plates_on_ground = as_walked_on(plates, time, weight)
     feet = np.array([standing_feet(plate, time, reactions.resting) for plate in plates_on_ground])
     frames = _chosen(time, reactions.valid)
-    points = foot_points(model, motion, parameters)
+    points = compute_foot_points(model, motion, parameters)
     if plates_on_ground is not plates or off_feet(plates_on_ground, feet, time, points):
         counts = [[int((row == k).sum()) for k in range(len(FEET))] for row in feet]
         by_time = {
@@ -294,7 +298,7 @@ def force_evidence(
             tuple(replace(plate, corners=None) for plate in plates_on_ground),
         ):
             again = replace(recording, plates=known)
-            retimed = reactions_of_motion(
+            retimed = compute_motion_reactions(
                 model, parameters, motion, again, assigned, motion.cutoff_hz
             )
             frames = _chosen(time, retimed.valid)
@@ -318,11 +322,13 @@ def force_evidence(
     gone = gone[:, ~gone.all(axis=0)]
     q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
     dynamics = Dynamics(parameters)
-    required = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
+    required = compute_pelvis_residual(
+        q, dynamics.compute_forces(q, v, a, np.zeros((len(q), len(FEET), 6)))
+    )
     linkage = build_model(parameters)
     data = linkage.createData()
     spread, trunk = inertial_spread(
-        dynamics.root_regressor(q, v, a), parameters.inertial, model.subject.height
+        dynamics.compute_root_regressor(q, v, a), parameters.inertial, model.subject.height
     )
     return ForceEvidence(
         name=trial.name,
@@ -354,7 +360,7 @@ def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[A
     total mass held.
 
     Returns (k, 6, n) for n unknowns, and (k, 6, 2) per m of the trunk's mass centre forward and to
-    the right; `regressor` (k, 6, 12, 10) as `Dynamics.root_regressor` gives it.
+    the right; `regressor` (k, 6, 12, 10) as `Dynamics.compute_root_regressor` gives it.
     """
     by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, compute_dynamic_jacobian(inertial))
     rows = view_as_table(inertial)
@@ -450,7 +456,7 @@ class ForceResidual:
     def _white(self, trial: int, r: Array) -> Array:
         """(6 k, ...) of (k, 6, ...)."""
         evidence = self.trials[trial]
-        scale = expected_residual.BASELINE * np.repeat([evidence.weight, evidence.bwh], 3)
+        scale = expected_residual.BASELINE_RESIDUAL * np.repeat([evidence.weight, evidence.bwh], 3)
         r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
         rho = self._rho[trial].reshape((-1,) + (1,) * (r.ndim - 1))
         out = r.copy()
@@ -463,5 +469,5 @@ def _memory(time: Array) -> Array:
     """(k,) correlation of each frame with the one before it."""
     step = np.diff(time)
     return np.concatenate(
-        [[0.0], np.where(step < BROKEN_S, np.exp(-step / expected_residual.TAU), 0.0)]
+        [[0.0], np.where(step < BROKEN_S, np.exp(-step / expected_residual.CORRELATION_S), 0.0)]
     )

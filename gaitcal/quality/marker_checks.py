@@ -21,7 +21,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.foot_contact import distance_to_line
+from gaitcal.dynamics.foot_contact import compute_distance_to_line
 from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
@@ -30,11 +30,15 @@ from gaitcal.model.landmarks import describe_guessed_sacrum, find_single_psis
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.clean_trial import BRIDGED_S
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
-from gaitcal.tracking.coordinate_prior import MARKER_M, left_uncertain
-from gaitcal.tracking.motion import tracked_motion
+from gaitcal.tracking.coordinate_prior import MARKER_M, compute_uncertainty
+from gaitcal.tracking.motion import track_motion
 from gaitcal.tracking.rigid import FEWEST_MARKERS
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import CARRIES_ITSELF, shown_share, trial_problem
+from gaitcal.tracking.trial_problem import (
+    MIN_ROOT_VISIBLE_SHARE,
+    build_trial_problem,
+    compute_visible_share,
+)
 
 SAME_M = 1e-4  # Two markers always nearer than this are one trajectory under two names
 HALF = 0.5
@@ -141,7 +145,7 @@ def too_few(trial: TrialEvidence) -> Iterator[Finding]:
         )
     elif carrier != "pelvis":
         columns = [trial.place[m] for m in of_pelvis]
-        if shown_share(trial.seen[:, columns].T.astype(float)) < CARRIES_ITSELF:
+        if compute_visible_share(trial.seen[:, columns].T.astype(float)) < MIN_ROOT_VISIBLE_SHARE:
             found = (
                 f"the pelvis does not show three markers in half of the frames: {carrier} carries "
                 "the body, the "
@@ -396,7 +400,9 @@ def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
         segment = trial.marker_set.segment_of.get(label)
         if segment not in lines:
             continue
-        away = {other: float(distance_to_line(position, *ends)) for other, ends in lines.items()}
+        away = {
+            other: float(compute_distance_to_line(position, *ends)) for other, ends in lines.items()
+        }
         nearest = min(away, key=lambda other: away[other])
         limbs = segment.startswith(LIMBS) and nearest.startswith(LIMBS)
         other = (
@@ -513,7 +519,7 @@ def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float]
     """
     nominal = model.nominal
     try:
-        problem = trial_problem(
+        problem = build_trial_problem(
             trial.name,
             model,
             trial.recording,
@@ -521,12 +527,14 @@ def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float]
             root="pelvis",
             segments=linkage.LOWER_BODY,
         )
-        motion = tracked_motion(problem, nominal)
+        motion = track_motion(problem, nominal)
     except (GaitcalError, np.linalg.LinAlgError):
         return None
     if not motion.converged:
         return None
-    uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.body(nominal)))
+    uncertain = compute_uncertainty(
+        problem.compute_frame_hessians(motion.q, problem.build_body(nominal))
+    )
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
     names, beyond = (

@@ -30,8 +30,8 @@ from itertools import permutations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.dynamics.foot_contact import near
-from gaitcal.dynamics.measurement_errors import OUTSIDE_SHARE, share_outside
+from gaitcal.dynamics.foot_contact import mark_near
+from gaitcal.dynamics.measurement_errors import MAX_OUTSIDE_SHARE, compute_share_outside
 from gaitcal.errors import Code, Finding, listed
 from gaitcal.io.c3d.plates import CONTRADICTED
 from gaitcal.io.force_plate import (
@@ -208,9 +208,11 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether centres of pressure lie on their plate."""
     for plate in trial.recording.plates:
         share, farthest = (
-            (0.0, 0.0) if plate.corners is None else share_outside(plate, plate.corners, BODY_N)
+            (0.0, 0.0)
+            if plate.corners is None
+            else compute_share_outside(plate, plate.corners, BODY_N)
         )
-        if share > OUTSIDE_SHARE:
+        if share > MAX_OUTSIDE_SHARE:
             found = (
                 f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load "
                 "lies over "
@@ -527,12 +529,12 @@ def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
             loaded[step.frames, step.foot] = True
         if not step.under_foot or any(overhang(trial, step)):
             doubtful[step.frames] = True
-    doubtful = near(
+    doubtful = mark_near(
         doubtful, feet.time
     )  # beside a plate a foot may bear before and after that plate is loaded
     for foot in range(2):
-        beside = feet.resting[:, foot] & ~near(loaded[:, foot], feet.time)
-        doubtful |= near(beside, feet.time) | ~feet.seen[:, foot]
+        beside = feet.resting[:, foot] & ~mark_near(loaded[:, foot], feet.time)
+        doubtful |= mark_near(beside, feet.time) | ~feet.seen[:, foot]
     out: BoolArray = loaded.any(axis=1) & ~doubtful
     return out
 

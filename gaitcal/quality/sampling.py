@@ -33,7 +33,7 @@ from gaitcal.io.text_file import UNEVEN
 from gaitcal.preprocess.clean_trial import jump_limit
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
-from gaitcal.tracking.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
+from gaitcal.tracking.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, compute_cutoff
 from gaitcal.tracking.trial_problem import FEWEST_FRAMES
 
 RATES = (20.0, 2000.0)  # Hz, frame rates of motion capture
@@ -208,8 +208,10 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
 def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, str]:
     """Hz that the motion passes (-3 dB), and of what; None where the data are to choose."""
     if settings.nodes is not None or settings.nodes_per_second is not None:
-        nodes = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes).nodes(time)
-        return cutoff(time, nodes), f"{nodes} spline nodes"
+        nodes = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes).count_nodes(
+            time
+        )
+        return compute_cutoff(time, nodes), f"{nodes} spline nodes"
     if settings.bandwidth_hz == AUTOMATIC:
         return None, ""
     return HALF_POWER * float(

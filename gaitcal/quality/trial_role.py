@@ -34,7 +34,7 @@ from gaitcal.model.marker_set import REQUIRED
 from gaitcal.model.segment_frames import HipCentre, JointWidths, measure_lower_body
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.quality import plate_checks
-from gaitcal.tracking.rigid import rigid_fit
+from gaitcal.tracking.rigid import fit_rigid
 
 FEWEST_FRAMES, SHORTEST_S = 3, LAG_S  # Of a static trial: speed is told over that time
 RESTLESS = 0.5
@@ -499,6 +499,6 @@ def _left(a: Array, b: Array, fitted: list[int] | None = None) -> Array:
     """
     weight = np.zeros((len(a), 1))
     weight[slice(None) if fitted is None else fitted] = 1.0
-    fit = rigid_fit(a, b[:, :, None], weight)
+    fit = fit_rigid(a, b[:, :, None], weight)
     out: Array = np.linalg.norm(b - (fit.origin[0] + a @ fit.rotation[0].T), axis=1)
     return out

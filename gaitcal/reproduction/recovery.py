@@ -44,8 +44,8 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic import synthetic_motion as motions
 from gaitcal.tracking import banded, spline
 from gaitcal.tracking.descent import Descent, DescentSettings, Evaluation, descend
-from gaitcal.tracking.motion import SharedMotions, motion_of, track_nodes
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.motion import SharedMotions, build_motion, track_nodes
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
 LEG = params.list_leg_parameters(SIDE)
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
@@ -149,7 +149,8 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None) -> Motion
     )
     # as published: markers alone, no prior on any coordinate
     return replace(
-        trial_problem(problem, model, recording, spline.NodeRule(fixed=motions.NODES)), priors=()
+        build_trial_problem(problem, model, recording, spline.NodeRule(fixed=motions.NODES)),
+        priors=(),
     )
 
 
@@ -177,8 +178,8 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     ).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
-    distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
-    at_truth = track_nodes(markers, markers.body(truth), true_motion(problem).coefficients)
+    distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
+    at_truth = track_nodes(markers, markers.build_body(truth), true_motion(problem).coefficients)
     from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(
         truth.joint[_index(free)]
     )
@@ -209,8 +210,8 @@ def step_together(
     and `p` (np,): where both end, and how.
     """
     shared = SharedMotions(problems, parameters, free)
-    end = descend(shared, shared.joined(p, starts), DAMPED)
-    return *shared.parted(end.x), end
+    end = descend(shared, shared.join_unknowns(p, starts), DAMPED)
+    return *shared.split_unknowns(end.x), end
 
 
 SEED_RANGE = 0.5
@@ -367,7 +368,7 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     force, torque = gait_equations(fit.parameters, fit.coefficients[0]).compute_rms(
         fit.parameters.inertial
     )
-    distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
+    distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
     positions = [
         joint_rms(joint_errors(p, true_model().parameters, free), free)[0] or 0.0
         for p in (start, fit.parameters)

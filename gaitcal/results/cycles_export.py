@@ -17,8 +17,8 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from gaitcal.dynamics.ground_reactions import leg_of
-from gaitcal.dynamics.joint_kinetics import MomentFrame, vector_column
+from gaitcal.dynamics.ground_reactions import get_leg
+from gaitcal.dynamics.joint_kinetics import MomentFrame, name_vector_column
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import (
@@ -243,13 +243,16 @@ def _build_vector_rows(found: _StrideTables, frame: MomentFrame) -> list[pd.Data
         names = [
             name
             for name in select_free_components(found.model.frozen)
-            if leg_of(name) in (side, "")
+            if get_leg(name) in (side, "")
         ]
         for stride, cycle in enumerate(cycles, start=1):
             template = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
             for name in names:
-                leg = leg_of(name)
-                column, validity = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
+                leg = get_leg(name)
+                column, validity = (
+                    name_vector_column(name, frame),
+                    f"valid_{leg}" if leg else "valid",
+                )
                 usable = np.where(table[validity].to_numpy() == 1, 1.0, np.nan)
                 signals = (
                     table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride")

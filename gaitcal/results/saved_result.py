@@ -32,7 +32,7 @@ from gaitcal.results.summary import (
 )
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.tracking.motion import MarkerErrors, Motion
-from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.spline import build_spline_basis
 
 MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"
 AGAIN: Final = "run it again"
@@ -296,7 +296,7 @@ def load_recorded_coordinates(folder: Path) -> dict[str, Array]:
     for k, _ in enumerate(list_moving_trials(folder)):
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
             time, coefficients = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
-        found.append(spline_basis(time, len(coefficients)).evaluate(coefficients))
+        found.append(build_spline_basis(time, len(coefficients)).evaluate(coefficients))
     return select_moving_frames(found) if found else {}
 
 
@@ -345,7 +345,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
     motion = Motion(
         name=name,
         coordinates=COORDINATES,
-        basis=spline_basis(time, len(coefficients)),
+        basis=build_spline_basis(time, len(coefficients)),
         coefficients=coefficients,
         errors=MarkerErrors((), (), np.zeros(0), np.zeros((len(time), 0))),
         converged=True,

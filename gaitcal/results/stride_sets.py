@@ -243,7 +243,7 @@ def _compute_axis_errors(
             if side_of_set == side and name in COORDINATE_INDEX:
                 columns[variable] = COORDINATE_INDEX[name]
                 posture[:, columns[variable]] = np.deg2rad(average_known(found.values))
-        errors = np.rad2deg(axes.coordinate_errors(np.nan_to_num(posture)))
+        errors = np.rad2deg(axes.compute_coordinate_errors(np.nan_to_num(posture)))
         out |= {(side, variable): errors[:, column] for variable, column in columns.items()}
     return out
 

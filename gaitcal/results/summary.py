@@ -289,7 +289,7 @@ def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
     out: dict[str, Json] = {
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
-        "weighted_markers": int(errors.kept().sum()),
+        "weighted_markers": int(errors.select_observed().sum()),
         "nodes": trial.calibrated.basis.nodes,
         "rms_mm": _summarise_rms(trial),
     }
@@ -312,7 +312,7 @@ def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
                 "nominal": 1e3 * held.legs[0],
                 "calibrated": 1e3 * held.legs[1],
             }
-    nominal, calibrated = trial.nominal.errors.largest(), errors.largest()
+    nominal, calibrated = trial.nominal.errors.find_largest(), errors.find_largest()
     if nominal and calibrated:
         out["max_mm"] = {
             "nominal": 1e3 * nominal[0],
@@ -321,11 +321,11 @@ def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
         }
     out["segments"] = {
         segment: {
-            "markers": int(errors.kept(segment).sum()),
+            "markers": int(errors.select_observed(segment).sum()),
             "rms_mm": _summarise_rms(trial, segment),
         }
         for segment in SEGMENTS
-        if errors.kept(segment).any()
+        if errors.select_observed(segment).any()
     }
     if trial.joint_floor is not None:
         floors = trial.joint_floor.joints
@@ -426,7 +426,9 @@ def _summarise_error_sources(loads: Loads) -> dict[str, Json]:
     out: dict[str, Json] = {}
     for column, name in enumerate(FORCES):
         shares = (
-            loads.errors.shares(column, loads.reactions.valid_for(name)) if loads.errors else {}
+            loads.errors.compute_shares(column, loads.reactions.valid_for(name))
+            if loads.errors
+            else {}
         )
         if shares and not name.startswith("pelvis"):
             out[name] = {source.key: round(share, SHARE_DIGITS) for source, share in shares.items()}

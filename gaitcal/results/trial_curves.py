@@ -13,7 +13,7 @@ import numpy as np
 from gaitcal.analysis.result import Loads, TrialResult, angle_counts
 from gaitcal.analysis.truth_errors import CurveTruth, CurveTruths
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_reactions import unseen_frames
+from gaitcal.dynamics.ground_reactions import find_unobserved_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.gait import cycles, moments, strides
 from gaitcal.model.coordinates import (
@@ -26,7 +26,7 @@ from gaitcal.model.coordinates import (
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.trial_tables import select_free_powers
-from gaitcal.tracking.motion import MarkerErrors, Motion, taken_off
+from gaitcal.tracking.motion import MarkerErrors, Motion, select_static_offsets
 
 GROUND: Final = {
     "ground_reaction_vertical": 1,
@@ -129,8 +129,8 @@ def _build_angles(
     """Build joint angles; those of the pelvis are relative to the trial's line of progression."""
     body, hidden, static, nominal = (
         trial.body,
-        unseen_frames(trial.body),
-        taken_off(relative_to),
+        find_unobserved_frames(trial.body),
+        select_static_offsets(relative_to),
         _get_nominal_motion(trial),
     )
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.coordinates
@@ -168,7 +168,7 @@ def _build_angles(
 
 def _build_feet(trial: TrialResult) -> Iterator[Curve]:
     """Build foot progression relative to the trial's line; each stride has its own line."""
-    feet, line, hidden = trial.foot_axes, compute_line(trial), unseen_frames(trial.body)
+    feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.body)
     if feet is None:
         return
     for k, side in enumerate(SIDES):
@@ -265,8 +265,8 @@ def _build_powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
             valid=loads.reactions.valid_for(name),
             error=None if errors is None else power_of(errors, name),
             stride_error=None
-            if errors is None or errors.own is None
-            else power_of(errors.own, name),
+            if errors is None or errors.from_markers is None
+            else power_of(errors.from_markers, name),
         )
 
 

@@ -15,7 +15,7 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import along_line
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
-from gaitcal.tracking.motion import taken_off
+from gaitcal.tracking.motion import select_static_offsets
 
 if TYPE_CHECKING:
     pass
@@ -41,7 +41,7 @@ def format_relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
     tuple of str
         Two lines.
     """
-    off = taken_off(relative_to)
+    off = select_static_offsets(relative_to)
     static = ", ".join(f"{n} {np.rad2deg(off[n]):.2f}" for n in FILE_COORDINATES if n in off)
     return (
         "joint angles are relative: those of the static trial are subtracted; pelvis coordinates "
@@ -126,7 +126,7 @@ POWER_HEADER = (
 VECTOR_HEADER = (
     "net joint moments as vectors, N m: internal, on the distal segment, about the joint centre "
     "(ankle: talocrural)",
-    *(f"NAME_{frame.key}: {frame.words}" for frame in joint_kinetics.VECTOR_FRAMES),
+    *(f"NAME_{frame.key}: {frame.label}" for frame in joint_kinetics.VECTOR_FRAMES),
     "axes of: hip pelvis, thigh; knee thigh, shank; ankle shank, foot; lumbar pelvis, trunk. "
     "_angle, _flexion,",
     "_extension about z, _adduction, _inversion, _bending about x (floating axis), _rotation about "
@@ -151,7 +151,10 @@ def build_power_table(
     errors = None if loads.errors is None else loads.errors.kinetics
     columns = _build_first_columns(kinetics.time, loads.reactions)
     for name in joint_kinetics.POWERS:
-        value, column = joint_kinetics.power_of(kinetics, name), joint_kinetics.power_name(name)
+        value, column = (
+            joint_kinetics.power_of(kinetics, name),
+            joint_kinetics.name_power_column(name),
+        )
         columns[column] = value
         columns[f"{column}_se"] = (
             np.full(len(value), np.nan) if errors is None else joint_kinetics.power_of(errors, name)
@@ -169,12 +172,12 @@ def build_vector_table(
     standard errors.
     """
     errors = None if loads.errors is None else loads.errors.kinetics
-    known = {"_se": errors, "_se_stride": None if errors is None else errors.own}
+    known = {"_se": errors, "_se_stride": None if errors is None else errors.from_markers}
     unknown = np.full(len(kinetics.time), np.nan)
     columns = _build_first_columns(kinetics.time, loads.reactions)
     for name in joint_kinetics.COMPONENTS:
         for frame in joint_kinetics.VECTOR_FRAMES:
-            column = joint_kinetics.vector_column(name, frame)
+            column = joint_kinetics.name_vector_column(name, frame)
             columns[column] = joint_kinetics.component_of(kinetics, name, frame)
             for ending, kinetics_of_errors in known.items():
                 columns[column + ending] = (

@@ -29,7 +29,7 @@ from gaitcal.synthetic.synthetic_motion import (
     looking_like_nominal,
     standing_pose,
 )
-from gaitcal.tracking.spline import DEGREE, spline_basis, to_bspline
+from gaitcal.tracking.spline import DEGREE, build_spline_basis, convert_to_bspline
 
 
 class Activity(Enum):
@@ -221,16 +221,16 @@ def movement(activity: Activity, parameters: Parameters) -> SyntheticMovement:
     q[:, :3] = on.carry(q)
     for name, size, hz in SWAYING:
         q[:, COORDINATE_INDEX[name]] += size * np.sin(2 * np.pi * hz * time + 1.0)
-    basis = spline_basis(time, spans + DEGREE)
+    basis = build_spline_basis(time, spans + DEGREE)
     if not is_nominal(parameters):
         q = basis.evaluate(looking_like_nominal(parameters, basis, q))
     ground = on.ground(q, _seat_share(activity, time))
     fitted = basis.fit(q)
     meant = walk.Meant(basis.evaluate(fitted), basis.evaluate(fitted, 2), spread=SPREAD)
-    moved = to_bspline(basis, walk.carried_nodes(parameters, basis, ground, meant))
+    moved = convert_to_bspline(basis, walk.carried_nodes(parameters, basis, ground, meant))
     cut = ENDS * per_span  # at an end nothing holds accelerations
     inner = slice(cut, len(time) - cut)
-    kept = spline_basis(time[inner], basis.nodes - 2 * ENDS)
+    kept = build_spline_basis(time[inner], basis.nodes - 2 * ENDS)
     ground = walk.Ground(**{f.name: getattr(ground, f.name)[inner] for f in fields(walk.Ground)})
     motion = TrueMotion(kept, kept.fit(moved(time[inner])), ground=ground)
     return SyntheticMovement(motion=motion, contacts=contacts, belt=activity is Activity.RUN)
@@ -310,7 +310,7 @@ class _Feet:
                 if i == 1
                 else np.interp(self.time, self.time[known], wanted[known, i])
             )
-        smooth = spline_basis(self.time, max(8, round(float(np.ptp(self.time)) / 0.1)))
+        smooth = build_spline_basis(self.time, max(8, round(float(np.ptp(self.time)) / 0.1)))
         return smooth.evaluate(smooth.fit(out))
 
     def ground(self, q: Array, seat: Array) -> walk.Ground:

@@ -30,7 +30,7 @@ from functools import cache
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, compute_pelvis_residual
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import get_chain
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
@@ -47,10 +47,10 @@ from gaitcal.synthetic.walk import (
     nominal_curves,
     walking_ground,
 )
-from gaitcal.tracking.marker_residual import PlacedMarkers, marker_positions
-from gaitcal.tracking.motion import tracked_motion
-from gaitcal.tracking.spline import NodeRule, SplineBasis, spline_basis, to_bspline
-from gaitcal.tracking.trial_problem import trial_problem
+from gaitcal.tracking.marker_residual import PlacedMarkers, compute_marker_positions
+from gaitcal.tracking.motion import track_motion
+from gaitcal.tracking.spline import NodeRule, SplineBasis, build_spline_basis, convert_to_bspline
+from gaitcal.tracking.trial_problem import build_trial_problem
 
 RATE = 200.0  # Frames per second of all published trials
 GAIT_FRAMES = 208  # Of the published study: one stride, right heel strike first
@@ -89,7 +89,7 @@ def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array
     segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
     order = np.argsort(segment, kind="stable")
     in_order = PlacedMarkers(segment[order], markers.local[order])
-    placed = marker_positions(chain.body(parameters), in_order, q)
+    placed = compute_marker_positions(chain.body(parameters), in_order, q)
     out = np.empty((len(q), len(segment), 3))
     out[:, order] = placed.transpose(2, 0, 1)
     return out
@@ -124,8 +124,8 @@ def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -
     person = replace(
         nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight)
     )
-    problem = trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
-    coefficients: Array = tracked_motion(problem, parameters).coefficients
+    problem = build_trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
+    coefficients: Array = track_motion(problem, parameters).coefficients
     return coefficients
 
 
@@ -156,7 +156,7 @@ def gait_motion() -> TrueMotion:
     parameters = published_model().parameters
     time, longer = np.arange(GAIT_FRAMES) / RATE, two_strides(parameters)
     spline, stride = (
-        to_bspline(longer.basis, longer.coefficients),
+        convert_to_bspline(longer.basis, longer.coefficients),
         time - WALK_STRIDES[0] * GAIT_CYCLE,
     )
     return _walk(parameters, time, 0.0, NODES, Meant(spline(stride), spline(stride, 2), spread=0.2))
@@ -171,7 +171,7 @@ def two_strides(parameters: Parameters) -> TrueMotion:
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
     curves = nominal_curves(begin + time / GAIT_CYCLE)
     if not is_nominal(parameters):
-        basis = spline_basis(time, WALK_NODES)
+        basis = build_spline_basis(time, WALK_NODES)
         coefficients = looking_like_nominal(parameters, basis, curves.q)
         curves = Meant(basis.evaluate(coefficients), basis.evaluate(coefficients, 2))
     return _walk(parameters, time, begin, WALK_NODES, curves)
@@ -183,7 +183,7 @@ def _walk(
     """A walk of a person with these parameters like another; `begin`: its phase, in strides, at
     time 0.
     """
-    basis, phase = spline_basis(time, nodes), begin + time / GAIT_CYCLE
+    basis, phase = build_spline_basis(time, nodes), begin + time / GAIT_CYCLE
     ground = walking_ground(phase)
     return TrueMotion(basis, carried_nodes(parameters, basis, ground, meant), phase, ground)
 
@@ -234,7 +234,7 @@ def standing_pose(parameters: Parameters | None = None) -> Array:
         q[COORDINATE_INDEX[f"elbow_flex_{side}"]] = np.deg2rad(10.0)
     if parameters is None or is_nominal(parameters):
         return q
-    basis = spline_basis(np.arange(12) / 200.0, 6)
+    basis = build_spline_basis(np.arange(12) / 200.0, 6)
     mean: Array = basis.evaluate(looking_like_nominal(parameters, basis, np.tile(q, (12, 1)))).mean(
         axis=0
     )
@@ -251,7 +251,7 @@ def static_motion(frames: int = 100, standing: Array | None = None) -> TrueMotio
 
 
 def _in_spline_space(time: Array, q: Array) -> TrueMotion:
-    basis = spline_basis(time, NODES)
+    basis = build_spline_basis(time, NODES)
     return TrueMotion(basis, basis.fit(q))
 
 
@@ -286,7 +286,9 @@ def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     if ground is None:
         raise ValueError("nothing is said of the ground that carries this motion")
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
+    total = compute_pelvis_residual(
+        q, Dynamics(parameters).compute_forces(q, v, a, np.zeros((len(q), 2, 6)))
+    )
     force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
     carried = np.asarray(ground.share.any(axis=1))
     up = np.where(carried, force[:, 1], 1.0)

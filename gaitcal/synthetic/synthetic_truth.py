@@ -53,7 +53,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.declared_truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text
 from gaitcal.study.study_file import TruthTable
 from gaitcal.synthetic.synthetic_motion import TrueMotion, standing_pose, synthetic_markers
-from gaitcal.tracking.spline import to_bspline
+from gaitcal.tracking.spline import convert_to_bspline
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ class Teller:
         finer = np.interp(
             np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time
         )
-        true = to_bspline(motion.basis, motion.coefficients)(finer)
+        true = convert_to_bspline(motion.basis, motion.coefficients)(finer)
         spline = make_interp_spline(
             finer, self._coordinates(self.parameters, true, true + self._standing_off), k=DEGREE
         )
@@ -275,7 +275,7 @@ class Teller:
                 turn = self._offset[params.MASSIVE_SEGMENTS[k]].rotation  # products of inertia too
                 moments = turn.T @ np.diag(own[4:7]) @ turn
                 bodies[params.MASSIVE_SEGMENTS[k]] = pin.Inertia(float(row[0]), row[1:4], moments)
-            forces = Dynamics(self.parameters, bodies=bodies).forces(
+            forces = Dynamics(self.parameters, bodies=bodies).compute_forces(
                 q, velocity, acceleration, wrench
             )
         return ToldMotion(

@@ -34,7 +34,7 @@ from scipy.linalg import solveh_banded
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics import inverse_dynamics, measurement_errors
-from gaitcal.dynamics.derivatives import root_residual
+from gaitcal.dynamics.derivatives import compute_root_residual
 from gaitcal.io.toml import models_path
 from gaitcal.model import coordinates, nominal, subject_model
 from gaitcal.model.chain import get_chain
@@ -333,7 +333,7 @@ def _forces(
 ) -> list[_Rows]:
     """The total ground reaction: its moment about where the load rolls, and its force."""
     q, weight = state[0], parameters.mass * subject_model.GRAVITY
-    total = root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
+    total = compute_root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
     force, moment = total.value[:, :3], total.value[:, 3:]
     share = ground.share[:, :, None]
     points, slopes = feet.along(ground.part, ground.level)

@@ -1,25 +1,27 @@
-"""Normal equations of whole trials: a block band for the coefficients of each, an arrow for what
-trials share.
+"""Banded normal equations of whole trials, and the arrow matrix of trials with shared parameters.
 
-    [ H_qq  H_qp ] [dN]     [g_q]        H_qq: node-major, half-bandwidth 6 nq - 1 (six splines overlap)
-    [ H_pq  H_pp ] [dp] = - [g_p]
+    [ H_qq  H_qp ] [dN]     [g_q]        H_qq: ordered by control points, half-bandwidth 6 nq - 1,
+    [ H_pq  H_pp ] [dp] = - [g_p]        as six basis functions overlap
 
-H_qq dN = -g_q is solved by LAPACK's banded Cholesky factorisation. Memory is 8 * 6 nq^2 bytes a
-node, whatever the number of frames. Several trials t that share parameters p meet in the corner of
-an arrow,
+H_qq dN = -g_q is solved by LAPACK's banded Cholesky factorisation. Memory is 8 * 6 nq^2 bytes for
+each control point, whatever the number of frames. Several trials t that share parameters p meet in
+the corner of an arrow,
 
-    [ H_1           C_1 ] [dN_1]     [g_1]       H_t: band of trial t,       C_t: (nodes of t, parameters)
-    [       H_2     C_2 ] [dN_2] = - [g_2]
+    [ H_1           C_1 ] [dN_1]     [g_1]       H_t: band of trial t,
+    [       H_2     C_2 ] [dN_2] = - [g_2]       C_t: (coefficients of t, parameters)
     [ C_1^T C_2^T   P   ] [dp  ]     [g_p]       P = sum_t H_pp + prior
 
-Elimination of the nodes leaves the Schur complement S = P - sum_t C_t^T H_t^-1 C_t for the
+Elimination of the coefficients leaves the Schur complement S = P - sum_t C_t^T H_t^-1 C_t for the
 parameters:
 
-    dp = -S^-1 (g_p - sum_t C_t^T H_t^-1 g_t),      dN_t = -H_t^-1 g_t - X_t dp,      X_t = H_t^-1 C_t.
+    dp = -S^-1 (g_p - sum_t C_t^T H_t^-1 g_t),
+    dN_t = -H_t^-1 g_t - X_t dp,
+    X_t = H_t^-1 C_t.
 
-X_t is what the nodes of trial t lose by the parameters: -dN_t/dp. With H_t = L L^T and Y = L^-1 C_t
-all of it
-comes from half the substitutions: C_t^T H_t^-1 C_t = Y^T Y,  C_t^T H_t^-1 g = Y^T L^-1 g,  X_t dp = L^-T (Y dp).
+X_t = -dN_t/dp is the sensitivity of the coefficients. With H_t = L L^T and Y = L^-1 C_t, half of
+the substitutions are enough:
+
+    C_t^T H_t^-1 C_t = Y^T Y,      C_t^T H_t^-1 g = Y^T L^-1 g,      X_t dp = L^-T (Y dp).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,14 +37,13 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.tracking import descent, marker_residual
 from gaitcal.tracking.spline import ORDER, FrameBlock, SplineBasis
 
-ROUNDING = 1e-14  # part of its trace that is added to S: parameters that no trial sees do not move
+RELATIVE_RIDGE = 1e-14
+"""Part of its trace that is added to the diagonal of S: unobserved parameters keep their values."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NormalEquations:
-    """Half gradient and Gauss-Newton matrix of one trial at given coefficients and joint
-    parameters.
-    """
+    """Cost, half gradient and Gauss-Newton matrix of one trial."""
 
     cost: float
     band: Array  # (nn * nq, 6 nq): transposed lower band of H_qq, LAPACK's layout column by column
@@ -51,14 +52,15 @@ class NormalEquations:
     node_gradient: Array  # (nn, nq)
     parameter_gradient: Array  # (np,)
 
-    def scaled(self, share: float) -> "NormalEquations":
-        """Those of `share` times the cost."""
+    def scale_cost(self, share: float) -> "NormalEquations":
+        """Multiply the cost, and with it gradient and matrix, by `share`."""
         return NormalEquations(**{f.name: share * getattr(self, f.name) for f in fields(self)})
 
 
 class Assembler:
-    """Sums frame equations into normal equations; the pattern is worked out once for a chain and a
-    basis.
+    """Sum the equations of frames into the normal equations of a trial.
+
+    The sparsity pattern is computed once for a chain and a basis.
     """
 
     def __init__(
@@ -69,7 +71,7 @@ class Assembler:
         basis: SplineBasis,
         pulled: IntArray | None = None,
     ) -> None:
-        """`pulled`: coordinates that something else than markers determines, if they move none."""
+        """`pulled`: coordinates with a prior, which stay free even if no marker depends on them."""
         self.nq, self.np, self.basis, self.pairs = coordinates, parameters, basis, pairs
         # Only pairs (i >= j) of coordinates that move a common marker have entries: about a third
         # of nq (nq + 1) / 2.
@@ -86,39 +88,48 @@ class Assembler:
         self._later[shallow[after], deep[after] - coordinates] = 1.0
         self._earlier[deep[~after], shallow[~after] - coordinates] = 1.0
 
-    def assembled(
+    def assemble(
         self, parts: Iterable[tuple[marker_residual.FrameEquations, FrameBlock]]
     ) -> NormalEquations:
-        """The equations of all stretches as a banded matrix; coordinates that move no marker get a
-        unit diagonal.
+        """Sum the equations of all blocks of frames.
+
+        Parameters
+        ----------
+        parts
+            Equations of each block of frames, and the block.
+
+        Returns
+        -------
+        NormalEquations
+            Coordinates that move no marker have a unit diagonal.
         """
         nn, nq, pairs, cost = self.basis.nodes, self.nq, self.pairs, 0.0
         coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
-        blocks = np.zeros(
-            (nn, ORDER, len(self._i))
-        )  # [node a, d, pair] sum_f B_a(f) B_a+d(f) entry(f)
+        # [node a, d, pair] sum_f B_a(f) B_a+d(f) entry(f)
+        blocks = np.zeros((nn, ORDER, len(self._i)))
         node_gradient, mixed = np.zeros((nn, nq)), np.zeros((nn, nq, self.np))
         corner, parameter_gradient = np.zeros((self.np, self.np)), np.zeros(self.np)
         deep, shallow = pairs.deep[pairs.parameters] - nq, pairs.shallow[pairs.parameters] - nq
         for equations, stretch in parts:
             cost += equations.cost
-            products = equations.products(coordinates, coordinates)
+            products = equations.compute_products(coordinates, coordinates)
             entries = np.take(products.reshape(len(products), nq**2), self._place, axis=1)
             blocks[stretch.nodes] += (stretch.products @ entries).reshape(
                 -1, ORDER, entries.shape[1]
             )
             stretch.add_gradient(node_gradient, equations.gradient[:nq])
             if self.np:
-                # H_kl is J_k . Y_l J_l with l the later of the two in the chain: which one that is
-                # the masks tell
-                chosen = equations.products(coordinates, parameters)
+                # H_kl is J_k . Y_l J_l with l the later of the two in the chain. The masks select
+                # which of the two variables that is.
+                chosen = equations.compute_products(coordinates, parameters)
                 chosen *= self._later
                 chosen += (
-                    equations.products(parameters, coordinates).transpose(0, 2, 1) * self._earlier
+                    equations.compute_products(parameters, coordinates).transpose(0, 2, 1)
+                    * self._earlier
                 )
                 summed = stretch.weights @ chosen.reshape(len(chosen), nq * self.np)
                 mixed[stretch.nodes] += summed.reshape(-1, nq, self.np)
-                corner[shallow, deep] += equations.total(parameters)[shallow, deep]
+                corner[shallow, deep] += equations.sum_products(parameters)[shallow, deep]
                 corner[deep, shallow] = corner[shallow, deep]
                 parameter_gradient += equations.gradient[nq:].sum(axis=1)
         # Row (node a, coordinate j), column (node a + d, coordinate i) stands at band[a, j, d nq +
@@ -130,8 +141,8 @@ class Assembler:
             band[:, j, d * nq + i - j] = blocks[:, d]
             if d:
                 band[:, i[mirror], d * nq + j[mirror] - i[mirror]] = blocks[:, d, mirror]
-        # A coordinate that moves no marker would leave a zero on the diagonal: with one there it
-        # stays where it is.
+        # A coordinate that moves no marker would leave a zero on the diagonal. A unit diagonal
+        # keeps it at its value.
         band[:, self._idle, 0] = 1.0
         return NormalEquations(
             cost=cost,
@@ -144,16 +155,27 @@ class Assembler:
 
 
 class BandFactor:
-    """Cholesky factor L of H_qq + damping * diagonal (+ a floor where nothing determines a node).
+    """Cholesky factor L of H_qq + damping * diagonal.
 
-    Many right sides at once are solved in dense blocks of the width of the band, so that only
-    neighbours are coupled, L = [D; E D; E D; ...]: LAPACK's own routine takes them one by one, in a
-    multiple of the time.
+    A small floor is added where no data determine a coefficient. Many right-hand sides are solved
+    in dense blocks of the bandwidth, which couple neighbours only: L = [D; E D; E D; ...]. LAPACK's
+    routine solves them one by one, in a multiple of the time.
     """
 
     def __init__(self, band: Array, damping: float = 0.0, *, overwrite: bool = False) -> None:
-        """`overwrite`: the factor takes the place of `band`, which saves its size in memory;
-        LinAlgError if there is none, where otherwise a larger floor would be tried.
+        """Factorise a lower band.
+
+        Parameters
+        ----------
+        band : (n, width) transposed lower band.
+        damping : relative to the diagonal.
+        overwrite : store the factor in the memory of `band`. A failed factorisation then raises at
+            once; otherwise a larger floor is tried first.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The matrix is not positive definite.
         """
         copy = band if overwrite else band.copy()
         diagonal = copy[:, 0]
@@ -171,62 +193,96 @@ class BandFactor:
             raise np.linalg.LinAlgError("the normal matrix of the nodes is not positive definite")
 
     def solve(self, right: Array) -> Array:
-        """H_qq^-1 right, for right (n,) or (n, k)."""
+        """Solve H_qq x = right.
+
+        Parameters
+        ----------
+        right
+            (n,) or (n, k).
+
+        Returns
+        -------
+        (n,) or (n, k) array
+        """
         if right.ndim == 1:
             return lapack.dpbtrs(self.factor, right, lower=1)[0]
-        return self.backward(self.forward(right))
+        return self.solve_backward(self.solve_forward(right))
 
-    def forward(self, right: Array) -> Array:
-        """L^-1 right, for right (n,) or (n, k)."""
+    def solve_forward(self, right: Array) -> Array:
+        """Solve L x = right.
+
+        Parameters
+        ----------
+        right
+            (n,) or (n, k).
+
+        Returns
+        -------
+        (n,) or (n, k) array
+        """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=0)
         out = np.array(right, order="C")
-        for rows in self._blocks():
+        for rows in self._iterate_blocks():
             if rows.start:
                 before = slice(rows.start - len(self.factor), rows.start)
-                out[rows] -= self._coupling(before.start) @ out[before]
-            out[rows] = self._divided(rows, out[rows], transposed=1)
+                out[rows] -= self._extract_coupling(before.start) @ out[before]
+            out[rows] = self._solve_diagonal_block(rows, out[rows], transposed=1)
         return out
 
-    def backward(self, right: Array) -> Array:
-        """L^-T right, for right (n,) or (n, k)."""
+    def solve_backward(self, right: Array) -> Array:
+        """Solve L^T x = right.
+
+        Parameters
+        ----------
+        right
+            (n,) or (n, k).
+
+        Returns
+        -------
+        (n,) or (n, k) array
+        """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=1)
         out, n = np.array(right, order="C"), len(right)
-        for rows in reversed(list(self._blocks())):
+        for rows in reversed(list(self._iterate_blocks())):
             if rows.stop < n:
                 out[rows] -= (
-                    self._coupling(rows.start).T @ out[rows.stop : rows.stop + len(self.factor)]
+                    self._extract_coupling(rows.start).T
+                    @ out[rows.stop : rows.stop + len(self.factor)]
                 )
-            out[rows] = self._divided(rows, out[rows], transposed=0)
+            out[rows] = self._solve_diagonal_block(rows, out[rows], transposed=0)
         return out
 
-    def _blocks(self) -> Iterator[slice]:
+    def _iterate_blocks(self) -> Iterator[slice]:
         width, n = self.factor.shape
         return (slice(first, min(first + width, n)) for first in range(0, n, width))
 
-    def _divided(self, block: slice, rows: Array, *, transposed: int) -> Array:
-        """D^-1 rows (`transposed` = 1, as D stands on the right of the rows' transpose) or D^-T
-        rows.
+    def _solve_diagonal_block(self, block: slice, rows: Array, *, transposed: int) -> Array:
+        """Return D^-1 rows (`transposed` = 1) or D^-T rows (0).
+
+        BLAS works on the transpose of the rows, hence the exchanged flag.
         """
         size = block.stop - block.start
         return blas.dtrsm(
             1.0,
-            self._dense(block.start, 0, size, size),
+            self._extract_dense(block.start, 0, size, size),
             rows.T,
             side=1,
             lower=1,
             trans_a=transposed,
         ).T
 
-    def _coupling(self, first: int) -> Array:
-        """E of the rows after a block and the columns of the block that begins at `first`."""
+    def _extract_coupling(self, first: int) -> Array:
+        """Return E: rows after the block that begins at `first`, columns of that block."""
         width, n = self.factor.shape
-        return np.triu(self._dense(first, width, min(width, n - first - width), width), 1)
+        return np.triu(self._extract_dense(first, width, min(width, n - first - width), width), 1)
 
-    def _dense(self, first: int, below: int, rows: int, columns: int) -> Array:
-        """A part of L as a matrix, from column `first` and so far below the diagonal; what is
-        beyond the band or above the diagonal means nothing.
+    def _extract_dense(self, first: int, below: int, rows: int, columns: int) -> Array:
+        """View a part of L as a dense matrix.
+
+        It begins at column `first`, `below` rows under the diagonal. Entries outside the band or
+        above the diagonal are undefined.
         """
         width = len(self.factor)
         flat, size = self.factor.T.reshape(-1)[first * width + below :], self.factor.itemsize
@@ -235,7 +291,7 @@ class BandFactor:
 
 @dataclass(frozen=True)
 class Elimination:
-    """One trial, its coefficients eliminated."""
+    """One trial after elimination of its coefficients."""
 
     factor: BandFactor  # of H_t
     halfway: Array  # (nn * nq, np_t) Y
@@ -244,25 +300,48 @@ class Elimination:
     @cached_property
     def sensitivity(self) -> Array:
         """(nn * nq, np_t) X_t."""
-        return self.factor.backward(self.halfway)
+        return self.factor.solve_backward(self.halfway)
 
     def follow(self, change: Array) -> Array:
-        """(nn * nq,) X_t dp."""
-        return self.factor.backward(self.halfway @ change)
+        """Return (nn * nq,) X_t dp: minus the change of the coefficients after `change` (np_t,)."""
+        return self.factor.solve_backward(self.halfway @ change)
 
-    def reduced(self, node_gradient: Array, parameter_gradient: Array) -> Array:
-        """(np_t,) half gradient by the parameters, nodes following; from half gradients at one
-        point.
+    def reduce_gradient(self, node_gradient: Array, parameter_gradient: Array) -> Array:
+        """Compute the half gradient by the parameters, with the coefficients at their minimum.
+
+        Parameters
+        ----------
+        node_gradient
+            (nn, nq) half gradient by the coefficients.
+        parameter_gradient
+            (np_t,) half gradient by the parameters, at the same point.
+
+        Returns
+        -------
+        (np_t,) array
         """
-        return parameter_gradient - self.halfway.T @ self.factor.forward(node_gradient.ravel())
+        return parameter_gradient - self.halfway.T @ self.factor.solve_forward(
+            node_gradient.ravel()
+        )
 
 
 def eliminate(equations: NormalEquations, damping: float = 0.0) -> Elimination:
-    """Eliminate the coefficients of one trial; `damping` is relative to the diagonals of H_t and
-    H_pp.
+    """Eliminate the coefficients of one trial.
+
+    Parameters
+    ----------
+    equations
+        Normal equations of the trial.
+    damping
+        Relative to the diagonals of H_t and H_pp.
+
+    Returns
+    -------
+    Elimination
+        Factor of the band, and the reduced matrix of the parameters.
     """
     factor = BandFactor(equations.band, damping)
-    halfway = factor.forward(equations.mixed) if equations.mixed.shape[1] else equations.mixed
+    halfway = factor.solve_forward(equations.mixed) if equations.mixed.shape[1] else equations.mixed
     hessian = equations.parameters.copy()
     if damping:
         hessian += damping * np.diag(np.diag(equations.parameters))
@@ -275,7 +354,7 @@ def eliminate(equations: NormalEquations, damping: float = 0.0) -> Elimination:
 
 @dataclass(frozen=True)
 class SharedPrior:
-    """What is known of the shared parameters besides the trials: |L (p - c)|^2."""
+    """Quadratic prior |L (p - c)|^2 on the shared parameters."""
 
     cost: float
     gradient: Array  # (np,) half of it, L^T L (p - c)
@@ -283,10 +362,9 @@ class SharedPrior:
 
 
 class ArrowEquations:
-    """Equations of several trials at x = (p, coefficients of each trial), as `descend` asks for
-    them.
+    """Normal equations of several trials at x = (p, coefficients of each trial), for `descend`.
 
-    `columns`: per trial, places (np_t,) of its own parameters among the shared ones.
+    `columns`: per trial, indices (np_t,) of its parameters among the shared ones.
     """
 
     spent = False
@@ -309,14 +387,14 @@ class ArrowEquations:
         )
 
     def factor(self, damping: float) -> "ArrowFactor":
-        """With the nodes of every trial eliminated."""
+        """Eliminate the coefficients of every trial."""
         return ArrowFactor(
             [eliminate(trial, damping) for trial in self.trials], self.columns, self.prior.matrix
         )
 
 
 class ArrowFactor:
-    """Solves for parameters and nodes together."""
+    """Solver for parameters and coefficients together."""
 
     def __init__(
         self, trials: Sequence[Elimination], columns: Sequence[IntArray], prior: Array
@@ -325,14 +403,25 @@ class ArrowFactor:
         self.schur = prior.copy()
         for trial, places in zip(trials, columns, strict=True):
             self.schur[np.ix_(places, places)] += trial.hessian
-        self.schur += ROUNDING * np.trace(self.schur) * np.eye(len(prior))
+        self.schur += RELATIVE_RIDGE * np.trace(self.schur) * np.eye(len(prior))
 
     def solve(self, gradient: Array) -> Array:
-        """The whole matrix' inverse times `gradient`, both in the order of x."""
+        """Solve the whole system for parameters and coefficients.
+
+        Parameters
+        ----------
+        gradient
+            (n,) in the order of x.
+
+        Returns
+        -------
+        (n,) array
+            The inverse of the matrix times `gradient`.
+        """
         size = len(self.schur)
         ends = size + np.cumsum([0, *(len(trial.halfway) for trial in self.trials)])
         halfway = [
-            t.factor.forward(gradient[a:b])
+            t.factor.solve_forward(gradient[a:b])
             for t, (a, b) in zip(self.trials, pairwise(ends), strict=True)
         ]
         right = gradient[:size].copy()
@@ -340,7 +429,7 @@ class ArrowFactor:
             right[places] -= trial.halfway.T @ of_trial
         shared = np.linalg.solve(self.schur, right)
         coefficients = [
-            trial.factor.backward(of_trial - trial.halfway @ shared[places])
+            trial.factor.solve_backward(of_trial - trial.halfway @ shared[places])
             for trial, places, of_trial in zip(self.trials, self.columns, halfway, strict=True)
         ]
         return np.concatenate([shared, *coefficients])

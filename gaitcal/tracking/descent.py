@@ -1,22 +1,21 @@
-"""The one iteration of gaitcal: a sum of squares is brought down step by step, from a start to its
-minimum.
+"""Damped Gauss-Newton iteration for sums of squares.
 
-Tracking, the motions behind joint parameters, the combined fit and the re-fits of a Monte Carlo
-study all call `descend`; they differ in what they minimise (a `Problem`) and in `DescentSettings`.
-With g the half gradient of the cost at x and M its Gauss-Newton matrix,
+With g half the gradient of the cost at x and M its Gauss-Newton matrix,
 
     (M + damping diag(M)) step = -g,        predicted reduction of the cost  = -g . step.
 
-- *Damping* (Levenberg 1944, Marquardt 1963) is raised only when a step raised the cost, and falls
-  again afterwards.
-- *A kept factor.* Forming and factorising M costs three times a gradient, and near the minimum M
-  hardly changes: after a short undamped step its factor is kept, until a step predicts more than a
-  tenth of what the one before did.
-- *Curvature.* Where the residuals stay large, Gauss-Newton's steps shrink slowly, or grow. M then
-  becomes half the whole Hessian, as long as that is positive definite, and the steps are Newton's.
-- *The end.* A step that predicts too little, or is too short, is the last and is taken; so is one
-  after which the cost has hardly fallen. Whatever else ends the iteration has an `Ending` of its
-  own, and is not called converged.
+Tracking, the elimination of trial motions, the combined fit and the Monte Carlo studies all call
+`descend`. They differ in their `Problem` and `DescentSettings`.
+
+- *Damping* (Levenberg 1944, Marquardt 1963) is raised only after a step that raised the cost, and
+  falls again afterwards.
+- *Kept factor.* Forming and factorising M costs three gradients, and M hardly changes near the
+  minimum. After a short undamped step its factor is kept, until a step predicts more than a tenth
+  of the reduction before.
+- *Curvature.* Where residuals stay large, Gauss-Newton steps shrink slowly, or grow. M is then
+  half the full Hessian, as long as that is positive definite (Newton's method).
+- *End.* A step that predicts too little, or is too short, is taken and is the last. So is a step
+  after which the cost has hardly fallen. Every other `Ending` counts as not converged.
 """
 
 from dataclasses import dataclass
@@ -27,16 +26,18 @@ import numpy as np
 
 from gaitcal.arrays import Array
 
-# a factor is stale when a step on it predicts more than this part of what the step before did
-STALE = 0.1
+STALE_RATIO = 0.1
+"""A kept factor is stale if a step predicts more than this part of the reduction before."""
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e12
 """Relative to the diagonal of M: the first damping of a refused step, and what no step lowers the
 cost beyond.
 """
-RAISED_BY = 10.0
-NO_DAMPING = 1e-12  # damping below this is dropped
-# with more damping than this a small gain says something of the damping, not of the minimum
+DAMPING_FACTOR = 10.0
+"""Factor by which damping is raised after a refused step."""
+NEGLIGIBLE_DAMPING = 1e-12
+"""Damping below this is set to zero."""
 DECISIVE_DAMPING = 1e-2
+"""With more damping, a small gain is a sign of the damping and not of the minimum."""
 ROUNDING = 1e-14
 """A cost that is higher by this part of `nothing_left` is no higher, a gain of this part of the
 cost is none.
@@ -45,7 +46,7 @@ cost is none.
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The cost at a point."""
+    """Cost and half gradient at a point."""
 
     cost: float
     gradient: Array  # half of it, in the shape of x
@@ -55,7 +56,7 @@ class Factor(Protocol):
     """A factorised matrix M."""
 
     def solve(self, gradient: Array) -> Array:
-        """M^-1 gradient, in the shape of x."""
+        """Return M^-1 gradient, in the shape of x."""
 
 
 Point = TypeVar("Point", bound=Evaluation, covariant=True)
@@ -63,8 +64,9 @@ AnyFactor = TypeVar("AnyFactor", bound=Factor, covariant=True)
 
 
 class Linearisation(Protocol[Point, AnyFactor]):
-    """Cost, gradient and matrix at a point. `spent`: the factor took the place of the matrix in
-    memory.
+    """Cost, gradient and matrix at a point.
+
+    `spent`: the factor has replaced the matrix in memory.
     """
 
     @property
@@ -73,26 +75,28 @@ class Linearisation(Protocol[Point, AnyFactor]):
     def spent(self) -> bool: ...  # noqa: D102
 
     def factor(self, damping: float) -> AnyFactor:
-        """The factor of M + damping diag(M); LinAlgError where that is not positive definite."""
+        """Factorise M + damping diag(M); LinAlgError if it is not positive definite."""
 
 
 class Problem(Protocol[Point, AnyFactor]):
-    """What is minimised. Below `nothing_left` nothing is left to fit; `has_curvature`: it can give
-    Newton's matrix.
+    """Sum of squares to minimise.
+
+    `nothing_left`: cost below which the fit is exact. `has_curvature`: Newton's matrix is
+    available.
     """
 
     nothing_left: float
     has_curvature: bool
 
     def evaluate(self, x: Array) -> Point:
-        """Cost and gradient at x."""
+        """Compute cost and half gradient at x."""
 
     def linearise(self, x: Array, *, curved: bool) -> Linearisation[Point, AnyFactor]:
-        """The same with the matrix: Gauss-Newton's or, if `curved`, Newton's."""
+        """Compute cost, half gradient and matrix: Gauss-Newton, or Newton if `curved`."""
 
 
 class Ending(Enum):
-    """Why an iteration ended, in words."""
+    """Reason why an iteration ended."""
 
     SMALL_REDUCTION = "the next step promises too little"
     SHORT_STEP = "the last step is too short to matter"
@@ -116,7 +120,7 @@ class Ending(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class DescentSettings:
-    """When an iteration ends, and what it may do on the way."""
+    """Tolerances and options of an iteration."""
 
     gain: float = 1e-6
     """Relative gain of a step below which it is the last; what is then left to gain is about its
@@ -134,17 +138,15 @@ class DescentSettings:
     first_damping: float = 0.0  # 1e-3 when starting far away
     lowered_by: float = 30.0  # divides the damping after a step that lowered the cost
     curved: bool = False  # whether to begin with Newton's steps
-    curved_tries: int = (
-        3  # times that Newton's steps are begun, where those of Gauss-Newton are slow
-    )
-    persistent: bool = (
-        True  # False: end with `Ending.SLOW` where damping or another matrix would be needed
-    )
+    # times that Newton's steps are begun, where those of Gauss-Newton are slow
+    curved_tries: int = 3
+    # False: end with `Ending.SLOW` where damping or another matrix would be needed
+    persistent: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
 class Descent(Generic[Point, AnyFactor]):
-    """Where an iteration ended."""
+    """Result of an iteration."""
 
     x: Array
     evaluation: Point
@@ -152,9 +154,8 @@ class Descent(Generic[Point, AnyFactor]):
     it.
     """
     factor: AnyFactor | None  # of the last step; None where it was not kept, or damped
-    predicted_reduction: (
-        float  # of the cost by the last step, if it was taken on that alone; else 0
-    )
+    # of the cost by the last step, if it was taken on that alone; else 0
+    predicted_reduction: float
     steps: int
     curved: bool  # whether it ended with Newton's steps
     ending: Ending
@@ -176,102 +177,166 @@ def descend(
     settings: DescentSettings,
     known: AnyFactor | None = None,
 ) -> Descent[Point, AnyFactor]:
-    """Minimise from `start`; `known` is a factor that serves there already."""
-    x, small = start, problem.nothing_left
-    # linear: at x, as long as its matrix may be wanted with other damping
-    linear = problem.linearise(x, curved=settings.curved) if known is None else None
-    here = problem.evaluate(x) if linear is None else linear.evaluation
-    factor, fresh, damping = (
-        known,
-        False,
-        settings.first_damping,
-    )  # fresh: the factor was formed at x
-    curved, curved_tries = settings.curved, settings.curved_tries if problem.has_curvature else 0
-    predicted = predicted_fresh = (
-        np.inf
-    )  # by the step before, and by the last one whose factor was formed there
-    taken_blindly, steps, ending = 0.0, 0, None
+    """Minimise a sum of squares from a starting point.
+
+    Parameters
+    ----------
+    problem
+        Cost, gradient and matrix as functions of x.
+    start
+        x at the start, in any shape that `problem` accepts.
+    settings
+        Tolerances and options.
+    known
+        Factor of the matrix that already serves at `start`, if there is one.
+
+    Returns
+    -------
+    Descent
+        The last x, its evaluation, and the reason for the end. No factor is returned after damped
+        steps.
+    """
+    iteration = _Iteration(problem, start, settings, known)
+    steps, ending = 0, None
     while ending is None:
-        if steps == settings.most_steps or damping > MOST_DAMPING:
-            ending = Ending.MOST_STEPS if steps == settings.most_steps else Ending.NO_DESCENT
-            break
-        steps += 1
-        refused, tried = False, False  # refused: another matrix or more damping must do
-        try:
-            if factor is None:
-                if linear is None:
-                    linear = problem.linearise(x, curved=curved)
-                    here = linear.evaluation
-                factor = linear.factor(damping)
-                linear, fresh = None if linear.spent else linear, True
-            step = -factor.solve(here.gradient)
-        except np.linalg.LinAlgError:
-            refused = True
+        if steps == settings.most_steps:
+            ending = Ending.MOST_STEPS
+        elif iteration.damping > MOST_DAMPING:
+            ending = Ending.NO_DESCENT
         else:
-            reduction, length = (
-                -float(np.vdot(here.gradient, step)),
-                float(np.abs(step).max(initial=0.0)),
-            )
-            if not np.isfinite([here.cost, reduction, length]).all():
-                ending = Ending.NOT_FINITE
-                break
-            stale = reduction > STALE * predicted
-            if fresh and reduction > STALE * predicted_fresh and not curved and curved_tries:
-                curved, curved_tries, damping, factor, linear = (
-                    True,
-                    curved_tries - 1,
-                    0.0,
-                    None,
-                    None,
-                )
-                continue
-            enough = settings.gain * here.cost * (1.0 if fresh else settings.kept_gain)
-            refused = reduction < -max(enough, small)
-        if refused:  # the matrix leads uphill, or nowhere
-            ending = None if np.isfinite(here.cost) else Ending.NOT_FINITE
-        elif damping == 0.0 and (reduction <= enough or length < settings.shortest_step):
-            x, taken_blindly = x + step, reduction
-            ending = Ending.SMALL_REDUCTION if reduction <= enough else Ending.SHORT_STEP
-        elif stale and not settings.persistent:
-            refused = True
-        elif stale and not fresh:
-            factor = None
-        else:
-            tried, predicted = True, reduction
-            predicted_fresh = reduction if fresh else predicted_fresh
-            keep = length < settings.keep_within and damping == 0.0
-            factor = factor if keep or linear is not None else None  # a large one makes room
-            there = None if keep else problem.linearise(x + step, curved=curved)
-            evaluation = problem.evaluate(x + step) if there is None else there.evaluation
-            if evaluation.cost <= here.cost + ROUNDING * small:
-                gained, x, here, linear = here.cost - evaluation.cost, x + step, evaluation, there
-                if here.cost <= small:
-                    ending = Ending.NOTHING_LEFT
-                elif gained <= enough and damping < DECISIVE_DAMPING:
-                    ending = Ending.SMALL_GAIN
-                damping = damping / settings.lowered_by if damping > NO_DAMPING else 0.0
-                fresh, factor = False, factor if keep else None
-            elif predicted <= max(ROUNDING * here.cost, small) and damping < DECISIVE_DAMPING:
-                ending = Ending.SMALL_REDUCTION
-            else:
-                refused = True
-            there = None  # a large matrix makes room, too
-        if not refused or ending is not None:
-            continue
-        if not settings.persistent:
-            ending = Ending.SLOW
-        elif curved:  # Gauss-Newton takes over: its matrix is always positive definite
-            curved, factor, linear, predicted_fresh = False, None, None, np.inf
-        else:
-            factor = None
-            if fresh or not tried:
-                damping = max(RAISED_BY * damping, LEAST_DAMPING)
+            steps += 1
+            ending = iteration.advance()
     return Descent(
-        x=x,
-        evaluation=here,
-        factor=factor if damping == 0.0 else None,
-        predicted_reduction=taken_blindly,
+        x=iteration.x,
+        evaluation=iteration.here,
+        factor=iteration.factor if iteration.damping == 0.0 else None,
+        predicted_reduction=iteration.taken_blindly,
         steps=steps,
-        curved=curved,
+        curved=iteration.curved,
         ending=ending,
     )
+
+
+class _Iteration(Generic[Point, AnyFactor]):
+    """The current point of an iteration, its matrix, and the reductions predicted before."""
+
+    def __init__(
+        self,
+        problem: Problem[Point, AnyFactor],
+        start: Array,
+        settings: DescentSettings,
+        known: AnyFactor | None,
+    ) -> None:
+        self.problem, self.settings, self.x = problem, settings, start
+        # The linearisation at x is kept as long as its matrix may be needed with other damping.
+        self.linear = problem.linearise(start, curved=settings.curved) if known is None else None
+        self.here = problem.evaluate(start) if self.linear is None else self.linear.evaluation
+        # `fresh`: the factor was formed at x, not kept from an earlier point.
+        self.factor, self.fresh = known, False
+        self.damping = settings.first_damping
+        self.curved = settings.curved
+        self.curved_tries = settings.curved_tries if problem.has_curvature else 0
+        # Reductions predicted by the last step, and by the last one on a fresh factor.
+        self.predicted = self.predicted_fresh = np.inf
+        # Reduction predicted by a final step that was taken without an evaluation.
+        self.taken_blindly = 0.0
+
+    def advance(self) -> Ending | None:
+        """Take a step, or change matrix or damping; return why the iteration ends, if it does."""
+        settings = self.settings
+        try:
+            step = self._solve_step()
+        except np.linalg.LinAlgError:
+            return self._refuse(tried=False)
+        reduction = -float(np.vdot(self.here.gradient, step))
+        length = float(np.abs(step).max(initial=0.0))
+        if not np.isfinite([self.here.cost, reduction, length]).all():
+            return Ending.NOT_FINITE
+        # Gauss-Newton steps that do not shrink: change to Newton's matrix.
+        slow = self.fresh and reduction > STALE_RATIO * self.predicted_fresh
+        if slow and not self.curved and self.curved_tries:
+            self.curved, self.curved_tries = True, self.curved_tries - 1
+            self.damping, self.factor, self.linear = 0.0, None, None
+            return None
+        # An indefinite Newton matrix may lead uphill.
+        enough = settings.gain * self.here.cost * (1.0 if self.fresh else settings.kept_gain)
+        if reduction < -max(enough, self.problem.nothing_left):
+            return self._refuse(tried=False)
+        # A small undamped step is the last, and is taken on its prediction.
+        if self.damping == 0.0 and (reduction <= enough or length < settings.shortest_step):
+            self.x, self.taken_blindly = self.x + step, reduction
+            return Ending.SMALL_REDUCTION if reduction <= enough else Ending.SHORT_STEP
+        # A kept factor that no longer reduces the predictions is formed anew.
+        stale = reduction > STALE_RATIO * self.predicted
+        if stale and not settings.persistent:
+            return self._refuse(tried=False)
+        if stale and not self.fresh:
+            self.factor = None
+            return None
+        return self._try_step(step, reduction, length, enough)
+
+    def _solve_step(self) -> Array:
+        """Solve for the step, with a factor of the matrix at x if none is kept."""
+        if self.factor is None:
+            if self.linear is None:
+                self.linear = self.problem.linearise(self.x, curved=self.curved)
+                self.here = self.linear.evaluation
+            self.factor = self.linear.factor(self.damping)
+            if self.linear.spent:
+                self.linear = None
+            self.fresh = True
+        return np.asarray(-self.factor.solve(self.here.gradient))
+
+    def _try_step(
+        self, step: Array, reduction: float, length: float, enough: float
+    ) -> Ending | None:
+        """Evaluate the cost after a step, and take the step if the cost is no higher."""
+        small = self.problem.nothing_left
+        self.predicted = reduction
+        if self.fresh:
+            self.predicted_fresh = reduction
+        # Short undamped steps keep the factor: only a gradient is needed at the new point.
+        keep = length < self.settings.keep_within and self.damping == 0.0
+        if not keep and self.linear is None:
+            # A large factor is released before the next matrix is formed.
+            self.factor = None
+        x = self.x + step
+        there = None if keep else self.problem.linearise(x, curved=self.curved)
+        evaluation = self.problem.evaluate(x) if there is None else there.evaluation
+        ending = None
+        if evaluation.cost <= self.here.cost + ROUNDING * small:
+            gained = self.here.cost - evaluation.cost
+            self.x, self.here, self.linear = x, evaluation, there
+            if evaluation.cost <= small:
+                ending = Ending.NOTHING_LEFT
+            elif gained <= enough and self.damping < DECISIVE_DAMPING:
+                ending = Ending.SMALL_GAIN
+            # Damping falls after every step that lowered the cost.
+            lowered = self.damping / self.settings.lowered_by
+            self.damping = lowered if self.damping > NEGLIGIBLE_DAMPING else 0.0
+            self.fresh, self.factor = False, self.factor if keep else None
+            return ending
+        # The cost rose by rounding alone: the minimum is reached.
+        if reduction <= max(ROUNDING * self.here.cost, small) and self.damping < DECISIVE_DAMPING:
+            return Ending.SMALL_REDUCTION
+        return self._refuse(tried=True)
+
+    def _refuse(self, *, tried: bool) -> Ending | None:
+        """Choose another matrix or more damping after a step that is not taken.
+
+        `tried`: the cost after the step was evaluated, and had risen.
+        """
+        if not np.isfinite(self.here.cost):
+            return Ending.NOT_FINITE
+        if not self.settings.persistent:
+            return Ending.SLOW
+        if self.curved:
+            # Gauss-Newton takes over: its matrix is always positive definite.
+            self.curved, self.factor, self.linear = False, None, None
+            self.predicted_fresh = np.inf
+            return None
+        self.factor = None
+        # A kept factor that failed is formed anew first; a fresh one needs more damping.
+        if self.fresh or not tried:
+            self.damping = max(DAMPING_FACTOR * self.damping, LEAST_DAMPING)
+        return None

@@ -1,23 +1,24 @@
-"""Each joint alone: what its segments can reach when nothing else holds them and its place suits
-this one trial.
+"""Lowest marker distances that each joint alone can reach in one trial.
 
-Three markers make a triangle that skin hardly bends: the rigid floor (`rigid.py`) of such a segment
-says little of what a linkage can reach. A joint adds what it asks of two neighbours. For joint j
-with its proximal segment free in the laboratory, the angles of every frame by themselves (no
-splines) and all its joint parameters p_j free,
+Three markers form a triangle that soft tissue hardly deforms, so the rigid floor (`rigid.py`) of
+their segment is far below what a linkage can reach. A joint adds its condition on two neighbouring
+segments. For joint j with its proximal segment free in the laboratory, independent angles in every
+frame (no splines) and all its joint parameters p_j free,
 
-    C_j = min over p_j, poses, angles of  sum_f sum_m  (w_m / n_m) |r_mf|^2,     m on its two segments,
+    C_j = min over p_j, poses, angles of  sum_f sum_m  (w_m / n_m) |r_mf|^2
 
-n_m the number of joints that carry marker m: its weight is shared, so that every marker counts once
-over all joints. The whole linkage meets each joint's condition too. With R the least cost of the
-segments alone and C that of any motion of the linkage, whatever its joint parameters,
+with m on its two segments.
+
+n_m is the number of joints that carry marker m: its weight is shared, so that every marker counts
+once over all joints. The whole linkage satisfies the condition of every joint. With R the least
+cost of the segments alone and C that of any motion of the linkage, whatever its joint parameters,
 
     R  <=  sum_j C_j  <=  C.
 
-The squared distance of a marker is the mean over its joints: its weighted sum of squares is the
-middle of these. The markers of a segment in no joint keep their rigid distance. The ankle is its
-two hinges together, as no marker follows the talus. Frames are eliminated, S = H_pp - sum_f H_pf
-H_ff^-1 H_fp, on a descent that begins with the linkage's own motion and so ends below it.
+The squared distance of a marker is the mean over its joints, so its weighted sum of squares is the
+middle of these. Markers of a segment in no joint keep their rigid distance. The ankle is its two
+hinges together, as no marker follows the talus. Frames are eliminated, S = H_pp - sum_f H_pf
+H_ff^-1 H_fp. The descent begins with the motion of the linkage and therefore ends below it.
 """
 
 from collections.abc import Mapping
@@ -33,30 +34,39 @@ from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.rotations import compute_root_angles
 from gaitcal.tracking import descent, marker_residual, motion, spline, start, trial_problem
 
-MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
+MOST_FRAMES = 300
+"""Frames of a trial that are used, evenly spaced."""
 SETTINGS = descent.DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
-"""The last step gains less than 1e-3 of the cost, 5e-4 of the RMS. Some damping is kept throughout:
-no step is then taken on its prediction alone, which leads far along what two markers of a segment
-do not tell."""
-# of the largest diagonal entry: holds what no marker tells, like the turn of two about their line
+"""The last step gains less than 1e-3 of the cost, 5e-4 of the RMS. Some damping is kept throughout,
+so that no step is taken on its prediction alone: two markers of a segment leave a rotation
+undetermined, along which such a step leads far."""
 RIDGE = 1e-10
+"""Share of the largest diagonal entry that is added, for undetermined directions such as the
+rotation of two markers about their line."""
 
 
 @dataclass(frozen=True)
 class JointFloor:
-    """What the joints of a trial can reach, each by itself."""
+    """Lowest marker distances that the joints of a trial can reach, each by itself."""
 
-    errors: (
-        motion.MarkerErrors
-    )  # root mean square over the joints of each marker; NaN also in frames that were not looked at
+    # root mean square over the joints of each marker; NaN also in frames that were not looked at
+    errors: motion.MarkerErrors
     joints: Mapping[str, float]  # joint -> m, RMS distance over the markers of its segments
-    segments: tuple[
-        str, ...
-    ]  # that have markers in a joint; the others follow their markers as rigid segments
+    # that have markers in a joint; the others follow their markers as rigid segments
+    segments: tuple[str, ...]
 
     def rms(self, *segments: str) -> float | None:
-        """RMS distance (m) over markers with weight, of some segments or all; None where no joint
-        says anything.
+        """Compute the RMS distance over markers with weight.
+
+        Parameters
+        ----------
+        *segments
+            Segments to include; all unless given.
+
+        Returns
+        -------
+        float or None
+            m; None where no joint carries markers of these segments.
         """
         return (
             self.errors.rms(*segments)
@@ -65,50 +75,61 @@ class JointFloor:
         )
 
 
-def joint_floor(
+def compute_joint_floor(
     problem: trial_problem.MotionProblem, parameters: Parameters, q: Array
 ) -> JointFloor | None:
-    """Errors when each joint follows the markers of its segments alone; None where no joint has
-    markers on both.
+    """Compute marker distances when each joint follows the markers of its segments alone.
 
-    `parameters`, `q`: where to start from: a model, and the coordinates (nf, nq) of this trial with
-    it.
+    Parameters
+    ----------
+    problem
+        The trial.
+    parameters
+        Joint parameters to start from.
+    q
+        (nf, nq) m, rad: coordinates of the trial with these parameters.
+
+    Returns
+    -------
+    JointFloor or None
+        None where no joint has markers on both of its segments.
     """
-    chain, rigid = problem.chain, motion.rigid_floor(problem)
+    chain, rigid = problem.chain, motion.compute_rigid_floor(problem)
     shown = {chain.segments[s] for s in problem.data.segment[problem.data.weight.any(axis=1)]}
+    all_joints = _list_joints(chain)
     joints = {
-        name: parts for name, parts in _joints_of(chain).items() if shown.issuperset(_ends(parts))
+        name: parts
+        for name, parts in all_joints.items()
+        if shown.issuperset(_get_end_segments(parts))
     }
     if not joints:
         return None
-    frames = spline.spaced(len(q), MOST_FRAMES)
+    frames = spline.select_spaced_frames(len(q), MOST_FRAMES)
     data, placed = (
-        problem.data.frames(frames),
+        problem.data.select_frames(frames),
         Kinematics(chain.body(parameters), q[frames], columns=False),
     )
     axes, origins = placed.axes, placed.origins
-    carriers = [segment for parts in joints.values() for segment in _ends(parts)]
+    carriers = [segment for parts in joints.values() for segment in _get_end_segments(parts)]
     shares = np.array([carriers.count(segment) for segment in rigid.segments], dtype=float)
     squares = np.where(shares[:, None] > 0, 0.0, rigid.distance[frames].T ** 2)
     found = {}
     for name, parts in joints.items():
-        markers, s = (
-            np.flatnonzero(np.isin(rigid.segments, _ends(parts))),
-            chain.segments.index(parts[0].parent),
-        )
+        markers = np.flatnonzero(np.isin(rigid.segments, _get_end_segments(parts)))
+        # The weight of a marker is shared among the joints that carry it.
         part = marker_residual.MarkerData(
             marker_residual.PlacedMarkers(data.segment[markers], data.local[markers]),
             data.measured[markers],
             data.weight[markers] / shares[markers, None],
             None if data.shift is None else data.shift[markers],
         )
+        # The joint starts from the motion of the linkage: pose of its proximal segment, and angles.
+        s = chain.segments.index(parts[0].parent)
         root = np.hstack([origins[s].T, compute_root_angles(axes[s].transpose(2, 1, 0))])
-        turns = [
-            chain.coordinates.index(name) for name in list_joint_coordinates(p.child for p in parts)
-        ]
-        distance = _JointAlone(
-            parts, part, chain, parameters, np.hstack([root, q[frames][:, turns]])
-        ).distances()
+        names = list_joint_coordinates([p.child for p in parts])
+        columns = [chain.coordinates.index(coordinate) for coordinate in names]
+        q_joint = np.hstack([root, q[frames][:, columns]])
+        distance = _JointAlone(parts, part, chain, parameters, q_joint).compute_distances()
         squares[markers] += distance**2 / shares[markers, None]
         found[name] = float(np.sqrt(np.mean(distance[data.weight[markers] > 0] ** 2)))
     floor = np.full_like(rigid.distance, np.nan)
@@ -118,8 +139,8 @@ def joint_floor(
     )
 
 
-def _joints_of(chain: Chain) -> dict[str, tuple[Joint, ...]]:
-    """The joints of a chain by name, each with its parts, proximal first: two for the ankle."""
+def _list_joints(chain: Chain) -> dict[str, tuple[Joint, ...]]:
+    """List the joints of a chain by name, with their parts, proximal first: two for the ankle."""
     out: dict[str, tuple[Joint, ...]] = {}
     for joint in JOINTS:
         if joint.child in chain.segments and joint.child != chain.root:
@@ -128,15 +149,13 @@ def _joints_of(chain: Chain) -> dict[str, tuple[Joint, ...]]:
     return out
 
 
-def _ends(parts: tuple[Joint, ...]) -> tuple[str, str]:
-    """The segments of a joint that carry markers."""
+def _get_end_segments(parts: tuple[Joint, ...]) -> tuple[str, str]:
+    """Get the two segments of a joint that carry markers."""
     return parts[0].parent, parts[-1].child
 
 
 class _JointAlone:
-    """The marker cost of one joint by the coordinates of all frames, followed by its joint
-    parameters.
-    """
+    """Marker cost of one joint by the coordinates of all frames and its joint parameters."""
 
     nothing_left = 0.0
     has_curvature = False
@@ -166,29 +185,31 @@ class _JointAlone:
         )
         self.first = np.append(q.ravel(), parameters.joint[[JP_INDEX[name] for name in chain.free]])
 
-    def distances(self) -> Array:
-        """(markers, nf) m, at the minimum."""
+    def compute_distances(self) -> Array:
+        """Compute (markers, nf) m at the minimum."""
         parameters, q = self.split(descent.descend(self, self.first, SETTINGS).x)
         body = self.body.with_free(parameters)
-        model = marker_residual.marker_positions(body, self.data.placed, q, self.data.shift)
+        model = marker_residual.compute_marker_positions(body, self.data.placed, q, self.data.shift)
         return np.linalg.norm(model - self.data.measured, axis=1)
 
     def split(self, x: Array) -> tuple[Parameters, Array]:
-        """Parameters and coordinates (nf, nq)."""
+        """Split x into parameters and coordinates (nf, nq)."""
         count = self.shape[0] * self.shape[1]
         return self.parameters.with_joint(self.chain.free, x[count:]), x[:count].reshape(self.shape)
 
-    def equations(self, x: Array, *, hessian: bool) -> marker_residual.FrameEquations:
-        """Of every frame, without the matrix or with it."""
+    def assemble_equations(self, x: Array, *, hessian: bool) -> marker_residual.FrameEquations:
+        """Assemble the equations of every frame, with or without the matrix."""
         parameters, q = self.split(x)
         body = self.body.with_free(parameters)
-        return marker_residual.frame_equations(body, self.pairs, self.data, q, hessian=hessian)
+        return marker_residual.assemble_frame_equations(
+            body, self.pairs, self.data, q, hessian=hessian
+        )
 
     def evaluate(self, x: Array) -> descent.Evaluation:
-        return self.gradient(self.equations(x, hessian=False))
+        return self.sum_gradient(self.assemble_equations(x, hessian=False))
 
-    def gradient(self, equations: marker_residual.FrameEquations) -> descent.Evaluation:
-        """Cost and half gradient in the order of x."""
+    def sum_gradient(self, equations: marker_residual.FrameEquations) -> descent.Evaluation:
+        """Sum cost and half gradient, in the order of x."""
         nq = self.shape[1]
         by_frame, by_parameter = (
             equations.gradient[:nq].T.ravel(),
@@ -197,19 +218,19 @@ class _JointAlone:
         return descent.Evaluation(equations.cost, np.append(by_frame, by_parameter))
 
     def linearise(self, x: Array, *, curved: bool) -> "_JointMatrix":
-        return _JointMatrix(self, self.equations(x, hessian=True))
+        return _JointMatrix(self, self.assemble_equations(x, hessian=True))
 
 
 class _JointMatrix:
-    """Its Gauss-Newton matrix: a block for each frame, bordered by the joint parameters."""
+    """Gauss-Newton matrix of a joint: a block for each frame, bordered by the joint parameters."""
 
     spent = False
 
     def __init__(self, joint: _JointAlone, equations: marker_residual.FrameEquations) -> None:
-        self.shape, self.evaluation = joint.shape, joint.gradient(equations)
+        self.shape, self.evaluation = joint.shape, joint.sum_gradient(equations)
         # (nf, n, n) right wherever the second variable moves nothing that the first leaves: beside
         # the root all do
-        whole = equations.products()
+        whole = equations.compute_products()
         root, rest = slice(0, start.ROOT_COORDINATES), slice(start.ROOT_COORDINATES, None)
         whole[:, rest, root] = whole[:, root, rest].transpose(0, 2, 1)
         nq = self.shape[1]
@@ -218,12 +239,12 @@ class _JointMatrix:
 
     def factor(self, damping: float) -> "_JointFactor":
         return _JointFactor(
-            _damped(self.frames, damping), self.border, _damped(self.corner, damping)
+            _add_damping(self.frames, damping), self.border, _add_damping(self.corner, damping)
         )
 
 
-def _damped(matrix: Array, damping: float) -> Array:
-    """The matrices (..., n, n) with a heavier diagonal."""
+def _add_damping(matrix: Array, damping: float) -> Array:
+    """Add damping and a small ridge to the diagonals of matrices (..., n, n)."""
     diagonal = np.einsum("...ii->...i", matrix)
     return (
         matrix + np.eye(matrix.shape[-1]) * (damping * diagonal + RIDGE * diagonal.max())[..., None]
@@ -231,7 +252,7 @@ def _damped(matrix: Array, damping: float) -> Array:
 
 
 class _JointFactor:
-    """The frames eliminated."""
+    """Factor of the matrix of a joint, after elimination of the frames."""
 
     def __init__(self, frames: Array, border: Array, corner: Array) -> None:
         self.inverse = np.linalg.inv(frames)

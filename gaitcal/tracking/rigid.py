@@ -1,15 +1,15 @@
-"""Each segment alone: the rigid motion that fits its markers best, frame by frame.
+"""Rigid fit of each segment to its markers, frame by frame.
 
-With weights w_m, model positions l_m and measured x_m about their weighted means, the best rotation
-maximises
-trace(R^T B),  B = sum_m w_m x_m l_m^T  (Wahba 1965). Markley's closed form (FOAM, J. Astronautical Sciences 41, 1993)
-needs no singular value decomposition and works for markers in a plane, as three always are:
+With weights w_m, model positions l_m and measured positions x_m about their weighted means, the
+best rotation maximises trace(R^T B),  B = sum_m w_m x_m l_m^T  (Wahba 1965). Markley's closed form
+(FOAM, J. Astronautical Sciences 41, 1993) needs no singular value decomposition and works for
+markers in a plane, as three always are:
 
     R = [ (k + |B|^2) B + s adj(B)^T - B B^T B ] / (k s - det B),   k = (s^2 - |B|^2) / 2,
 
-s the largest root of (s^2 - |B|^2)^2 - 8 s det B - 4 |adj B|^2, by Newton from above. What then
-remains is the rigid-segment floor: no linkage of these segments can fit better. Arrays have the
-frame index last.
+s is the largest root of (s^2 - |B|^2)^2 - 8 s det B - 4 |adj B|^2, found by Newton from above. The
+remaining distances are the rigid-segment floor: no linkage of these segments fits better. Arrays
+have the frame index last.
 """
 
 from dataclasses import dataclass
@@ -22,12 +22,13 @@ from gaitcal.model.segment_frames import find_nearest_rotation
 from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.tracking.marker_residual import MarkerData
 
-COLLINEAR = 1e-3
-"""Ratio of the second to the first singular value of B below which the turn about the markers' line
-is unknown.
-"""
+COLLINEAR_RATIO = 1e-3
+"""Ratio of the second to the first singular value of B below which the rotation about the line of
+the markers is undetermined."""
 MOST_STEPS = 60
-FEWEST_MARKERS = 3  # that tell where a segment is and how it is turned
+"""Largest number of Newton steps for s."""
+FEWEST_MARKERS = 3
+"""Markers that determine position and orientation of a segment."""
 
 
 @dataclass(frozen=True)
@@ -36,37 +37,62 @@ class RigidFit:
 
     rotation: Array  # (nf, 3, 3) segment to laboratory
     origin: Array  # (nf, 3) m, of the segment frame
-    determined: BoolArray  # (nf,) whether at least three markers that are not on one line were seen
+    determined: BoolArray  # (nf,) whether three markers off one line are visible
 
 
-def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
-    """Fit local positions (nm, 3) to measured ones (nm, 3, nf) with weights (nm, nf)."""
-    spread, x_mean, l_mean = _moments(local, measured, weight)
-    rotation, two_dimensional = best_rotation(spread)
+def fit_rigid(local: Array, measured: Array, weight: Array) -> RigidFit:
+    """Fit a rigid motion to the markers of one segment.
+
+    Parameters
+    ----------
+    local
+        (nm, 3) m, positions in the segment frame.
+    measured
+        (nm, 3, nf) m, laboratory axes.
+    weight
+        (nm, nf) >= 0.
+
+    Returns
+    -------
+    RigidFit
+    """
+    spread, x_mean, l_mean = _compute_moments(local, measured, weight)
+    rotation, two_dimensional = find_best_rotation(spread)
     determined = ((weight > 0).sum(axis=0) >= FEWEST_MARKERS) & two_dimensional
     origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
     return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined)
 
 
-def segment_fit(markers: MarkerPlacement, segment: str, recording: Recording) -> RigidFit | None:
-    """Of the markers on a segment that a recording names; None of fewer than three, or where none
-    of it shows its turn.
+def fit_segment(markers: MarkerPlacement, segment: str, recording: Recording) -> RigidFit | None:
+    """Fit a segment to the markers that a recording has of it, all with the same weight.
 
-    Every marker counts as much.
+    Parameters
+    ----------
+    markers
+        Markers of the model.
+    segment
+        Name of the segment.
+    recording
+        Measured markers.
+
+    Returns
+    -------
+    RigidFit or None
+        None where fewer than three markers are recorded, or no frame determines the orientation.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
     on = markers.find_markers(segment, column)
     if len(on) < FEWEST_MARKERS:
         return None
     measured = recording.markers[:, [column[markers.labels[i]] for i in on]]
-    seen = seen_mask(measured)
-    placed = np.where(seen[:, :, None], measured, 0.0).transpose(1, 2, 0)
-    fit = rigid_fit(markers.local[on], placed, seen.T.astype(float))
+    visible = seen_mask(measured)
+    placed = np.where(visible[:, :, None], measured, 0.0).transpose(1, 2, 0)
+    fit = fit_rigid(markers.local[on], placed, visible.T.astype(float))
     return fit if fit.determined.any() else None
 
 
 class SegmentMoments:
-    """First and second moments of every segment's markers together: fits of all segments at once."""
+    """First and second moments of the markers of all segments, for simultaneous fits."""
 
     def __init__(self, data: MarkerData) -> None:
         nf = data.measured.shape[-1]
@@ -75,21 +101,28 @@ class SegmentMoments:
         self._place = {s: k for k, (s, _) in enumerate(groups)}
         self._seen = np.array([(data.weight[markers] > 0).sum(axis=0) for _, markers in groups])
         self._local = data.moments
-        self._mixed = np.empty((len(groups), 4, 3, nf))  # sum of w [l; 1]_j x
+        # sum of w [l; 1]_j x
+        self._mixed = np.empty((len(groups), 4, 3, nf))
         for k, (_, markers) in enumerate(groups):
             flat = pull[markers].reshape(-1, 3 * nf)
             np.matmul(data.placed.extended[markers].T, flat, out=self._mixed[k].reshape(4, 3 * nf))
             if data.shift is not None:
                 self._mixed[k, :3] += np.einsum("mjf,mif->jif", data.shift[markers], pull[markers])
 
-    def fits(self) -> dict[int, RigidFit]:
-        """Rigid fits of the segments that carry markers."""
+    def fit_segments(self) -> dict[int, RigidFit]:
+        """Fit every segment that carries markers.
+
+        Returns
+        -------
+        dict
+            Segment index -> RigidFit.
+        """
         n, nf = len(self._place), self._mixed.shape[-1]
         total = np.broadcast_to(self._local[:, 3, 3], (n, nf))
         safe = np.where(total > 0, total, 1.0)
         x_mean, l_mean = self._mixed[:, 3] / safe[:, None], self._local[:, 3, :3] / safe[:, None]
         spread = self._mixed[:, :3] - l_mean[:, :, None] * self._mixed[:, 3, None]
-        rotation, two_dimensional = best_rotation(
+        rotation, two_dimensional = find_best_rotation(
             spread.transpose(2, 1, 0, 3).reshape(3, 3, n * nf)
         )
         rotation = rotation.reshape(3, 3, n, nf)
@@ -100,30 +133,58 @@ class SegmentMoments:
             s: RigidFit(by_frame[k], origin[k].T, determined[k]) for s, k in self._place.items()
         }
 
-    def about(self, segment: int, centre: Array, local_centre: Array) -> tuple[Array, BoolArray]:
-        """(nf, 3, 3) sum of w (x - c) (l - l_c)^T about known centres (nf, 3) and (3,), and (nf,)
-        whether it determines a rotation.
+    def compute_spread(
+        self, segment: int, centre: Array, local_centre: Array
+    ) -> tuple[Array, BoolArray]:
+        """Compute B of a segment about known centres.
+
+        Parameters
+        ----------
+        segment
+            Index of the segment.
+        centre
+            (nf, 3) m, c in the laboratory.
+        local_centre
+            (3,) m, l_c in the segment frame.
+
+        Returns
+        -------
+        (nf, 3, 3) array
+            Sum of w (x - c) (l - l_c)^T.
+        (nf,) array of bool
+            Whether it determines a rotation.
         """
         k = self._place[segment]
         mixed, local = self._mixed[k], self._local[k]
-        arm = local[:3, 3] - local_centre[:, None] * local[3, 3]  # (3, nf) sum of w (l - l_c)
+        # (3, nf) sum of w (l - l_c)
+        arm = local[:3, 3] - local_centre[:, None] * local[3, 3]
         spread = mixed[:3] - local_centre[:, None, None] * mixed[3] - arm[:, None] * centre.T
-        scale, minors = (spread * spread).sum(axis=(0, 1)), _row_products(spread)
-        two_dimensional = np.sqrt((minors * minors).sum(axis=(0, 1))) > COLLINEAR * scale
+        scale, minors = (spread * spread).sum(axis=(0, 1)), _compute_row_products(spread)
+        two_dimensional = np.sqrt((minors * minors).sum(axis=(0, 1))) > COLLINEAR_RATIO * scale
         return spread.transpose(2, 1, 0), (scale > 0) & two_dimensional
 
 
-def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
-    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight
-    is zero.
+def compute_rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
+    """Compute the distances that remain when a segment follows its markers.
 
-    `local`: (nm, 3) m, or (nm, 3, nf) where they move in the segment.
+    Parameters
+    ----------
+    local
+        (nm, 3) m, or (nm, 3, nf) where the markers move in the segment.
+    measured
+        (nm, 3, nf) m, laboratory axes.
+    weight
+        (nm, nf) >= 0.
+
+    Returns
+    -------
+    (nm, nf) array
+        m; NaN where the weight is zero.
     """
-    spread, x_mean, l_mean = _moments(local, measured, weight)
-    rotation, determined = best_rotation(spread)
-    if (
-        not determined.all()
-    ):  # one or two markers, or all on a line: any of the best rotations will do
+    spread, x_mean, l_mean = _compute_moments(local, measured, weight)
+    rotation, determined = find_best_rotation(spread)
+    # one or two markers, or all on a line: any of the best rotations will do
+    if not determined.all():
         any_best = find_nearest_rotation(spread[:, :, ~determined].transpose(2, 0, 1))
         rotation[:, :, ~determined] = any_best.transpose(1, 2, 0)
     by_frame = local.reshape(*local.shape[:2], -1)
@@ -133,9 +194,10 @@ def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
     return distance
 
 
-def _moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """B (3, 3, nf), and the weighted means of measured positions and of local ones, (nm, 3) or (nm,
-    3, nf): (3, nf).
+def _compute_moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """Compute B (3, 3, nf), and the weighted means (3, nf) of measured and local positions.
+
+    Local positions are (nm, 3) or (nm, 3, nf).
     """
     total = weight.sum(axis=0)
     safe = np.where(total > 0, total, 1.0)
@@ -147,18 +209,28 @@ def _moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array
     return np.einsum("mif,mjf->ijf", pull, local), x_mean, l_mean
 
 
-def best_rotation(b: Array) -> tuple[Array, BoolArray]:
-    """(3, 3, nf) rotations nearest to matrices (3, 3, nf), and (nf,) whether each is determined.
+def find_best_rotation(b: Array) -> tuple[Array, BoolArray]:
+    """Find the rotations nearest to matrices.
 
-    Undetermined rotations are identities.
+    Parameters
+    ----------
+    b
+        (3, 3, nf) matrices B.
+
+    Returns
+    -------
+    (3, 3, nf) array
+        Rotations; identities where they are undetermined.
+    (nf,) array of bool
+        Whether each is determined.
     """
     scale = np.sqrt((b * b).sum(axis=(0, 1)))
     safe = np.where(scale > 0, scale, 1.0)
     b = b / safe
-    adjugate = _row_products(b)
+    adjugate = _compute_row_products(b)
     determinant = (b[0] * adjugate[0]).sum(axis=0)
     square = (adjugate * adjugate).sum(axis=(0, 1))
-    determined = (scale > 0) & (np.sqrt(square) > COLLINEAR)
+    determined = (scale > 0) & (np.sqrt(square) > COLLINEAR_RATIO)
     # the largest root s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2, for |B| = 1 at most sqrt(3): Newton
     # falls onto it. Only where a rotation is determined, as others have a double root, which takes
     # Newton long
@@ -185,8 +257,8 @@ def best_rotation(b: Array) -> tuple[Array, BoolArray]:
     return 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram), determined
 
 
-def _row_products(b: Array) -> Array:
-    """(3, 3, nf) adj(B)^T: its rows are the cross products of the rows of B."""
+def _compute_row_products(b: Array) -> Array:
+    """Compute (3, 3, nf) adj(B)^T: its rows are the cross products of the rows of B."""
     out = np.empty_like(b)
     for i in range(3):
         first, second = b[(i + 1) % 3], b[(i + 2) % 3]

@@ -1,37 +1,35 @@
-"""Markers that leave the place where the static trial shows them: soft tissue that moves as
-unknowns of a trial.
+"""Soft tissue artefacts as unknowns of a trial: markers that move against their segment.
 
-The markers of a segment shift and turn together about their middle c, in proportion to some
+The markers of a segment translate and rotate together about their middle c, in proportion to
 functions psi of time:
 
     marker m at   c + t + exp(theta x) (l_m - c + sum_r psi_r(t) d_mr) + sum_r psi_r(t) B_m z_r,
-    (t, theta) = sum_r psi_r(t) mu_r,      B_m = [1, -(l_m - c) x]  (3, 6),
+    (t, theta) = sum_r psi_r(t) mu_r,      B_m = [1, -(l_m - c) x]  (3, 6).
 
-mu_r what is expected of all markers together, three shifts (m) and three turns (rad), d_mr what a
-marker does beside them, and z_r shifts and turns about mu_r. Turns of tracked bones reach 25
-degrees in deep flexion, by which lever arms shorten by a tenth: only z_r, some degrees, is taken
-for small. z_r are shared by all frames, and those of the same key by all trials. With R the
-segment's axes, x_m the marker and v_k the velocity that variable k gives it, the half gradient and
-the entries of the Gauss-Newton matrix are
+mu_r is the prior mean of all markers together, three translations (m) and three rotations (rad);
+d_mr is the deformation, which differs from marker to marker; z_r are translations and rotations
+about mu_r. Rotations of clusters reach 25 degrees in deep flexion and shorten lever arms by a
+tenth, so only z_r, some degrees, is linearised. z_r are shared by all frames, and those of the same
+key by all trials. With R the axes of the segment, x_m the marker and v_k its velocity by variable
+k, the half gradient and the entries of the Gauss-Newton matrix are
 
-    g_r = sum_t psi_r sum_m w B_m^T R^T r_m,                H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,
+    g_r = sum_t psi_r sum_m w B_m^T R^T r_m,
+    H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,
     H_rs = sum_t psi_r psi_s sum_m w B_m^T B_m.
 
-A knee is no hinge, it rolls, glides and turns: what it does besides, as unknowns of a trial too.
-Before it flexes, the shank slides along x and y and turns about x and y of the axes that flexion
-turns about, by
+Secondary motions of the knee, which is no hinge, are unknowns of a trial too. Before it flexes, the
+shank translates along x and y and rotates about x and y of the flexion axes, by
 
-    amount_c(t) = z_c2 b_2(phi(t)) + z_c3 b_3(phi(t)),      c: ant, sup (m), front, trans (rad),
+    amount_c(t) = z_c2 b_2(phi(t)) + z_c3 b_3(phi(t)),      c: ant, sup (m), front, trans (rad).
 
-phi the knee's angle, tracked with nominal joints. What goes linearly with phi is a hinge that lies
-elsewhere, and is left to the joint parameters. b_2 and b_3 are what 1 and phi leave of phi^2, and
-1, phi and phi^2 of phi^3, over all trials of one kind of task, of mean square one: sizes of z are
-those of the motion in the task. Knees of cadavers (Walker et al., J Biomech 21:965-974, 1988) are
-so described to 0.1 degrees.
+phi is the knee angle, tracked with nominal joints. A part linear in phi is equivalent to another
+position of the hinge and is left to the joint parameters. b_2 and b_3 are the parts of phi^2
+orthogonal to 1 and phi, and of phi^3 orthogonal to 1, phi and phi^2, over all trials of one kind of
+task, with mean square one. Knees of cadavers (Walker et al., J Biomech 21:965-974, 1988) are so
+described to 0.1 degrees.
 
-z are variables of the chain like joint parameters (`Chain.secondary`); their columns are those of a
-joint that slides or turns there, times b, so that all equations of a trial hold them. Tracking and
-torques keep the hinge.
+z are variables of the chain like joint parameters (`Chain.secondary`). Their columns are those of a
+translation or rotation there, times b. Tracking and torques keep the hinge.
 """
 
 from __future__ import annotations
@@ -49,27 +47,21 @@ from gaitcal.model.kinematics import Kinematics, SecondaryMotion
 from gaitcal.model.linkage import BENDS, SECONDARY
 from gaitcal.tracking import banded, marker_residual, spline
 
-LEAST_SPREAD = np.deg2rad(
-    2.0
-)  # rad: an angle that moves less in a task moves no more with it than one that does
-COMPONENTS = (
-    "tx",
-    "ty",
-    "tz",
-    "rx",
-    "ry",
-    "rz",
-)  # of z_r: shifts along and turns about the segment's axes
+MIN_ANGLE_SPREAD_RAD = np.deg2rad(2.0)
+"""rad, least standard deviation of an angle in a task: a smaller one moves soft tissue no more."""
+# Components of z_r: translations along and rotations about the axes of the segment
+COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 WIDTH = len(COMPONENTS)
-SMALLEST = 1e-3
-"""Part of the largest singular value of B below which markers do not show a motion: a turn about
-their line.
+"""Number of components of z_r."""
+RANK_TOLERANCE = 1e-3
+"""Part of the largest singular value of B below which markers do not determine a motion: a rotation
+about their line.
 """
 
 
 @dataclass(frozen=True)
 class SecondaryColumns:
-    """The secondary motions of a trial."""
+    """Secondary motions of the joints in a trial."""
 
     kind: str  # of task: trials of one kind share the unknowns
     regressors: dict[str, tuple[Array, Array]]  # coordinate -> (nf,) b_2 and b_3
@@ -94,37 +86,63 @@ class SecondaryColumns:
             for element in SECONDARY[name]
         )
 
-    def at(self, z: Array) -> SecondaryMotion:
-        """With the unknowns at z (n,), m and rad."""
+    def evaluate(self, z: Array) -> SecondaryMotion:
+        """Evaluate the secondary motions.
+
+        Parameters
+        ----------
+        z
+            (n,) m, rad, unknowns.
+
+        Returns
+        -------
+        SecondaryMotion
+        """
         values = z.reshape(len(self.regressors), len(BENDS), -1)
         amounts = {
-            name: np.asarray(own.T @ np.array(bends), float)
-            for own, (name, bends) in zip(values, self.regressors.items(), strict=True)
+            name: np.asarray(factors.T @ np.array(bends), float)
+            for factors, (name, bends) in zip(values, self.regressors.items(), strict=True)
         }
         return SecondaryMotion(amounts=amounts, regressors=self.regressors)
 
 
-def secondary_columns(kind: str, angles: Sequence[Mapping[str, Array]]) -> list[SecondaryColumns]:
-    """Per trial of one kind of task, from coordinate -> (nf,) rad."""
+def build_secondary_columns(
+    kind: str, angles: Sequence[Mapping[str, Array]]
+) -> list[SecondaryColumns]:
+    """Build the secondary motions of the trials of one kind of task.
+
+    Parameters
+    ----------
+    kind
+        Kind of task; its trials share the unknowns.
+    angles
+        Per trial: coordinate -> (nf,) rad.
+
+    Returns
+    -------
+    list of SecondaryColumns
+        One for each trial.
+    """
     out: list[dict[str, tuple[Array, Array]]] = [{} for _ in angles]
     for name in SECONDARY:
         moved = [k for k, of_trial in enumerate(angles) if name in of_trial]
         if moved:
-            both = _bends(np.concatenate([angles[k][name] for k in moved]))
+            both = _orthogonalise_bends(np.concatenate([angles[k][name] for k in moved]))
             ends = np.cumsum([len(angles[k][name]) for k in moved])[:-1]
             for k, square, cube in zip(moved, *(np.split(b, ends) for b in both), strict=True):
                 out[k][name] = square, cube
     return [SecondaryColumns(kind, regressors) for regressors in out]
 
 
-def _bends(angle: Array) -> Array:
-    """(2, nf) b_2 and b_3 of an angle (nf,) rad; zero where the frames are too few to tell bends
-    from a line.
+def _orthogonalise_bends(angle: Array) -> Array:
+    """Compute (2, nf) b_2 and b_3 of an angle (nf,) rad.
+
+    Zero where the frames are too few to distinguish a curve from a line.
     """
     columns = len(BENDS) + 2
     if len(angle) < columns:
         return np.zeros((len(BENDS), len(angle)))
-    psi = (angle - angle.mean()) / max(float(angle.std()), LEAST_SPREAD)
+    psi = (angle - angle.mean()) / max(float(angle.std()), MIN_ANGLE_SPREAD_RAD)
     q, r = np.linalg.qr(np.vander(psi, columns, increasing=True))
     size = psi.std() ** np.arange(2, columns)
     return np.sqrt(len(psi)) * (q[:, 2:] * np.sign(np.diag(r)[2:]) * size).T
@@ -132,15 +150,14 @@ def _bends(angle: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentTissue:
-    """What moves the markers of one segment against it."""
+    """Soft tissue artefact of the markers of one segment."""
 
     segment: int  # index into the chain's segments
     carrier: str  # name of the segment
     markers: slice
     pattern: Array  # (nm, 3, 6) B of its markers
-    names: tuple[
-        str, ...
-    ]  # (nr,) `gait/hip_flexion_r`: the same name on a segment of two trials is the same unknown
+    # (nr,) `gait/hip_flexion_r`: the same name on a segment of two trials is the same unknown
+    names: tuple[str, ...]
     regressors: Array  # (nr, nf) psi
     # (nr, nm, 3) m: what the markers of a person of softness 1 do before anything is fitted
     expected: Array
@@ -155,39 +172,49 @@ class SegmentTissue:
     @cached_property
     def displacement(self) -> Array:
         """(nm, 3, nf) m, of each marker before anything is fitted."""
-        rigid = self.softness * np.array([self.rigid_part(moves) for moves in self.expected])
+        rigid = self.softness * np.array([self.fit_rigid_part(moves) for moves in self.expected])
         deformation = self.deformation
         if deformation is None:
             deformation = self.softness * self.expected - np.array(
                 [self.pattern @ moves for moves in rigid]
             )
-        # the lever arms that `together` has made B of
+        # the lever arms that `build_rigid_pattern` has made B of
         arms = np.stack(
             [self.pattern[:, 1, 5], self.pattern[:, 2, 3], self.pattern[:, 0, 4]], axis=1
         )
-        path = self.regressors.T @ rigid  # (nf, 6)
+        # (nf, 6)
+        path = self.regressors.T @ rigid
         deformed = arms[:, :, None] + np.einsum("rmi,rf->mif", deformation, self.regressors)
-        turned = np.einsum("fij,mjf->mif", Rotation.from_rotvec(path[:, 3:]).as_matrix(), deformed)
-        return np.asarray(turned - arms[:, :, None] + path[:, :3].T)
+        rotated = np.einsum("fij,mjf->mif", Rotation.from_rotvec(path[:, 3:]).as_matrix(), deformed)
+        return np.asarray(rotated - arms[:, :, None] + path[:, :3].T)
 
-    def rigid_part(self, moves: Array) -> Array:
-        """(6,) the shift and turn nearest to what each marker does, (nm, 3) m."""
+    def fit_rigid_part(self, moves: Array) -> Array:
+        """Fit a translation and a rotation to displacements of the markers.
+
+        Parameters
+        ----------
+        moves
+            (nm, 3) m.
+
+        Returns
+        -------
+        (6,) array
+            m, rad.
+        """
         flat = self.pattern.reshape(-1, WIDTH)
-        return np.asarray(np.linalg.pinv(flat, rcond=SMALLEST) @ moves.ravel())
+        return np.asarray(np.linalg.pinv(flat, rcond=RANK_TOLERANCE) @ moves.ravel())
 
 
 @dataclass(frozen=True)
 class SoftTissue:
-    """What moves the markers of a trial against the linkage besides its motion.
+    """Soft tissue artefacts and secondary joint motions of a trial.
 
-    The columns of segments, regressor by regressor, shifts before turns; and what its joints do
-    beside them.
+    Columns run over segments, regressors, and components: translations, then rotations.
     """
 
     groups: tuple[SegmentTissue, ...]
-    secondary: SecondaryColumns | None = (
-        None  # variables of the chain, before the columns of segments
-    )
+    # variables of the chain, before the columns of segments
+    secondary: SecondaryColumns | None = None
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
@@ -199,8 +226,21 @@ class SoftTissue:
             for c in COMPONENTS
         )
 
-    def shift(self, z: Array, markers: int) -> Array:
-        """(markers, 3, nf) m, displacement of every marker of the trial in its segment."""
+    def compute_shift(self, z: Array, markers: int) -> Array:
+        """Compute the displacement of every marker of the trial in its segment.
+
+        Parameters
+        ----------
+        z
+            (nz,) m, rad, unknowns of the segments.
+        markers
+            Number of markers of the trial.
+
+        Returns
+        -------
+        (markers, 3, nf) array
+            m, axes of the segments.
+        """
         out, at = np.zeros((markers, 3, self.groups[0].regressors.shape[1])), 0
         for group in self.groups:
             part = z[at : at + WIDTH * len(group.names)].reshape(-1, WIDTH)
@@ -210,17 +250,28 @@ class SoftTissue:
         return out
 
 
-def together(arms: Array) -> Array:
-    """(nm, 3, 6) B of markers at `arms` (nm, 3) m from their middle."""
+def build_rigid_pattern(arms: Array) -> Array:
+    """Build the matrices B of markers that move together.
+
+    Parameters
+    ----------
+    arms
+        (nm, 3) m, positions from their middle.
+
+    Returns
+    -------
+    (nm, 3, 6) array
+    """
     out = np.zeros((len(arms), 3, WIDTH))
     out[:, :, :3] = np.eye(3)
-    for i in range(3):  # e_j x arm, for e_j the axis turned about
+    # e_j x arm, for e_j the axis of rotation
+    for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[:, i, 3 + j], out[:, i, 3 + k] = arms[:, k], -arms[:, j]
     return out
 
 
-def with_tissue_columns(
+def add_tissue_columns(
     body: LinkageModel,
     basis: spline.SplineBasis,
     data: marker_residual.MarkerData,
@@ -228,38 +279,56 @@ def with_tissue_columns(
     equations: banded.NormalEquations,
     coefficients: Array,
 ) -> banded.NormalEquations:
-    """Normal equations of a trial at `coefficients` with the columns of its soft tissue after its
-    joint parameters.
+    """Add the columns of soft tissue to the normal equations of a trial.
+
+    Parameters
+    ----------
+    body, basis, data, tissue
+        Linkage, splines, markers and soft tissue of the trial.
+    equations
+        Normal equations without soft tissue.
+    coefficients
+        (nn, nq) at which the equations were assembled.
+
+    Returns
+    -------
+    NormalEquations
+        Soft tissue follows the joint parameters.
     """
     q = basis.evaluate(coefficients)
     nq, nz, n_free = q.shape[1], len(tissue.keys), len(body.chain.free)
     placed = Kinematics(body, q, data.secondary)
     segments, columns = placed.segments, placed.columns
-    position = marker_residual.position_markers(data.placed, segments, data.shift)
+    position = marker_residual.place_markers(data.placed, segments, data.shift)
     mixed = np.zeros((basis.nodes, nq, nz))
     by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
     for group in tissue.groups:
-        axes, psi = segments[group.segment, :3], group.regressors  # (3 axes, 3, nf), (nr, nf)
+        # (3 axes, 3, nf), (nr, nf)
+        axes, psi = segments[group.segment, :3], group.regressors
         moved = np.flatnonzero(body.chain.support[:, group.segment])
         turning = moved < nq
         pull, inertia = np.zeros((WIDTH, psi.shape[1])), np.zeros((WIDTH, WIDTH, psi.shape[1]))
-        # sum_m w B_m^T and sum_m w B_m^T [x_m x]^T: what all markers make of a velocity and a spin,
-        # in the segment
+        # sum_m w B_m^T and sum_m w B_m^T [x_m x]^T: sums over all markers that multiply the linear
+        # and the angular velocity of a variable, in the segment
         of_velocity, of_spin = np.zeros((2, WIDTH, 3, psi.shape[1]))
         for m, pattern in zip(
             range(group.markers.start, group.markers.stop), group.pattern, strict=True
         ):
-            weight, arm = data.weight[m], _in_axes(axes, position[m])
-            pull += pattern.T @ (weight * (arm - _in_axes(axes, data.measured[m])))
+            weight, arm = data.weight[m], _express_in_axes(axes, position[m])
+            pull += pattern.T @ (weight * (arm - _express_in_axes(axes, data.measured[m])))
             inertia += weight * (pattern.T @ pattern)[:, :, None]
             weighted = pattern.T[:, :, None] * weight
             of_velocity += weighted
             for i in range(3):
                 j, k = (i + 1) % 3, (i + 2) % 3
-                # (spin x arm)_j = spin_k arm_i - spin_i arm_k,  (spin x arm)_k = spin_i arm_j - spin_j arm_i
+                # (spin x arm)_j = spin_k arm_i - spin_i arm_k
+                # (spin x arm)_k = spin_i arm_j - spin_j arm_i
                 of_spin[:, i] += weighted[:, k] * arm[j] - weighted[:, j] * arm[k]
-        velocity, spin = _in_axes(axes, columns[moved, :3]), _in_axes(axes, columns[moved, 3:])
+        velocity, spin = (
+            _express_in_axes(axes, columns[moved, :3]),
+            _express_in_axes(axes, columns[moved, 3:]),
+        )
         met = np.zeros((len(moved), WIDTH, psi.shape[1]))
         for i in range(3):
             met += of_velocity[:, i] * velocity[:, None, i]
@@ -275,8 +344,7 @@ def with_tissue_columns(
         by_parameter[moved[~turning] - nq, here] = (
             (met[~turning] @ psi.T).transpose(0, 2, 1).reshape(-1, WIDTH * len(psi))
         )
-        # frame by frame, one regressor at a time: all at once are too many to stay in the
-        # processor's memory
+        # One regressor at a time: all at once do not fit the cache of the processor.
         by_frame = np.ascontiguousarray(met[turning].reshape(-1, psi.shape[1]).T)
         for r, of_regressor in enumerate(psi):
             of_columns = slice(here.start + WIDTH * r, here.start + WIDTH * (r + 1))
@@ -291,25 +359,39 @@ def with_tissue_columns(
     )
 
 
-def tissue_gradient(
+def compute_tissue_gradient(
     body: LinkageModel, data: marker_residual.MarkerData, tissue: SoftTissue, q: Array
 ) -> Array:
-    """(nz,) half gradient of a trial's marker cost by its soft tissue, at coordinates (nf, nq)."""
+    """Compute the half gradient of the marker cost by the soft tissue.
+
+    Parameters
+    ----------
+    body, data, tissue
+        Linkage, markers and soft tissue of the trial.
+    q
+        (nf, nq) coordinates, m and rad.
+
+    Returns
+    -------
+    (nz,) array
+    """
     segments = Kinematics(body, q, data.secondary, columns=False).segments
-    position = marker_residual.position_markers(data.placed, segments, data.shift)
+    position = marker_residual.place_markers(data.placed, segments, data.shift)
     out = []
     for group in tissue.groups:
         axes, pull = segments[group.segment, :3], np.zeros((WIDTH, len(q)))
         for m, pattern in zip(
             range(group.markers.start, group.markers.stop), group.pattern, strict=True
         ):
-            pull += pattern.T @ (data.weight[m] * _in_axes(axes, position[m] - data.measured[m]))
+            pull += pattern.T @ (
+                data.weight[m] * _express_in_axes(axes, position[m] - data.measured[m])
+            )
         out.append((group.regressors @ pull.T).ravel())
     return np.concatenate(out)
 
 
-def _in_axes(axes: Array, vectors: Array) -> Array:
-    """(..., 3, nf) vectors along three axes (3, 3, nf)."""
+def _express_in_axes(axes: Array, vectors: Array) -> Array:
+    """Express vectors (..., 3, nf) in three axes (3, 3, nf)."""
     out = np.empty_like(vectors)
     for j, axis in enumerate(axes):
         out[..., j, :] = (

@@ -1,26 +1,27 @@
-"""Coordinates in time: clamped quintic B-splines on uniform knots.
+"""Coordinates in time: clamped quintic B-splines on uniform knots, and their smoothing penalty.
 
     q(t) = sum_a b_a(t) n_a,        six non-zero basis functions at any t,
 
-n_a the nodes (control values), (nn, nq). With nn nodes there are nn - 5 spans. Velocities and
-accelerations are the exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots
-after de Boor, clamped and uniform.
+n_a the control points (spline coefficients), (nn, nq). With nn control points there are nn - 5
+spans. Velocities and accelerations are the exact derivatives. Method: Reinbolt et al. 2007 (20
+control points for each coordinate); knots after de Boor, clamped and uniform.
 
-The penalty that limits the bandwidth of a motion, whatever the number of its nodes,
+The penalty that limits the bandwidth of a motion, whatever the number of its control points,
 
-    tr(N^T R N K),      R_ab = int b_a''' b_b''' + (2 pi f_0)^4 b_a' b_b' dt,      K = rate (2 pi f)^-6 W
+    tr(N^T R N K),
+    R_ab = int b_a''' b_b''' + (2 pi f_0)^4 b_a' b_b' dt,
+    K = rate (2 pi f)^-6 W
 
-is added to the marker cost: P-splines with a penalty on derivatives themselves (O'Sullivan 1986;
-Eilers and Marx 1996). W (nq, nq) is what one frame's markers know of the coordinates
-(`bandwidth.py`). Were every frame to know just W, an oscillation of nu Hz would pass with the gain
-1 / (1 + (nu / f)^6), in every coordinate alike: half of it at f, 71 % (-3 dB) at 0.863 f. The
-second term is a little tension, nothing to what moves (5e-7 at 1 Hz for f = 7 Hz): where no marker
-is seen for long, up to the end of a trial, the jerk alone would let a coordinate fly off along a
-parabola.
+is added to the marker cost: P-splines with a penalty on derivatives (O'Sullivan 1986; Eilers and
+Marx 1996). W (nq, nq) is the information of one frame's markers on the coordinates
+(`bandwidth.py`). If every frame had the information W, an oscillation of nu Hz would pass with the
+gain 1 / (1 + (nu / f)^6), in every coordinate alike: half of it at f, 71 % (-3 dB) at 0.863 f. The
+second term is a weak tension, negligible for movements (5e-7 at 1 Hz for f = 7 Hz). Without it,
+coordinates would follow a parabola through long gaps and beyond the last observed frame.
 
-A derivative of a spline is a spline with the coefficients D n, so that R is a sum of D^T Q D with Q
-the products of B-splines of lower degree. Cost and gradient are taken from D N: in R N the large
-numbers of R would cancel.
+A derivative of a spline is a spline with the coefficients D n. R is therefore a sum of D^T Q D,
+with Q the products of B-splines of lower degree. Cost and gradient are computed from D N, as the
+large entries of R would cancel in R N.
 """
 
 from dataclasses import dataclass, replace
@@ -39,35 +40,38 @@ if TYPE_CHECKING:
 
 DEGREE = 5
 ORDER = DEGREE + 1
-FLOOR, GAP_FLOOR = (
-    1e-12,
-    1e-9,
-)  # Of the largest diagonal entry: control points that no frame reaches
-MINIMUM_NODES = ORDER
-FRAMES_AT_ONCE = (
-    256  # worked on together: bounds memory, and keeps the working set in the processor's cache
-)
-_LOW, _APART = np.array([(low, high - low) for low in range(ORDER) for high in range(low, ORDER)]).T
-"""(21,) each: the earlier of two of the six nodes at a frame, and how far the other comes after it.
+FLOOR, GAP_FLOOR = (1e-12, 1e-9)
+"""Part of the largest diagonal entry that is added to all, for control points that no frame
+reaches: without and with frames of weight zero.
 """
+MINIMUM_NODES = ORDER
+FRAMES_AT_ONCE = 256
+"""Frames in one block: bounds memory, and keeps the working set in the cache of the processor."""
+_LOW, _DISTANCE = np.array(
+    [(low, high - low) for low in range(ORDER) for high in range(low, ORDER)]
+).T
+"""(21,) each: the earlier of two of the six control points at a frame, and the distance to the
+later one."""
 NODES_PER_SECOND = 20.0
 """Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes
-frequencies up to about 0.48 / h (see `cutoff`)."""
-FRAMES_PER_SPAN = 3.0  # at least; slow cameras get longer spans
-PENALISED = (
-    3  # the derivative that is penalised: the jerk, which leaves accelerations free at the ends
-)
-HALF_POWER = float(
-    (np.sqrt(2.0) - 1.0) ** (1.0 / (2 * PENALISED))
-)  # where the gain is -3 dB, in units of f
-TENSION_HZ = 0.5  # f_0: in a gap longer than about a third of a second coordinates come to rest
-NODES_AT_ONCE = 256  # rows of the band worked on together, to bound memory
-KEPT_BYTES = 16 << 20  # of half a Hessian that is kept: smaller ones are added again and again
+frequencies up to about 0.48 / h (see `compute_cutoff`)."""
+FRAMES_PER_SPAN = 3.0
+"""Frames in a knot span, at least; slow cameras get longer spans."""
+PENALISED = 3
+"""Order of the penalised derivative: the jerk, which leaves accelerations free at the ends."""
+HALF_POWER = float((np.sqrt(2.0) - 1.0) ** (1.0 / (2 * PENALISED)))
+"""Frequency of -3 dB, in units of f."""
+TENSION_HZ = 0.5
+"""Hz, f_0: coordinates come to rest in a gap longer than about a third of a second."""
+NODES_AT_ONCE = 256
+"""Rows of the band in one block, to bound memory."""
+KEPT_BYTES = 16 << 20
+"""Bytes of the penalty's matrix up to which it is kept, as it is added many times."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SplineBasis:
-    """The basis at the frames of one trial."""
+    """B-spline basis at the frames of one trial."""
 
     time: Array  # (nf,) s
     knots: Array  # (nn + 6,) s
@@ -78,20 +82,18 @@ class SplineBasis:
 
     @property
     def nodes(self) -> int:
-        """Number of nodes a coordinate."""
+        """Number of control points of a coordinate."""
         return len(self.knots) - ORDER
 
     @cached_property
     def spans(self) -> list[tuple[int, slice]]:
-        """(first node, frames) of each knot span that holds frames; frames of a span are
-        consecutive.
-        """
+        """(first control point, consecutive frames) of each knot span that holds frames."""
         edges = np.flatnonzero(np.diff(self.first)) + 1
         bounds = [0, *edges.tolist(), len(self.first)]
         return [(int(self.first[a]), slice(a, b)) for a, b in pairwise(bounds)]
 
-    def at(self, frames: IntArray) -> "SplineBasis":
-        """The same splines at some of the frames (increasing)."""
+    def select_frames(self, frames: IntArray) -> "SplineBasis":
+        """Return the same splines at some of the frames (increasing indices)."""
         return replace(
             self,
             time=self.time[frames],
@@ -103,7 +105,7 @@ class SplineBasis:
 
     @cached_property
     def stretches(self) -> "tuple[FrameBlock, ...]":
-        """All frames, in stretches to work on one after the other."""
+        """All frames, in blocks."""
         frames = len(self.time)
         starts = range(0, frames, FRAMES_AT_ONCE)
         return tuple(
@@ -111,8 +113,18 @@ class SplineBasis:
         )
 
     def evaluate(self, coefficients: Array, derivative: int = 0) -> Array:
-        """(nf, nq) coordinates, or their first or second time derivative, for coefficients (nn,
-        nq).
+        """Evaluate the splines or a time derivative.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq).
+        derivative
+            0, 1 or 2.
+
+        Returns
+        -------
+        (nf, nq) array
         """
         return self.matrices[derivative] @ coefficients
 
@@ -128,11 +140,19 @@ class SplineBasis:
         )
 
     def fit(self, samples: Array, weight: Array | None = None) -> Array:
-        """(nn, nq) coefficients that fit samples (nf, nq) in the least-squares sense. Samples must
-        be finite.
+        """Fit coefficients to samples by least squares.
 
-        `weight`: (nf,) of the frames, one unless given. Control points that no weighted frame
-        reaches are zero.
+        Parameters
+        ----------
+        samples
+            (nf, nq), finite.
+        weight
+            (nf,) of the frames; one unless given.
+
+        Returns
+        -------
+        (nn, nq) array
+            Zero for control points that no weighted frame reaches.
         """
         nn, value = self.nodes, self.value
         weighted = value if weight is None else weight[:, None] * value
@@ -156,46 +176,62 @@ class SplineBasis:
 
 
 class FrameBlock:
-    """Frames in a row, and the sums over them that give the nodes what is theirs, as sparse
-    matrices.
-    """
+    """Consecutive frames, and sparse matrices that sum over them for each control point."""
 
     def __init__(self, basis: SplineBasis, frames: slice) -> None:
         self.frames = frames
         first, value = basis.first[frames], basis.value[frames]
-        self.nodes = slice(int(first[0]), int(first[-1]) + ORDER)  # those that matter at its frames
+        # those that matter at its frames
+        self.nodes = slice(int(first[0]), int(first[-1]) + ORDER)
         count, nf = self.nodes.stop - self.nodes.start, len(first)
         local = (first - self.nodes.start)[:, None]
-        self.weights = _by_row(value, local + np.arange(ORDER), count, nf)
+        self.weights = _build_frame_matrix(value, local + np.arange(ORDER), count, nf)
         """(nodes, frames) B_a(f)."""
-        both = value[:, _LOW] * value[:, _LOW + _APART]
-        self.products = _by_row(both, (local + _LOW) * ORDER + _APART, count * ORDER, nf)
+        both = value[:, _LOW] * value[:, _LOW + _DISTANCE]
+        self.products = _build_frame_matrix(
+            both, (local + _LOW) * ORDER + _DISTANCE, count * ORDER, nf
+        )
         """(6 nodes, frames) B_a(f) B_a+d(f), row 6 a + d."""
 
     def add_gradient(self, out: Array, gradient: Array) -> None:
-        """Add the half gradient (nq, frames) of the coordinates to that of the coefficients (nn,
-        nq).
-        """
+        """Add the gradient (nq, frames) of coordinates to that of coefficients (nn, nq)."""
         out[self.nodes] += self.weights @ gradient.T
 
 
-def _by_row(values: Array, rows: IntArray, count: int, frames: int) -> csr_array:
-    """(count, frames) of `values` (frames, k) that stand in `rows` (frames, k), each in the column
-    of its frame.
-    """
+def _build_frame_matrix(values: Array, rows: IntArray, count: int, frames: int) -> csr_array:
+    """Build (count, frames) from `values` (frames, k) at `rows` (frames, k)."""
     columns = np.arange(0, rows.size + 1, rows.shape[1])
     return csc_array((values.ravel(), rows.ravel(), columns), shape=(count, frames)).tocsr()
 
 
-def spline_basis(time: Array, nodes: int) -> SplineBasis:
-    """The basis for `nodes` nodes over the frames at `time` (s, increasing)."""
+def build_spline_basis(time: Array, nodes: int) -> SplineBasis:
+    """Build the basis over the frames of a trial.
+
+    Parameters
+    ----------
+    time
+        (nf,) s, increasing.
+    nodes
+        Number of control points, at least `MINIMUM_NODES`.
+
+    Returns
+    -------
+    SplineBasis
+
+    Raises
+    ------
+    ValueError
+        There are fewer control points than one span needs.
+    """
     if nodes < MINIMUM_NODES:
         raise ValueError(f"a quintic spline needs at least {MINIMUM_NODES} nodes, not {nodes}")
     start, end = float(time[0]), float(time[-1])
     inner = np.linspace(start, end, nodes - DEGREE + 1)
     knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
     first = np.clip(np.searchsorted(knots, time, side="right") - 1, DEGREE, nodes - 1) - DEGREE
-    value, rate, acceleration = (_local_weights(knots, time, first + DEGREE, k) for k in range(3))
+    value, rate, acceleration = (
+        _compute_local_weights(knots, time, first + DEGREE, k) for k in range(3)
+    )
     return SplineBasis(
         time=time,
         knots=knots,
@@ -206,17 +242,17 @@ def spline_basis(time: Array, nodes: int) -> SplineBasis:
     )
 
 
-def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -> Array:
-    """(nf, 6) weights of the six nodes for the k-th derivative.
+def _compute_local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -> Array:
+    """Compute (nf, 6) weights of the six control points for the k-th derivative.
 
-    With u_r = N_r / (t_{i+r+1} - t_{i-d+r+1}), N_r the functions of degree d - 1 that matter in
-    span i, those of degree
-    d are  (t - t_{i-d+j}) u_{j-1} + (t_{i+j+1} - t) u_j  and their derivatives  d (u_{j-1} - u_j)  (de Boor); the last
-    `derivative` of the five degrees are raised by the second rule.
+    Notes
+    ----- u_r = N_r / (t_{i+r+1} - t_{i-d+r+1}), with N_r the functions of degree d - 1 that are not
+    zero in span i. The functions of degree d are  (t - t_{i-d+j}) u_{j-1} + (t_{i+j+1} - t) u_j ,
+    their derivatives  d (u_{j-1} - u_j)  (de Boor). The second rule raises the last `derivative` of
+    the five degrees.
     """
-    around = knots[
-        span[:, None] + np.arange(-DEGREE + 1, DEGREE + 1)
-    ]  # (nf, 10) knots t_{i-4} ... t_{i+5}
+    # (nf, 10) knots t_{i-4} ... t_{i+5}
+    around = knots[span[:, None] + np.arange(-DEGREE + 1, DEGREE + 1)]
     now, middle = time[:, None], DEGREE - 1
     functions = np.ones((len(time), 1))
     for d in range(1, ORDER):
@@ -229,53 +265,63 @@ def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -
     return functions
 
 
-def to_bspline(basis: SplineBasis, coefficients: Array) -> "BSpline":
-    """The same spline as a SciPy object, for evaluation anywhere in the trial."""
-    from scipy.interpolate import BSpline  # loads a tenth of a second of other modules
+def convert_to_bspline(basis: SplineBasis, coefficients: Array) -> "BSpline":
+    """Convert a spline to a SciPy object, for evaluation at any time of the trial."""
+    # loads a tenth of a second of other modules
+    from scipy.interpolate import BSpline
 
     return BSpline(basis.knots, coefficients, DEGREE)
 
 
 @dataclass(frozen=True)
 class NodeRule:
-    """How many spline nodes a trial gets."""
+    """Rule for the number of control points of a trial."""
 
     per_second: float = NODES_PER_SECOND
-    fixed: int | None = (
-        # A fixed number of nodes a coordinate (20 in the published protocol), whatever the length
-        None
-    )
+    # A fixed number of nodes a coordinate (20 in the published protocol), whatever the length
+    fixed: int | None = None
 
-    def nodes(self, time: Array) -> int:
-        """Number of nodes for frames at `time` (s)."""
+    def count_nodes(self, time: Array) -> int:
+        """Count the control points of a trial.
+
+        Parameters
+        ----------
+        time
+            (nf,) s.
+
+        Returns
+        -------
+        int
+        """
         if self.fixed is not None:
             return self.fixed
         spans = min(float(time[-1] - time[0]) * self.per_second, len(time) / FRAMES_PER_SPAN)
         return max(round(spans), 1) + MINIMUM_NODES - 1
 
 
-def cutoff(time: Array, nodes: int) -> float:
-    """Hz at which a least-squares quintic spline passes 71 % (-3 dB) of an oscillation.
+def compute_cutoff(time: Array, nodes: int) -> float:
+    """Compute the frequency (Hz) at which a least-squares quintic spline passes 71 % (-3 dB).
 
-    For spans h the amplitude kept at frequency f is 1 / (1 + sum_k (f h / (f h + k))^12), k = -1,
-    1, -2, ... (Unser, Aldroubi and Eden 1993): 0.4816 / h.
+    Notes
+    ----- For spans h the amplitude kept at frequency f is 1 / (1 + sum_k (f h / (f h + k))^12), k =
+    -1, 1, -2, ... (Unser, Aldroubi and Eden 1993): 0.4816 / h.
     """
     return 0.4816 * (nodes - MINIMUM_NODES + 1) / float(time[-1] - time[0])
 
 
-def frame_rate(basis: SplineBasis) -> float:
-    """Hz, of the frames of a trial on average."""
+def compute_frame_rate(basis: SplineBasis) -> float:
+    """Compute the mean frame rate (Hz) of a trial."""
     return (len(basis.time) - 1) / float(basis.time[-1] - basis.time[0])
 
 
-def spaced(count: int, most: int) -> IntArray:
-    """At most `most` of `count` frames, evenly spaced."""
+def select_spaced_frames(count: int, most: int) -> IntArray:
+    """Select at most `most` of `count` frames, evenly spaced."""
     return np.unique(np.round(np.linspace(0, count - 1, most)).astype(np.intp))
 
 
 @dataclass(frozen=True)
 class Roughness:
-    """R on some knots, as a sum of D^T Q D."""
+    """Matrix R on some knots, as a sum of D^T Q D."""
 
     terms: tuple[tuple[csr_array, csr_array, csr_array], ...]
     """D^T (nn, nn - k), Q (nn - k, nn - k) and D, k being the derivative."""
@@ -294,8 +340,21 @@ class Roughness:
             out[: len(diagonal), d] = diagonal
         return out
 
-    def both(self, coefficients: Array, coupling: Array) -> tuple[float, Array]:
-        """tr(N^T R N K), and (nn, k) R N K, for N (nn, k) and K (k, k)."""
+    def evaluate(self, coefficients: Array, coupling: Array) -> tuple[float, Array]:
+        """Compute tr(N^T R N K) and R N K.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, k) N.
+        coupling
+            (k, k) K.
+
+        Returns
+        -------
+        float
+        (nn, k) array
+        """
         cost, out = 0.0, np.zeros_like(coefficients)
         for back, products, by_node in self.terms:
             values = by_node @ coefficients
@@ -306,28 +365,28 @@ class Roughness:
 
 
 @lru_cache(maxsize=16)
-def _roughness(stored: bytes) -> Roughness:
-    """Trials of the same length, and the parts of one, have the same knots."""
+def _build_roughness(stored: bytes) -> Roughness:
+    """Build R once for all trials with the same knots."""
     knots = np.frombuffer(stored)
     terms = []
     for order, factor in (
         (PENALISED, 1.0),
         (1, float(2 * np.pi * TENSION_HZ) ** (2 * PENALISED - 2)),
     ):
-        by_node = derivative(knots, order)
-        terms.append((by_node.T.tocsr(), csr_array(factor * products_of(knots, order)), by_node))
+        by_node = build_derivative_matrix(knots, order)
+        terms.append(
+            (by_node.T.tocsr(), csr_array(factor * build_product_matrix(knots, order)), by_node)
+        )
     return Roughness(tuple(terms))
 
 
-def roughness(knots: Array) -> Roughness:
-    """R of quintic splines on `knots` (nn + 6,)."""
-    return _roughness(knots.tobytes())
+def build_roughness(knots: Array) -> Roughness:
+    """Build R of quintic splines on `knots` (nn + 6,) s."""
+    return _build_roughness(knots.tobytes())
 
 
-def derivative(knots: Array, order: int) -> csr_array:
-    """(nn - k, nn) D: coefficients of the k-th derivative, by differences of coefficients (de
-    Boor).
-    """
+def build_derivative_matrix(knots: Array, order: int) -> csr_array:
+    """Build (nn - k, nn) D: coefficients of the k-th derivative, by differences (de Boor)."""
     out = eye_array(len(knots) - ORDER, format="csr")
     for k in range(order):
         degree, inner = DEGREE - k, knots[k : len(knots) - k]
@@ -337,11 +396,10 @@ def derivative(knots: Array, order: int) -> csr_array:
     return csr_array(out)
 
 
-def products_of(knots: Array, order: int) -> csr_array:
-    """(nn - k, nn - k) Q of the B-splines of the k-th derivative, exact by Gauss points in every
-    span.
-    """
-    from scipy.interpolate import BSpline  # only fits ask for it
+def build_product_matrix(knots: Array, order: int) -> csr_array:
+    """Build (nn - k, nn - k) Q of the k-th derivative, exact by Gauss points in every span."""
+    # only fits ask for it
+    from scipy.interpolate import BSpline
 
     degree, inner = DEGREE - order, knots[order : len(knots) - order]
     edges = inner[degree : len(inner) - degree]
@@ -352,39 +410,47 @@ def products_of(knots: Array, order: int) -> csr_array:
     return csr_array(values.T @ diags_array((half[:, None] * w).ravel()) @ values)
 
 
-def stiffness(basis: SplineBasis, cutoff_hz: float) -> float:
-    """s^5, rate (2 pi f)^-6."""
+def compute_stiffness(basis: SplineBasis, cutoff_hz: float) -> float:
+    """Compute rate (2 pi f)^-6, in s^5."""
     omega = 2 * np.pi * cutoff_hz
-    return frame_rate(basis) / omega ** (2 * PENALISED)
+    return compute_frame_rate(basis) / omega ** (2 * PENALISED)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Smoothing:
-    """The penalty of one trial, m^2."""
+    """Smoothing penalty of one trial, m^2."""
 
     roughness: Roughness  # of its knots, 1/s^5
     coupling: Array  # (nq, nq) K
     cutoff_hz: float  # f: half of an oscillation at it passes
 
-    def of_active(self, active: BoolArray) -> "Smoothing":
-        """The same without the coordinates that are not `active` (nq,): nothing draws them from
-        where they are.
+    def restrict_to(self, active: BoolArray) -> "Smoothing":
+        """Return the penalty without the coordinates that are not `active` (nq,).
+
+        Those keep their values, as nothing else moves them.
         """
         if active.all():
-            return self  # with all that is worked out already
+            # with all that is worked out already
+            return self
         return replace(self, coupling=np.where(active[:, None] & active, self.coupling, 0.0))
 
-    def scaled(self, share: float) -> "Smoothing":
-        """`share` times the penalty."""
+    def scale_cost(self, share: float) -> "Smoothing":
+        """Multiply the penalty by `share`."""
         return replace(self, coupling=share * self.coupling)
 
-    def both(self, coefficients: Array) -> tuple[float, Array]:
-        """Cost (m^2), and (nn, nq) half its gradient, for coefficients (nn, nq)."""
-        return self.roughness.both(coefficients, self.coupling)
+    def evaluate(self, coefficients: Array) -> tuple[float, Array]:
+        """Compute the cost (m^2) and (nn, nq) half its gradient, at coefficients (nn, nq)."""
+        return self.roughness.evaluate(coefficients, self.coupling)
 
     def add_to(self, band: Array, coefficients: Array) -> None:
-        """Add half the Hessian, the same at all nodes, to `band` (nn * nq, 6 nq) of
-        `NormalEquations`, in place.
+        """Add half the Hessian, the same at all coefficients, to a band in place.
+
+        Parameters
+        ----------
+        band
+            (nn * nq, 6 nq) as in `NormalEquations`.
+        coefficients
+            Not used, as the penalty is quadratic; `CoefficientPrior.add_to` needs them.
         """
         if band.nbytes <= KEPT_BYTES:
             band += self._whole
@@ -417,9 +483,21 @@ class Smoothing:
                 )
 
 
-def smoothing(basis: SplineBasis, information: Array, cutoff_hz: float) -> Smoothing:
-    """The penalty that passes half of an oscillation at `cutoff_hz`, for W = `information` (nq,
-    nq).
+def build_smoothing(basis: SplineBasis, information: Array, cutoff_hz: float) -> Smoothing:
+    """Build the penalty that passes half of an oscillation at a cut-off.
+
+    Parameters
+    ----------
+    basis
+        Splines of the trial.
+    information
+        (nq, nq) W.
+    cutoff_hz
+        Hz, f.
+
+    Returns
+    -------
+    Smoothing
     """
-    coupling = stiffness(basis, cutoff_hz) * information
-    return Smoothing(roughness=roughness(basis.knots), coupling=coupling, cutoff_hz=cutoff_hz)
+    coupling = compute_stiffness(basis, cutoff_hz) * information
+    return Smoothing(roughness=build_roughness(basis.knots), coupling=coupling, cutoff_hz=cutoff_hz)

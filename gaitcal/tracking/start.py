@@ -1,15 +1,15 @@
-"""Where tracking starts: rigid fits of the segments turned into coordinates, frame by frame.
+"""Start of tracking: coordinates from rigid fits of the segments, frame by frame.
 
-The root follows its own markers; every joint then takes the angles that bring the child's
-orientation nearest to its rigid fit. For one turn q about axis e between rotations P and Q, the q
-that maximises trace(B^T P Re(q) Q) is
-atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T B Q^T, (b, c) the axes after e; several turns of one joint are visited one
-after the other until they settle, and three orthogonal ones are read off. None starts beyond a wall
-(`coordinate_prior.py`); a foot whose markers lie nearly on one line with the ankle may come out
-upside down, and
-starts from zero then. B is the rigid fit. A segment of too few markers for one has  B = sum w (x - c) (l - l_c)^T
-instead, c its joint's centre as the segments before it place it: the turns then bring its markers
-nearest to where they were seen. Frames that determine neither are interpolated.
+The base segment follows its own markers. Every joint then takes the angles that bring the child's
+orientation nearest to its rigid fit. For one rotation q about axis e between rotations P and Q, the
+q that maximises trace(B^T P Re(q) Q) is atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T B Q^T, with (b,
+c) the axes after e. Several rotations of one joint are solved in turn until they settle; three
+orthogonal ones have a closed form. No joint starts outside its limits (`coordinate_prior.py`). A
+foot whose markers are nearly on one line with the ankle may come out upside down, and starts from
+zero then. B is the rigid fit. A segment of too few markers for one has another matrix B = sum w (x
+- c) (l - l_c)^T, with c its joint centre as placed by the segments before it. The rotations then
+bring its markers nearest to their measured positions. Frames that determine neither are
+interpolated.
 """
 
 from collections.abc import Mapping
@@ -19,106 +19,149 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import HALF_TURNS, LinkageModel
 from gaitcal.model.rotations import compute_root_angles
-from gaitcal.tracking.coordinate_prior import within_walls
+from gaitcal.tracking.coordinate_prior import clip_to_joint_limits
 from gaitcal.tracking.marker_residual import MarkerData
 from gaitcal.tracking.rigid import RigidFit, SegmentMoments
-from gaitcal.tracking.spline import SplineBasis, spaced
+from gaitcal.tracking.spline import SplineBasis, select_spaced_frames
 
-SWEEPS = 2  # visits to the turns of a joint of several, until they settle; tracking does the rest
-STRAIGHT = 0.02
-"""Weight of the straight joint against the markers of a segment that are too few for a rigid fit:
-it outweighs one that lies within 40 mm of a line of 300 mm from the joint through another."""
-BELIEVED = np.deg2rad(60.0)
-"""Two markers are believed where they turn the joint by at most so much from where they and a
-straight joint have it: a thigh marker 30 mm off the line from hip to knee turned a child's leg
-about itself by 150 degrees."""
+SWEEPS = 2
+"""Sweeps over the rotations of a joint that has several; tracking corrects what remains."""
+STRAIGHT_WEIGHT = 0.02
+"""Weight of the straight joint relative to markers that are too few for a rigid fit. It outweighs a
+marker within 40 mm of a line of 300 mm from the joint through another marker."""
+MAX_CORRECTION_RAD = np.deg2rad(60.0)
+"""rad, largest rotation of a joint by two markers, relative to the solution held straight. A thigh
+marker 30 mm off the line from hip to knee rotated a child's leg about itself by 150 degrees."""
 ROOT_COORDINATES = 6
-ROUNDING = 1e-12  # of rotation matrices that are one but for rounding
-SAMPLES_PER_NODE = 3  # frames looked at per spline node: a start needs no more
+ROUNDING = 1e-12
+"""Largest entry by which equal rotation matrices differ."""
+SAMPLES_PER_NODE = 3
+"""Frames for each control point that a start needs."""
 
 
-def starting_nodes(body: LinkageModel, data: MarkerData, basis: SplineBasis) -> Array:
-    """(nn, nq) coefficients to start from."""
+def find_start_coefficients(body: LinkageModel, data: MarkerData, basis: SplineBasis) -> Array:
+    """Find the spline coefficients that tracking starts from.
+
+    Parameters
+    ----------
+    body
+        Linkage with its joint parameters.
+    data
+        Markers of all frames.
+    basis
+        Splines of the trial.
+
+    Returns
+    -------
+    (nn, nq) array
+        m, rad.
+    """
     nf, wanted = len(basis.time), SAMPLES_PER_NODE * basis.nodes
     if nf <= wanted:
-        return basis.fit(starting_coordinates(body, data))
-    chosen = spaced(nf, wanted)
-    return basis.at(chosen).fit(starting_coordinates(body, data.frames(chosen)))
+        return basis.fit(find_start_coordinates(body, data))
+    chosen = select_spaced_frames(nf, wanted)
+    return basis.select_frames(chosen).fit(find_start_coordinates(body, data.select_frames(chosen)))
 
 
-def starting_coordinates(body: LinkageModel, data: MarkerData) -> Array:
-    """(nf, nq) coordinates from rigid fits, continuous in time."""
+def find_start_coordinates(body: LinkageModel, data: MarkerData) -> Array:
+    """Find coordinates from rigid fits, continuous in time.
+
+    Parameters
+    ----------
+    body
+        Linkage with its joint parameters.
+    data
+        Markers.
+
+    Returns
+    -------
+    (nf, nq) array
+        m, rad.
+    """
     chain, links = body.chain, _Links(body)
     nf = data.measured.shape[-1]
     q = np.zeros((nf, len(chain.coordinates)))
     moments = SegmentMoments(data)
-    fits = moments.fits()
+    fits = moments.fit_segments()
     root = fits.get(0)
     done = set(range(ROOT_COORDINATES))
+    # Without a fit of the base segment, another segment determines its pose.
     if root is None or not root.determined.any():
-        root, path = _carried_root(links, fits)
+        root, path = _place_root_from_segment(links, fits)
         done.update(path)
     if root is not None:
         known = root.determined
         angles = _fill(_unwrap(compute_root_angles(root.rotation), known), known)
         q[:, :ROOT_COORDINATES] = np.hstack([_fill(root.origin, known), angles])
-    so_far = _SoFar(links, q)
-    wrapped: list[
-        int
-        # coordinates known in every frame, whose whole turns are taken out in the end, all at once
-    ] = []
+    settled = _SettledFrames(links, q)
+    # Coordinates that are known in every frame: their whole turns are removed together at the end.
+    wrapped: list[int] = []
     for s in range(1, len(chain.segments)):
-        turns, fit = [k for k in _path(links, s) if k not in done], fits.get(s)
-        if turns and fit is not None:
-            before = so_far.rotation(links.parents[turns[0]])
-            to_joint = links.segment_rotation[s]
-            straight: Array | None = None
-            if fit.determined.any():
-                spread, known = fit.rotation, fit.determined
-            else:
-                local_centre = -to_joint.T @ links.segment_translation[s]
-                spread, known = moments.about(s, so_far.centre(turns[0]), local_centre)
-                scale = np.sqrt((spread**2).sum(axis=(1, 2)))
-                unturned = np.eye(3)
-                for k in turns:
-                    unturned = unturned @ links.offset_rotation[k]
-                straight = spread + STRAIGHT * scale[:, None, None] * (before @ unturned @ to_joint)
-                if (
-                    not known.any()
-                ):  # one marker: the joint's line towards it, turned about it as little as can be
-                    spread, known, straight = straight, scale > 0, None
+        rotations, fit = [k for k in _list_path(links, s) if k not in done], fits.get(s)
+        if rotations and fit is not None:
+            angles, known = _find_joint_angles(links, settled, moments, s, rotations, fit)
             if known.any():
-                wanted = spread if straight is None else np.stack([spread, straight])
-                joint = before.transpose(0, 2, 1) @ wanted @ to_joint.T
-                angles = _turns(links, turns, joint.reshape(-1, 3, 3))
-                if straight is not None:
-                    angles, held = np.split(angles, 2)
-                    apart = np.abs(np.angle(np.exp(1j * (angles - held)[known])))
-                    angles = held if (apart > BELIEVED).any() else angles  # for the whole trial
+                names = [chain.coordinates[k] for k in rotations]
                 determined = bool(fit.determined.any())
-                angles = within_walls(
-                    [chain.coordinates[k] for k in turns], angles, known, determined=determined
-                )
+                angles = clip_to_joint_limits(names, angles, known, determined=determined)
                 if known.all():
-                    q[:, turns] = angles
-                    wrapped += turns
+                    q[:, rotations] = angles
+                    wrapped += rotations
                 else:
-                    q[:, turns] = _fill(_unwrap(angles, known), known)
-        # a segment without markers on which others hang leaves its turns to them
-        if turns and (
-            fit is not None or (chain.support[links.segment_coordinate[s]] > 0).sum() <= 1
-        ):
-            done.update(turns)
+                    q[:, rotations] = _fill(_unwrap(angles, known), known)
+        # The rotations before a segment without markers are left to the segments after it.
+        is_last = (chain.support[links.segment_coordinate[s]] > 0).sum() <= 1
+        if rotations and (fit is not None or is_last):
+            done.update(rotations)
     q[:, wrapped] = _unwrap(q[:, wrapped], np.ones(nf, dtype=bool))
     return q
 
 
+def _find_joint_angles(
+    links: "_Links",
+    settled: "_SettledFrames",
+    moments: SegmentMoments,
+    segment: int,
+    rotations: list[int],
+    fit: RigidFit,
+) -> tuple[Array, BoolArray]:
+    """Find the angles (nf, n) rad of the rotations before a segment, and known frames (nf,)."""
+    before = settled.compute_rotation(links.parents[rotations[0]])
+    to_joint = links.segment_rotation[segment]
+    straight: Array | None = None
+    if fit.determined.any():
+        spread, known = fit.rotation, fit.determined
+    else:
+        # Too few markers for a rigid fit: rotate about the joint centre, weakly held straight.
+        local_centre = -to_joint.T @ links.segment_translation[segment]
+        centre = settled.compute_centre(rotations[0])
+        spread, known = moments.compute_spread(segment, centre, local_centre)
+        scale = np.sqrt((spread**2).sum(axis=(1, 2)))
+        unrotated = np.eye(3)
+        for k in rotations:
+            unrotated = unrotated @ links.offset_rotation[k]
+        straight = spread + STRAIGHT_WEIGHT * scale[:, None, None] * (before @ unrotated @ to_joint)
+        if not known.any():
+            # One marker: the smallest rotation that brings the joint's line towards it.
+            spread, known, straight = straight, scale > 0, None
+    if not known.any():
+        return np.zeros((len(spread), len(rotations))), known
+    wanted = spread if straight is None else np.stack([spread, straight])
+    joint = before.transpose(0, 2, 1) @ wanted @ to_joint.T
+    angles = _solve_joint_angles(links, rotations, joint.reshape(-1, 3, 3))
+    if straight is not None:
+        # Two markers that rotate the joint far from straight are not used in the whole trial.
+        angles, held = np.split(angles, 2)
+        difference = np.abs(np.angle(np.exp(1j * (angles - held)[known])))
+        angles = held if (difference > MAX_CORRECTION_RAD).any() else angles
+    return angles, known
+
+
 class _Links:
-    """What is constant between the coordinates of a linkage: the poses of their frames at zero
-    coordinates.
+    """Constant transforms between the coordinates of a linkage, at zero coordinates.
 
     The frame of coordinate k has the pose X_k = X_parent C_k M_k, M_k the motion of the coordinate;
-    a segment D_s beyond its last coordinate. Frames of reversed axes are turned back
+    a segment is D_s beyond its last coordinate. Frames of reversed axes are rotated back
     (`HALF_TURNS`).
     """
 
@@ -153,57 +196,63 @@ class _Links:
         self.segment_translation = (back @ away[:, :, None])[:, :, 0]
 
 
-def _carried_root(links: _Links, fits: Mapping[int, RigidFit]) -> tuple[RigidFit | None, list[int]]:
-    """The root as the first segment with a rigid fit carries it, and the coordinates between them,
-    which are zero.
+def _place_root_from_segment(
+    links: _Links, fits: Mapping[int, RigidFit]
+) -> tuple[RigidFit | None, list[int]]:
+    """Place the base segment by the first segment with a rigid fit.
+
+    The coordinates between them, which are zero, are returned too.
     """
     for s, fit in sorted(fits.items()):
         if fit.determined.any():
             rotation = fit.rotation @ links.rotation_at_zero[s].T
             return RigidFit(
                 rotation, fit.origin - rotation @ links.origin_at_zero[s], fit.determined
-            ), _path(links, s)
+            ), _list_path(links, s)
     return None, []
 
 
-class _SoFar:
-    """Frames of the coordinates that are settled already, worked out when asked for."""
+class _SettledFrames:
+    """Frames of the coordinates that are settled, computed when needed."""
 
     def __init__(self, links: _Links, q: Array) -> None:
         self.links, self.q = links, q
         self._rotations: dict[int, Array] = {-1: np.broadcast_to(np.eye(3), (len(q), 3, 3))}
         self._origins: dict[int, Array] = {-1: np.zeros((len(q), 3))}
 
-    def rotation(self, k: int) -> Array:
-        """(nf, 3, 3) of the frame of coordinate k."""
+    def compute_rotation(self, k: int) -> Array:
+        """Compute the rotation (nf, 3, 3) of the frame of coordinate k."""
         if k not in self._rotations:
             links = self.links
-            rotation = self.rotation(links.parents[k])
+            rotation = self.compute_rotation(links.parents[k])
             if not links.plain[k]:
                 rotation = rotation @ links.offset_rotation[k]
             angle = links.signs[k] * self.q[:, k]
             self._rotations[k] = (
-                _turned(rotation, links.axes[k], angle) if links.rotates[k] else rotation
+                _rotate_about_axis(rotation, links.axes[k], angle) if links.rotates[k] else rotation
             )
         return self._rotations[k]
 
-    def centre(self, k: int) -> Array:
-        """(nf, 3) m, where the turn of coordinate k takes place."""
+    def compute_centre(self, k: int) -> Array:
+        """Compute the centre (nf, 3) m of the rotation of coordinate k."""
         parent = self.links.parents[k]
-        return self._origin(parent) + self.rotation(parent) @ self.links.offset_translation[k]
+        return (
+            self._compute_origin(parent)
+            + self.compute_rotation(parent) @ self.links.offset_translation[k]
+        )
 
-    def _origin(self, k: int) -> Array:
+    def _compute_origin(self, k: int) -> Array:
         if k not in self._origins:
-            origin, links = self.centre(k), self.links
+            origin, links = self.compute_centre(k), self.links
             if not links.rotates[k]:
-                along = self.rotation(k)[:, :, links.axes[k]]
+                along = self.compute_rotation(k)[:, :, links.axes[k]]
                 origin = origin + along * (links.signs[k] * self.q[:, k, None])
             self._origins[k] = origin
         return self._origins[k]
 
 
-def _path(links: _Links, segment: int) -> list[int]:
-    """The coordinates from the root to a segment."""
+def _list_path(links: _Links, segment: int) -> list[int]:
+    """List the coordinates from the base segment to a segment."""
     path, k = [], links.segment_coordinate[segment]
     while k >= 0:
         path.append(k)
@@ -212,6 +261,7 @@ def _path(links: _Links, segment: int) -> list[int]:
 
 
 def _unwrap(angles: Array, known: BoolArray) -> Array:
+    """Unwrap angles over the known frames, with medians within half a turn of zero."""
     out = angles.copy()
     out[known] = np.unwrap(angles[known], axis=0)
     out[known] -= 2 * np.pi * np.round(np.median(out[known], axis=0) / (2 * np.pi))
@@ -228,8 +278,8 @@ def _fill(values: Array, known: BoolArray) -> Array:
     )
 
 
-def _turned(rotation: Array, axis: int, angle: Array) -> Array:
-    """(nf, 3, 3) rotation @ R_axis(angle), of one rotation (1, 3, 3) or of many."""
+def _rotate_about_axis(rotation: Array, axis: int, angle: Array) -> Array:
+    """Return (nf, 3, 3) rotation @ R_axis(angle), of one rotation (1, 3, 3) or of many."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     out = np.empty((len(angle), 3, 3))
@@ -239,34 +289,34 @@ def _turned(rotation: Array, axis: int, angle: Array) -> Array:
     return out
 
 
-def _turns(links: _Links, turns: list[int], target: Array) -> Array:
-    """(nf, n) coordinates whose turns, one after the other, come nearest to the matrices `target`
-    (nf, 3, 3).
-    """
-    axes, plain = [links.axes[k] for k in turns], [links.plain[k] for k in turns]
-    signs = links.signs[turns]
+def _solve_joint_angles(links: _Links, rotations: list[int], target: Array) -> Array:
+    """Solve the angles (nf, n) of successive rotations that come nearest to matrices (nf, 3, 3)."""
+    axes, plain = [links.axes[k] for k in rotations], [links.plain[k] for k in rotations]
+    signs = links.signs[rotations]
     if axes == [2, 0, 1] and all(plain[1:]):
         return signs * compute_root_angles(
-            target if plain[0] else links.offset_rotation[turns[0]].T @ target
+            target if plain[0] else links.offset_rotation[rotations[0]].T @ target
         )
-    angles = np.zeros((len(target), len(turns)))
-    for _ in range(SWEEPS if len(turns) > 1 else 1):
-        # left-hand sides are peeled off as they are settled, right-hand sides kept from the last
-        # sweep
+    angles = np.zeros((len(target), len(rotations)))
+    for _ in range(SWEEPS if len(rotations) > 1 else 1):
+        # Rotations on the left are removed as they are solved; those on the right are kept from the
+        # last sweep.
         after: list[Array] = []
-        for i in range(len(turns) - 1, 0, -1):
-            inner = _turned(links.offset_rotation[None, turns[i]], axes[i], angles[:, i])
+        for i in range(len(rotations) - 1, 0, -1):
+            inner = _rotate_about_axis(
+                links.offset_rotation[None, rotations[i]], axes[i], angles[:, i]
+            )
             after.append(inner @ after[-1] if after else inner)
         remaining = target
-        for i, k in enumerate(turns):
+        for i, k in enumerate(rotations):
             if not plain[i]:
                 remaining = links.offset_rotation[k].T @ remaining
-            last = i + 1 == len(turns)
-            g = remaining if last else remaining @ after[len(turns) - 2 - i].transpose(0, 2, 1)
+            last = i + 1 == len(rotations)
+            g = remaining if last else remaining @ after[len(rotations) - 2 - i].transpose(0, 2, 1)
             b, c = (axes[i] + 1) % 3, (axes[i] + 2) % 3
             angles[:, i] = np.arctan2(g[:, c, b] - g[:, b, c], g[:, b, b] + g[:, c, c])
             if not last:
-                remaining = _turned(remaining.transpose(0, 2, 1), axes[i], angles[:, i]).transpose(
-                    0, 2, 1
-                )
+                remaining = _rotate_about_axis(
+                    remaining.transpose(0, 2, 1), axes[i], angles[:, i]
+                ).transpose(0, 2, 1)
     return signs * angles

@@ -1,10 +1,9 @@
-"""One trial as a least-squares problem in its nodes and the joint parameters: what all solvers work
-on.
+"""One trial as a least-squares problem in its spline coefficients and joint parameters.
 
-A `MotionProblem` sums, over the frames of a trial, the weighted squares of its marker residuals
-(`marker_residual.py`), the penalty that limits its bandwidth (`spline.py`), and what is known of
-coordinates besides (`coordinate_prior.py`). `trial_problem` makes one of a recording and a person's
-model: there a marker becomes a residual.
+A `MotionProblem` sums the weighted squares of the marker residuals (`marker_residual.py`), the
+smoothing penalty (`spline.py`), and the priors on coordinates (`coordinate_prior.py`).
+`build_trial_problem` makes one from a recording and a person's model: there a marker becomes a
+residual.
 """
 
 from __future__ import annotations
@@ -34,10 +33,16 @@ from gaitcal.tracking import banded, coordinate_prior, marker_residual, rigid, s
 from gaitcal.tracking.soft_tissue import (
     SecondaryColumns,
     SoftTissue,
-    tissue_gradient,
-    with_tissue_columns,
+    add_tissue_columns,
+    compute_tissue_gradient,
 )
-from gaitcal.tracking.spline import NodeRule, Smoothing, SplineBasis, spaced, spline_basis
+from gaitcal.tracking.spline import (
+    NodeRule,
+    Smoothing,
+    SplineBasis,
+    build_spline_basis,
+    select_spaced_frames,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,33 +59,31 @@ class MotionProblem:
     held: tuple[str, ...] = ()
     """Coordinates that stay zero though markers move with them: those between a root that is not
     seen and the segment that carries it."""
-    priors: tuple[
-        coordinate_prior.CoordinatePrior, ...
-    ] = ()  # what is known of coordinates besides
-    posture: Mapping[str, float] = field(
-        default_factory=dict
-    )  # coordinate -> rad of the static posture
+    # what is known of coordinates besides
+    priors: tuple[coordinate_prior.CoordinatePrior, ...] = ()
+    # coordinate -> rad of the static posture
+    posture: Mapping[str, float] = field(default_factory=dict)
     noise: PointNoise | None = None  # of points that are no markers, which no skin moves
 
     @property
     def guessed(self) -> tuple[str, ...]:
-        """Coordinates that the markers do not determine, which have a normal prior."""
+        """Coordinates that the markers do not determine, and that have a normal prior."""
         return tuple(name for prior in self.priors if prior.centred for name in prior.names)
 
     @cached_property
-    def pulls(self) -> tuple[coordinate_prior.CoefficientPrior, ...]:
-        """`priors` on the coefficients."""
-        return tuple(prior.on(self.basis, self.chain.coordinates) for prior in self.priors)
+    def coefficient_priors(self) -> tuple[coordinate_prior.CoefficientPrior, ...]:
+        """`priors`, expressed on the coefficients."""
+        return tuple(prior.express_on(self.basis, self.chain.coordinates) for prior in self.priors)
 
     @cached_property
     def penalty(self) -> Smoothing | None:
         """`smoothing` of the active coordinates."""
-        return None if self.smoothing is None else self.smoothing.of_active(self.active)
+        return None if self.smoothing is None else self.smoothing.restrict_to(self.active)
 
     @property
     def _penalties(self) -> tuple[Smoothing | coordinate_prior.CoefficientPrior, ...]:
-        """All that costs besides markers."""
-        return (*filter(None, [self.penalty]), *self.pulls)
+        """All costs besides that of the markers."""
+        return (*filter(None, [self.penalty]), *self.coefficient_priors)
 
     @cached_property
     def _pairs(self) -> marker_residual.VariablePairs:
@@ -104,14 +107,12 @@ class MotionProblem:
 
     @property
     def secondary(self) -> SecondaryColumns | None:
-        """What joints do besides moving along their coordinates, if that is unknown."""
+        """Secondary motions of the joints, if they are unknowns."""
         return self.tissue.secondary if self.tissue else None
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """(np,) names of what is sought besides the motion: free joint parameters, then soft
-        tissue.
-        """
+        """(np,) names of unknowns besides the motion: free joint parameters, then soft tissue."""
         keys = (
             dict(zip(self.secondary.names, self.secondary.keys, strict=True))
             if self.secondary
@@ -124,40 +125,57 @@ class MotionProblem:
 
     @property
     def joint_parameters(self) -> int:
-        """How many of `unknowns` are joint parameters, which come first."""
+        """Number of joint parameters among `unknowns`, where they come first."""
         return sum(name in JP_INDEX for name in self.chain.free)
 
-    def displaced(self, z: Array) -> MotionProblem:
-        """The same trial with its secondary motions and soft tissue at z (nz,): `unknowns` but
-        joint parameters.
+    def displace(self, z: Array) -> MotionProblem:
+        """Set secondary motions and soft tissue.
+
+        Parameters
+        ----------
+        z
+            (nz,) m, rad: `unknowns` without the joint parameters.
+
+        Returns
+        -------
+        MotionProblem
+            The same trial with displaced markers.
         """
         data, count = self.data, 0
         if self.secondary is not None:
             count = len(self.secondary.names)
-            data = replace(data, secondary=self.secondary.at(z[:count]))
+            data = replace(data, secondary=self.secondary.evaluate(z[:count]))
         if self.tissue is not None and self.tissue.groups and len(z) > count:
-            data = replace(data, shift=self.tissue.shift(z[count:], len(self.labels)))
+            data = replace(data, shift=self.tissue.compute_shift(z[count:], len(self.labels)))
         return self.with_data(data)
 
-    def shifted(self, shift: Array | None) -> MotionProblem:
-        """The same trial with its markers (nm, 3, nf) m from their places; None: in their places."""
+    def shift_markers(self, shift: Array | None) -> MotionProblem:
+        """Set the displacements (nm, 3, nf) m of the markers in their segments; None: none."""
         return self.with_data(replace(self.data, shift=shift))
 
     def with_data(self, data: marker_residual.MarkerData) -> MotionProblem:
-        """The same trial with the same markers moved or measured elsewhere."""
-        return self._alike(data=data)
+        """Replace positions or measurements of the same markers."""
+        return self._replace_data(data=data)
 
-    def _alike(self, **changed: Any) -> MotionProblem:
-        """The same trial with what changes no pattern of the equations, which is not worked out
-        again.
-        """
+    def _replace_data(self, **changed: Any) -> MotionProblem:
+        """Replace fields that leave the sparsity pattern unchanged, which is kept."""
         other = replace(self, **changed)
         other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
         return other
 
-    def part(self, root: str, segments: tuple[str, ...]) -> MotionProblem:
-        """The same trial of some segments alone, `root` free in the laboratory; without soft
-        tissue.
+    def extract_part(self, root: str, segments: tuple[str, ...]) -> MotionProblem:
+        """Extract the problem of some segments alone, without soft tissue.
+
+        Parameters
+        ----------
+        root
+            Base segment of the part, free in the laboratory.
+        segments
+            Segments of the part.
+
+        Returns
+        -------
+        MotionProblem
         """
         chain = get_chain(root, segments)
         names = [self.chain.segments[s] for s in self.data.segment]
@@ -172,27 +190,35 @@ class MotionProblem:
         data = marker_residual.MarkerData(
             placed, self.data.measured[order], self.data.weight[order]
         )
+        priors = [prior.select(chain.coordinates) for prior in self.priors]
         return MotionProblem(
             name=self.name,
             chain=chain,
             basis=self.basis,
             data=data,
             labels=tuple(self.labels[k] for k in order),
-            priors=tuple(
-                p for p in (prior.of(chain.coordinates) for prior in self.priors) if p.names
-            ),
+            priors=tuple(prior for prior in priors if prior.names),
             posture=self.posture,
             noise=self.noise,
         )
 
-    def followed(self, coefficients: Array) -> MotionProblem:
-        """The same with a trunk that no marker determines upright over the pelvis of a motion (nn,
-        nq).
+    def follow_pelvis(self, coefficients: Array) -> MotionProblem:
+        """Centre the prior of an undetermined trunk upright over the pelvis of a motion.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad, of that motion.
+
+        Returns
+        -------
+        MotionProblem
+            The same object where markers determine the trunk.
         """
         if not set(LUMBAR) & set(self.guessed):
             return self
         q, time = self.basis.evaluate(coefficients), self.basis.time
-        kept = coordinate_prior.upright_trunk(
+        kept = coordinate_prior.compute_upright_trunk(
             time, q[:, len(ROOT_SUFFIXES) // 2 : len(ROOT_SUFFIXES)], self.posture
         )
         priors = []
@@ -204,70 +230,112 @@ class MotionProblem:
                         course[:, k] = kept[:, LUMBAR.index(name)]
                 prior = replace(prior, time=time, low=course, high=course)
             priors.append(prior)
-        return self._alike(priors=tuple(priors))
+        return self._replace_data(priors=tuple(priors))
 
-    def body(self, parameters: Parameters) -> LinkageModel:
-        """Build the linkage of this trial with a set of parameters."""
+    def build_body(self, parameters: Parameters) -> LinkageModel:
+        """Build the linkage of this trial.
+
+        Parameters
+        ----------
+        parameters
+            Joint and inertial parameters.
+
+        Returns
+        -------
+        LinkageModel
+        """
         chain = self.chain if self.data.secondary is None else self.chain.with_secondary()
         return chain.body(parameters)
 
-    def values(self, parameters: Parameters) -> Array:
-        """(np,) values of the free joint parameters, m and rad."""
+    def get_values(self, parameters: Parameters) -> Array:
+        """Get the values (np,) of the free joint parameters, m and rad."""
         return parameters.joint[[JP_INDEX[name] for name in self.chain.free]]
 
     def with_free(self, free: tuple[str, ...]) -> MotionProblem:
-        """The same trial with other joint parameters free, and if there are any, its secondary
-        motions too.
+        """Set the free joint parameters; secondary motions are free if there are any.
+
+        Parameters
+        ----------
+        free
+            Names of joint parameters and of shared unknowns.
+
+        Returns
+        -------
+        MotionProblem
         """
         data, secondary = self.data, self.secondary
         if free and secondary:
             free = (*(name for name in free if name in JP_INDEX), *secondary.names)
             if data.secondary is None:
-                data = replace(data, secondary=secondary.at(np.zeros(len(secondary.names))))
+                data = replace(data, secondary=secondary.evaluate(np.zeros(len(secondary.names))))
         return replace(self, chain=get_chain(self.chain.root, self.chain.segments, free), data=data)
 
-    def places_in(self, free: Sequence[str]) -> IntArray:
-        """(np,) places of this trial's free joint parameters in `free`, the ones that several
-        trials share.
+    def locate_in(self, free: Sequence[str]) -> IntArray:
+        """Locate the unknowns of this trial among those that several trials share.
+
+        Parameters
+        ----------
+        free
+            Names of the shared unknowns.
+
+        Returns
+        -------
+        (np,) array of int
+            Indices in `free`.
         """
         return np.array([free.index(name) for name in self.unknowns], dtype=np.intp)
 
     def with_weight(self, weight: Array) -> MotionProblem:
-        """The same trial with other marker weights (nm, nf)."""
+        """Replace the marker weights (nm, nf)."""
         return replace(self, data=replace(self.data, weight=weight))
 
-    def scaled(self, share: float) -> MotionProblem:
-        """The same trial with `share` times its cost."""
-        smoothing = self.smoothing and self.smoothing.scaled(share)
-        priors = tuple(prior.scaled(share) for prior in self.priors)
+    def scale_cost(self, share: float) -> MotionProblem:
+        """Multiply the cost by `share`."""
+        smoothing = self.smoothing and self.smoothing.scale_cost(share)
+        priors = tuple(prior.scale_cost(share) for prior in self.priors)
         data = replace(self.data, weight=share * self.data.weight)
         return replace(self, data=data, smoothing=smoothing, priors=priors)
 
     def with_measured(self, measured: Array) -> MotionProblem:
-        """The same trial with other measured markers (nm, 3, nf), m."""
+        """Replace the measured positions (nm, 3, nf), m."""
         return self.with_data(replace(self.data, measured=measured))
 
-    def equations(
+    def assemble_equations(
         self, coefficients: Array, body: LinkageModel, *, curved: bool = False
     ) -> banded.NormalEquations:
-        """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not
-        Gauss-Newton's.
+        """Assemble the normal equations.
 
-        ValueError if `curved` and a joint parameter is free: curvature asks which of two variables
-        comes first, and parameters are not kept in that order.
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+        body
+            Linkage with its joint parameters.
+        curved
+            Half the full Hessian instead of the Gauss-Newton matrix.
+
+        Returns
+        -------
+        NormalEquations
+
+        Raises
+        ------
+        ValueError
+            `curved`, and a joint parameter is free. Curvature depends on the order of two variables
+            along the linkage, and parameters are not kept in that order.
         """
         if curved and self.chain.free:
             raise ValueError(
                 "curvature is for the coordinates alone: no joint parameter may be free"
             )
         q = self.basis.evaluate(coefficients)
-        equations = self._assembler.assembled(
-            (self._frame_equations(stretch.frames, body, q, curved=curved), stretch)
+        equations = self._assembler.assemble(
+            (self._assemble_frames(stretch.frames, body, q, curved=curved), stretch)
             for stretch in self.basis.stretches
         )
         for penalty in self._penalties:
             penalty.add_to(equations.band, coefficients)
-            cost, gradient = penalty.both(coefficients)
+            cost, gradient = penalty.evaluate(coefficients)
             equations = replace(
                 equations,
                 cost=equations.cost + cost,
@@ -275,11 +343,9 @@ class MotionProblem:
             )
         if self.tissue is None or not self.tissue.groups:
             return equations
-        return with_tissue_columns(
-            body, self.basis, self.data, self.tissue, equations, coefficients
-        )
+        return add_tissue_columns(body, self.basis, self.data, self.tissue, equations, coefficients)
 
-    def _frame_equations(
+    def _assemble_frames(
         self,
         frames: slice,
         body: LinkageModel,
@@ -288,76 +354,142 @@ class MotionProblem:
         hessian: bool = True,
         curved: bool = False,
     ) -> marker_residual.FrameEquations:
-        data = self.data.frames(frames)
-        return marker_residual.frame_equations(
+        data = self.data.select_frames(frames)
+        return marker_residual.assemble_frame_equations(
             body, self._pairs, data, q[frames], hessian=hessian, curved=curved
         )
 
-    def frame_hessians(self, q: Array, body: LinkageModel) -> Array:
-        """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
+    def compute_frame_hessians(self, q: Array, body: LinkageModel) -> Array:
+        """Compute the Gauss-Newton matrix of each frame by itself.
+
+        Parameters
+        ----------
+        q
+            (nf, nq) coordinates, m and rad.
+        body
+            Linkage with its joint parameters.
+
+        Returns
+        -------
+        (nf, nq, nq) array
+        """
         pairs, nq = self._pairs, len(self.chain.coordinates)
         out = np.zeros((len(q), nq, nq))
         first, second = pairs.first[pairs.coordinates], pairs.second[pairs.coordinates]
         shallow, deep = pairs.shallow[pairs.coordinates], pairs.deep[pairs.coordinates]
         for stretch in self.basis.stretches:
             frames = stretch.frames
-            entries = self._frame_equations(frames, body, q).products(slice(nq), slice(nq))[
+            entries = self._assemble_frames(frames, body, q).compute_products(slice(nq), slice(nq))[
                 :, shallow, deep
             ]
             out[frames, first, second] = out[frames, second, first] = entries
         return out
 
-    def gradient(self, coefficients: Array, body: LinkageModel) -> tuple[float, Array]:
-        """Cost (m^2) and half gradient by the coefficients (nn, nq), without the matrix."""
-        cost, by_nodes, _ = self.both_gradients(coefficients, body)
+    def compute_gradient(self, coefficients: Array, body: LinkageModel) -> tuple[float, Array]:
+        """Compute the cost and half its gradient by the coefficients, without the matrix.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+        body
+            Linkage with its joint parameters.
+
+        Returns
+        -------
+        float
+            m^2.
+        (nn, nq) array
+        """
+        cost, by_nodes, _ = self.compute_gradients(coefficients, body)
         return cost, by_nodes
 
-    def both_gradients(self, coefficients: Array, body: LinkageModel) -> tuple[float, Array, Array]:
-        """Cost (m^2) and half gradients by the coefficients (nn, nq) and by `unknowns` (np,)."""
+    def compute_gradients(
+        self, coefficients: Array, body: LinkageModel
+    ) -> tuple[float, Array, Array]:
+        """Compute the cost and half its gradients, without the matrix.
+
+        Returns
+        -------
+        float
+            m^2.
+        (nn, nq) array
+            By the coefficients.
+        (np,) array
+            By `unknowns`.
+        """
         q = self.basis.evaluate(coefficients)
         nq = len(self.chain.coordinates)
         cost, by_nodes, by_values = 0.0, np.zeros_like(coefficients), np.zeros(len(self.chain.free))
         for stretch in self.basis.stretches:
-            part = self._frame_equations(stretch.frames, body, q, hessian=False)
+            part = self._assemble_frames(stretch.frames, body, q, hessian=False)
             cost += part.cost
             stretch.add_gradient(by_nodes, part.gradient[:nq])
             by_values += part.gradient[nq:].sum(axis=1)
         for penalty in self._penalties:
-            more, gradient = penalty.both(coefficients)
+            more, gradient = penalty.evaluate(coefficients)
             cost, by_nodes = cost + more, by_nodes + gradient
         if self.tissue is not None and self.tissue.groups:
-            by_tissue = tissue_gradient(body, self.data, self.tissue, q)
+            by_tissue = compute_tissue_gradient(body, self.data, self.tissue, q)
             by_values = np.concatenate([by_values, by_tissue])
         return cost, by_nodes, by_values
 
-    def cost(self, coefficients: Array, body: LinkageModel) -> float:
-        """Sum of w |r|^2, the penalty and what is known of coordinates, m^2."""
-        return self.marker_cost(coefficients, body) + sum(
-            penalty.both(coefficients)[0] for penalty in self._penalties
+    def compute_cost(self, coefficients: Array, body: LinkageModel) -> float:
+        """Compute the sum of w |r|^2, the penalty and the priors, m^2."""
+        return self.compute_marker_cost(coefficients, body) + sum(
+            penalty.evaluate(coefficients)[0] for penalty in self._penalties
         )
 
-    def marker_cost(self, coefficients: Array, body: LinkageModel) -> float:
-        """Sum of w |r|^2, m^2."""
-        r = self.positions(coefficients, body) - self.data.measured
+    def compute_marker_cost(self, coefficients: Array, body: LinkageModel) -> float:
+        """Compute the sum of w |r|^2.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+        body
+            Linkage with its joint parameters.
+
+        Returns
+        -------
+        float
+            m^2.
+        """
+        r = self.compute_positions(coefficients, body) - self.data.measured
         return float(np.vdot(self.data.weight[:, None] * r, r))
 
-    def positions(self, coefficients: Array, body: LinkageModel) -> Array:
-        """(nm, 3, nf) m, model markers."""
+    def compute_positions(self, coefficients: Array, body: LinkageModel) -> Array:
+        """Compute the positions of the model markers.
+
+        Parameters
+        ----------
+        coefficients
+            (nn, nq) m, rad.
+        body
+            Linkage with its joint parameters.
+
+        Returns
+        -------
+        (nm, 3, nf) array
+            m, laboratory axes.
+        """
         q = self.basis.evaluate(coefficients)
         out = np.empty(self.data.measured.shape)
         for stretch in self.basis.stretches:
-            frames, part = stretch.frames, self.data.frames(stretch.frames)
-            out[:, :, frames] = marker_residual.marker_positions(
+            frames, part = stretch.frames, self.data.select_frames(stretch.frames)
+            out[:, :, frames] = marker_residual.compute_marker_positions(
                 body, part.placed, q[frames], part.shift, part.secondary
             )
         return out
 
 
 FEWEST_FRAMES = 12
-CARRIES_ITSELF = 0.5  # share of the frames from which a root is tracked by its own markers
+"""Frames that a trial needs for its splines."""
+MIN_ROOT_VISIBLE_SHARE = 0.5
+"""Share of frames with three visible markers from which the base segment is tracked by these."""
 
 
-def trial_problem(
+def build_trial_problem(
     name: str,
     model: SubjectModel,
     recording: Recording,
@@ -368,21 +500,44 @@ def trial_problem(
     carrier: str = "",
     isolated: str | None = None,
 ) -> MotionProblem:
-    """The markers of `segments` in a recording as a least-squares problem in the coordinates of
-    that part.
+    """Build the least-squares problem of a recording in the coordinates of some segments.
 
-    Markers that the recording lacks are left out; NaN positions get weight zero in their frames.
-    Joints do not turn further than they can, but for the `isolated` one, which a trial moves as far
-    as it goes; coordinates that the markers do not determine have a normal prior. Where the root
-    shows three markers in less than half of the frames and a `carrier` is named, that segment
-    carries the body: the joints between the two are held at zero, and only markers on the carrier
-    and beyond it pull. Raises `InputError` where the root has no three markers and nothing carries
-    it, or the recording is too short for a spline.
+    Parameters
+    ----------
+    name
+        Name of the trial.
+    model
+        The person's model.
+    recording
+        Measured markers. Markers that it lacks are left out; NaN positions have weight zero.
+    rule
+        Number of control points.
+    root
+        Base segment, free in the laboratory.
+    segments
+        Segments of the part.
+    carrier
+        Segment that carries the body where fewer than half of the frames show three markers of
+        `root`. The joints between the two are then held at zero, and only markers on or beyond
+        `carrier` have weight.
+    isolated
+        Joint of a functional trial, which has no joint limits; None: all joints have them.
+
+    Returns
+    -------
+    MotionProblem
+        Coordinates that the markers do not determine have a normal prior.
+
+    Raises
+    ------
+    InputError
+        The base segment has no three markers and no `carrier`, or the recording is too short.
     """
     keep_freed_memory()
     if len(recording.time) < FEWEST_FRAMES:
         message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}"
         raise InputError(message, source=recording.source, code=Code.TOO_LITTLE_SEEN)
+    # Markers of the model that are recorded, in the order of the segments along the chain.
     at = {label: i for i, label in enumerate(recording.labels)}
     chain = get_chain(root, segments)
     all_labels, segment_of = model.markers.labels, model.markers.segments
@@ -390,33 +545,41 @@ def trial_problem(
     chosen.sort(key=lambda i: chain.segments.index(segment_of[i]))
     index = np.array([chain.segments.index(segment_of[i]) for i in chosen], dtype=np.intp)
     labels = tuple(all_labels[i] for i in chosen)
+    # Measured positions (nm, 3, nf); samples in gaps have weight zero.
     measured = recording.markers[:, [at[label] for label in labels]].transpose(1, 2, 0)
     visible = np.asarray(np.isfinite(measured).all(axis=1))
     weight = np.where(visible, model.markers.weight[chosen][:, None], 0.0)
     on_root = (index == 0) & (weight > 0).any(axis=1)
+    # A base segment without enough visible markers is carried by another one.
     held: tuple[str, ...] = ()
-    if carrier and carrier != root and shown_share(weight[index == 0]) < CARRIES_ITSELF:
+    if (
+        carrier
+        and carrier != root
+        and compute_visible_share(weight[index == 0]) < MIN_ROOT_VISIBLE_SHARE
+    ):
         root, s = carrier, chain.segments.index(carrier)
-        moves = chain.support[: len(chain.coordinates)] > 0  # (nq, ns)
+        # moves: (nq, ns) whether a coordinate moves a segment. Joints up to the carrier are held.
+        moves = chain.support[: len(chain.coordinates)] > 0
         held = tuple(np.array(chain.coordinates)[moves[:, s]].tolist())[len(ROOT_SUFFIXES) :]
-        # what moves all that moves the carrier lies beyond it, seen from the root
+        # Segments beyond the carrier: moved by all coordinates that move the carrier.
         beyond = np.asarray((moves >= moves[:, [s]]).all(axis=0))
         weight[~beyond[index]] = 0.0
         on_root = (index == s) & (weight > 0).any(axis=1)
     if on_root.sum() < rigid.FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
         message = (
-            f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and "
-            "have weight"
+            f"found {found} on {root}; allowed: at least 3 markers of {root} that are visible "
+            "and have weight"
         )
         raise InputError(
             message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN
         )
-    basis = spline_basis(recording.time, rule.nodes(recording.time))
+    basis = build_spline_basis(recording.time, rule.count_nodes(recording.time))
     placed = marker_residual.PlacedMarkers(index, model.markers.local[chosen])
     data = marker_residual.MarkerData(
         placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight
     )
+    # Joint limits, except of the joint of a functional trial.
     moved = (
         list_joint_coordinates(joint.child for joint in list_moved_joints(isolated))
         if isolated
@@ -430,52 +593,55 @@ def trial_problem(
         labels=labels,
         held=held,
         priors=(
-            coordinate_prior.walls(
+            coordinate_prior.build_joint_limits(
                 tuple(c for c in chain.coordinates if c not in moved), model.posture
             ),
         ),
         posture=model.posture,
         noise=model.noise,
     )
-    return problem if held else _with_posture(problem, model)
+    return problem if held else _add_posture_priors(problem, model)
 
 
-def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
-    """A trial with what is known of coordinates that its markers do not determine."""
+def _add_posture_priors(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
+    """Add normal priors to the coordinates that the markers do not determine."""
     chain, data = problem.chain, problem.data
     of_marker = [chain.segments[s] for s in data.segment]
-    asked = coordinate_prior.coordinates_asked(
+    candidates = coordinate_prior.list_prior_candidates(
         chain.segments, of_marker, data.local, data.weight > 0
     )
-    if not asked:
+    if not candidates:
         return problem
-    body = problem.body(model.nominal)
-    frames = spaced(len(problem.basis.time), coordinate_prior.POSES)
-    q = start.starting_coordinates(body, data.frames(frames))
-    pulling = data.weight[:, frames] > 0
+    body = problem.build_body(model.nominal)
+    frames = select_spaced_frames(len(problem.basis.time), coordinate_prior.POSES)
+    q = start.find_start_coordinates(body, data.select_frames(frames))
+    visible = data.weight[:, frames] > 0
     on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
 
-    def left_open(counted: BoolArray) -> tuple[str, ...]:
-        alike = marker_residual.MarkerData(
+    def find_undetermined(counted: BoolArray) -> tuple[str, ...]:
+        # Every marker that counts has the same weight.
+        equal_weights = marker_residual.MarkerData(
             data.placed, data.measured[:, :, frames], counted.astype(float)
         )
-        some = replace(problem, basis=problem.basis.at(frames), data=alike)
-        return coordinate_prior.undetermined(asked, chain.coordinates, some.frame_hessians(q, body))
+        some = replace(problem, basis=problem.basis.select_frames(frames), data=equal_weights)
+        return coordinate_prior.select_undetermined(
+            candidates, chain.coordinates, some.compute_frame_hessians(q, body)
+        )
 
-    open_now = set(left_open(pulling)) - set(LUMBAR)
-    if set(LUMBAR) & set(asked):
-        open_now |= set(left_open(pulling & ~on_arms[:, None])) & set(LUMBAR)
-    names = tuple(name for name in asked if name in open_now)
+    # Markers of the arms do not count for the lumbar joint.
+    undetermined = set(find_undetermined(visible)) - set(LUMBAR)
+    if set(LUMBAR) & set(candidates):
+        undetermined |= set(find_undetermined(visible & ~on_arms[:, None])) & set(LUMBAR)
+    names = tuple(name for name in candidates if name in undetermined)
     if not names:
         return problem
-    known = replace(
-        problem, priors=(*problem.priors, coordinate_prior.about_posture(names, model.posture))
+    with_priors = replace(
+        problem,
+        priors=(*problem.priors, coordinate_prior.build_posture_prior(names, model.posture)),
     )
-    return known.followed(start.starting_nodes(body, data, problem.basis))
+    return with_priors.follow_pelvis(start.find_start_coefficients(body, data, problem.basis))
 
 
-def shown_share(weight: Array) -> float:
-    """Share of the frames in which three of a segment's markers, weights (nm, nf), are seen and
-    pull.
-    """
+def compute_visible_share(weight: Array) -> float:
+    """Compute the share of the frames with three visible markers, for weights (nm, nf)."""
     return float(np.mean((weight > 0).sum(axis=0) >= rigid.FEWEST_MARKERS))

@@ -32,9 +32,9 @@ import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.dynamics.ground_reactions import foot_points
-from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, pelvis_residual
-from gaitcal.dynamics.off_sole import outside_hull, sole_edge
+from gaitcal.dynamics.ground_reactions import compute_foot_points
+from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, compute_pelvis_residual
+from gaitcal.dynamics.off_sole import compute_distance_outside_hull, compute_sole_edge
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.force_plate import point_and_torque
@@ -110,7 +110,7 @@ def true_walk(seed: int | None = None) -> Walk:
     model = replace(model, parameters=parameters)
     wrench = residual_free_wrench(model.parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    forces = Dynamics(model.parameters).forces(q, v, a, wrench)
+    forces = Dynamics(model.parameters).compute_forces(q, v, a, wrench)
     moments = {
         f"{stem}_{side}": forces[:, FORCES.index(f"{stem}_{side}")]
         for stem in MOMENTS
@@ -123,10 +123,10 @@ def true_walk(seed: int | None = None) -> Walk:
         moments={name: values / model.parameters.mass for name, values in moments.items()},
         force=wrench[:, :, :3] / model.subject.weight,
         centre=centre,
-        feet=foot_points(
+        feet=compute_foot_points(
             model, cast(Motion, SimpleNamespace(q=q, time=motion.basis.time)), model.parameters
         ),
-        residual=float(np.abs(pelvis_residual(q, forces)).max()),
+        residual=float(np.abs(compute_pelvis_residual(q, forces)).max()),
     )
 
 
@@ -199,7 +199,9 @@ def outside_sole(walk: Walk, foot: int) -> Array:
     """(nf,) m by which the centre of pressure is outside the sole; negative inside, -inf where a
     foot is not loaded.
     """
-    return outside_hull(walk.centre[:, foot][:, [0, 2]], sole_edge(walk.feet, foot, slice(None)))[0]
+    return compute_distance_outside_hull(
+        walk.centre[:, foot][:, [0, 2]], compute_sole_edge(walk.feet, foot, slice(None))
+    )[0]
 
 
 def passes(walk: Walk) -> bool:

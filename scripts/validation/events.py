@@ -23,8 +23,8 @@ from gaitcal import Study
 from gaitcal.analysis.prepared_trials import measured_reactions, prepare_trial
 from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.dynamics.ground_reactions import foot_points
-from gaitcal.dynamics.measurement_errors import outline_known, outside
+from gaitcal.dynamics.ground_reactions import compute_foot_points
+from gaitcal.dynamics.measurement_errors import compute_distance_outside, has_known_outline
 from gaitcal.gait.events import motion_events, plate_events
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
@@ -32,7 +32,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
 from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.study.study_trial import Role
-from gaitcal.tracking.motion import tracked_motion
+from gaitcal.tracking.motion import track_motion
 
 SHARED = ()
 OWN = {
@@ -71,8 +71,8 @@ def walks_of(study: Study) -> list[Walk]:
     model, out = nominal_of(study), []
     for trial in (t for t in study.moving if t.role is Role.GAIT):
         ready = prepare_trial(trial, model, study.settings)
-        motion = tracked_motion(ready.body, model.parameters)
-        feet, recording = foot_points(model, motion, model.parameters), ready.recording
+        motion = track_motion(ready.body, model.parameters)
+        feet, recording = compute_foot_points(model, motion, model.parameters), ready.recording
         plates: list[FootEvent] = []
         if recording.plates:
             loaded = measured_reactions(
@@ -90,7 +90,7 @@ def whole_contacts(
 ) -> list[FootEvent]:
     """Those at which the end of the foot that meets or leaves the ground is well within a plate."""
     kept = []
-    outlined = [p for p in recording.plates if outline_known(p, LOADED_N)]
+    outlined = [p for p in recording.plates if has_known_outline(p, LOADED_N)]
     for event in events:
         foot, strike = SIDES.index(event.side), event.moment is FootMoment.STRIKE
         other = times_of(events, event.side, FootMoment.OFF if strike else FootMoment.STRIKE)
@@ -103,7 +103,7 @@ def whole_contacts(
         if (
             not recording.plates
             or len(outlined) < len(recording.plates)
-            or outside(outlined, place)[0] < -WITHIN_M
+            or compute_distance_outside(outlined, place)[0] < -WITHIN_M
         ):
             kept.append(event)
     return kept

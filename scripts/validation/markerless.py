@@ -250,7 +250,7 @@ def made_up(seed: int, folder: Path) -> Walk:
     write_forces_csv(folder / "walk_forces.csv", plates_under(motion, wrench))
     forces = 'forces = "walk_forces.csv"\nplates = { 1 = "r", 2 = "l" }'
     state = [motion.basis.evaluate(motion.coefficients, derivative) for derivative in range(3)]
-    torques = dict(zip(FORCES, Dynamics(parameters).forces(*state, wrench).T, strict=True))
+    torques = dict(zip(FORCES, Dynamics(parameters).compute_forces(*state, wrench).T, strict=True))
     return Walk(
         body_poses(parameters, motion.q), motion.basis.time, parameters.mass, 1.70, forces, torques
     )
@@ -312,7 +312,7 @@ def against(found: Calibration, true: Walk) -> Outcome:
             :, columns
         ] - np.column_stack(known)
         valid = loads.reactions.valid
-        return own[valid].ravel(), loads.errors.every[valid][:, columns].ravel()
+        return own[valid].ravel(), loads.errors.all_forces[valid][:, columns].ravel()
 
     names = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
     centres = {

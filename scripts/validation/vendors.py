@@ -45,13 +45,13 @@ from gaitcal.analysis.prepared_trials import (
 )
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
+from gaitcal.dynamics.inverse_dynamics import Moments, compute_moments
 from gaitcal.dynamics.joint_kinetics import (
     VECTOR_FRAMES,
     JointKinetics,
     MomentFrame,
     component_of,
-    kinetics_of,
+    compute_kinetics,
     power_of,
 )
 from gaitcal.gait.moments import moment_of
@@ -61,7 +61,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.preprocess.study_model import nominal_of
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.motion import Motion, track_motion
 from scripts.validation.harness import matching, option, rms, say
 from scripts.validation.recordings import CHILDREN, study_of_person
 
@@ -236,14 +236,14 @@ def calibrated_walks(study: Study, person: str) -> Iterator[Walk]:
 def _walk(
     name: str, trial: MovingTrial, model: SubjectModel, parameters: Parameters, study: Study
 ) -> Walk:
-    motion = tracked_motion(trial.body, parameters)
+    motion = track_motion(trial.body, parameters)
     reactions = measured_reactions(trial, model, parameters, motion, study.settings)
     return Walk(
         name=name,
         mass=model.subject.mass,
         motion=motion,
-        moments=moments_of(parameters, motion, reactions.wrench, model.subject.bwh),
-        kinetics=kinetics_of(parameters, motion, reactions.wrench),
+        moments=compute_moments(parameters, motion, reactions.wrench, model.subject.bwh),
+        kinetics=compute_kinetics(parameters, motion, reactions.wrench),
         reactions=reactions,
         theirs={
             k: c

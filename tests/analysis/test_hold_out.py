@@ -73,9 +73,9 @@ def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     fitted = without(trial, held).joints
     spoilt = replace(fitted.data, measured=fitted.data.measured + np.where(held, 0.5, 0.0))
     coefficients = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
-    body = fitted.body(nominal_of(study).parameters)
-    assert replace(fitted, data=spoilt).cost(coefficients, body) == pytest.approx(
-        fitted.cost(coefficients, body), rel=1e-12
+    body = fitted.build_body(nominal_of(study).parameters)
+    assert replace(fitted, data=spoilt).compute_cost(coefficients, body) == pytest.approx(
+        fitted.compute_cost(coefficients, body), rel=1e-12
     )
 
 

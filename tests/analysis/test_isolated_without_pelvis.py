@@ -15,9 +15,9 @@ from gaitcal.model.parameters import JP_INDEX
 from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
-from gaitcal.tracking.motion import tracked_motion
+from gaitcal.tracking.motion import track_motion
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import trial_problem
+from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.kept import kept_real
 from tests.quality.spoilt import findings, recording_of, serious, with_trial
 from tests.synthetic_studies import only
@@ -93,10 +93,10 @@ def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
     model = nominal_of(uf3)
     recording = recording_of(bare(uf3, joint), joint)
     root, *_ = segments = list_joint_segments(joint)
-    body = trial_problem(joint, model, recording, NodeRule(), carrier=root)
-    alone = trial_problem(joint, model, recording, NodeRule(), root=root, segments=segments)
+    body = build_trial_problem(joint, model, recording, NodeRule(), carrier=root)
+    alone = build_trial_problem(joint, model, recording, NodeRule(), root=root, segments=segments)
     assert body.held[0] == f"hip_flexion_{joint[-1]}"
-    whole, part = tracked_motion(body, model.nominal), tracked_motion(alone, model.nominal)
+    whole, part = track_motion(body, model.nominal), track_motion(alone, model.nominal)
     assert whole.errors.rms() == pytest.approx(part.errors.rms(), rel=SAME_RMS)
     for name in part.coordinates[6:]:
         away = whole.q[:, whole.coordinates.index(name)] - part.q[:, part.coordinates.index(name)]

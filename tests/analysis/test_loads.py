@@ -19,10 +19,10 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
-from gaitcal.tracking.bandwidth import with_bandwidth
+from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.motion import Motion
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import trial_problem
+from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.synthetic_studies import write_synthetic_study
 
 SAME = 1e-9
@@ -51,7 +51,9 @@ def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
     wrench = trial.loads.reactions.wrench
 
     def torques(parameters: Parameters, motion: Motion) -> np.ndarray:
-        forces = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)
+        forces = Dynamics(parameters).compute_forces(
+            motion.q, motion.velocity, motion.acceleration, wrench
+        )
         return forces[:, : len(COORDINATES)]
 
     nominal, final = done.nominal.parameters, done.model.parameters
@@ -67,9 +69,9 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     study, done = made
     trial = done.trial("walk")
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
-    plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
+    plain = build_trial_problem("walk", done.nominal, trial.recording, NodeRule())
     problem = replace(
-        with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
+        apply_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
     )
     problem = done.joint.artefact.displace_markers(problem)
     turned = axis_deviations(study.settings, done.nominal, preprocess_study(study).moves()["walk"])

@@ -27,7 +27,7 @@ def test_subject01_fits_its_walk(data_dir: Path, kept: Path) -> None:
         for e in (walk.nominal.errors, walk.calibrated.errors, walk.floor)
     )
     assert (
-        int(walk.calibrated.errors.kept(*LOWER_BODY).sum()) == 25
+        int(walk.calibrated.errors.select_observed(*LOWER_BODY).sum()) == 25
     )  # of 27 the toe tips have no weight
     assert floor == pytest.approx(2.3, abs=0.1)
     assert floor < (walk.joint_floor_mm(*LOWER_BODY) or 0) < fitted < 5.6 < nominal < 12.0

@@ -11,7 +11,7 @@ from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.prepared_trials import MovingTrial, force_cutoff, prepare_trial
 from gaitcal.analysis.trial_bandwidth import JOINTS_HZ, REACH, Bandwidth, ChosenBy
 from gaitcal.analysis.trial_result import analyse
-from gaitcal.dynamics.ground_reactions import FORCE_HZ, GroundReactions, reactions_of_motion
+from gaitcal.dynamics.ground_reactions import FORCE_HZ, GroundReactions, compute_motion_reactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
@@ -22,7 +22,7 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.synthetic_motion import gait_motion, isolated_motion
 from gaitcal.tracking.bandwidth import DenseMotion
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.motion import Motion, track_motion
 from tests.synthetic_studies import made_plates, made_recording, write_synthetic_study
 
 MODEL = published_model()
@@ -44,8 +44,10 @@ def prepared(trial: Trial, **settings: object) -> MovingTrial:
 
 def reactions(trial: MovingTrial, hz: float | None = FORCE_HZ) -> tuple[Motion, GroundReactions]:
     """The trial tracked, and the ground's reactions to it, filtered at so many Hz."""
-    motion = tracked_motion(trial.body, MODEL.parameters)
-    return motion, reactions_of_motion(MODEL, MODEL.parameters, motion, trial.recording, {}, hz)
+    motion = track_motion(trial.body, MODEL.parameters)
+    return motion, compute_motion_reactions(
+        MODEL, MODEL.parameters, motion, trial.recording, {}, hz
+    )
 
 
 def cutoffs(trial: MovingTrial) -> list[float | None]:
@@ -65,7 +67,7 @@ def test_markers_choose_without_plates() -> None:
         assert f"smoothed at {told.motion_hz:.1f} Hz" in told.notes[0] and told.findings == ()
         # an isolated trial is judged by what its joint parameters are fitted to
         assert told.motion_hz == pytest.approx(
-            DenseMotion(found.fitted, MODEL.parameters).by_markers(), rel=1e-6
+            DenseMotion(found.fitted, MODEL.parameters).choose_cutoff(), rel=1e-6
         )
 
 
@@ -88,7 +90,7 @@ def test_plates_bring_motion_and_forces_together() -> None:
     def residual(hz: float) -> float:
         motion, ground = reactions(prepared(walk(0.002, plates), bandwidth_hz=hz))
         state = (motion.q, motion.velocity, motion.acceleration)
-        forces = Dynamics(MODEL.parameters).forces(*state, ground.wrench)[24:-24, :3]
+        forces = Dynamics(MODEL.parameters).compute_forces(*state, ground.wrench)[24:-24, :3]
         return float(np.sqrt(np.mean(forces**2)))
 
     chosen = residual(told.motion_hz)
@@ -157,7 +159,7 @@ def test_a_slow_plate_is_not_filtered(rate: float, hz: float, words: str) -> Non
 
 def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
     trial = prepared(walk(0.001))
-    motion = tracked_motion(trial.body, MODEL.parameters)
+    motion = track_motion(trial.body, MODEL.parameters)
     assert force_cutoff(trial, motion, CalibrationSettings()) == FORCE_HZ == 50.0
     matched = force_cutoff(trial, motion, CalibrationSettings(force_filter_hz="matched"))
     assert matched == pytest.approx(0.863 * trial.bandwidth.motion_hz, rel=1e-3)

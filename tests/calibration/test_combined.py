@@ -19,7 +19,7 @@ from gaitcal.calibration.inertial_calibration import (
     fit_consistent,
 )
 from gaitcal.calibration.joint_calibration import JointSearch
-from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
@@ -39,7 +39,7 @@ from gaitcal.synthetic.synthetic_motion import (
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.motion import track_nodes
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.calibration.test_torque_errors import PARAMETERS, smoothed_trial
 from tests.derivatives import Array, started
 from tests.real_studies import load_study
@@ -64,7 +64,7 @@ def noisy_walk(seed: int, *size: float) -> MotionProblem:
     recording = Recording(
         source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=noisy
     )
-    return trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
+    return build_trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
 
 
 @pytest.mark.slow
@@ -92,7 +92,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
         settings,
     )
     assert found.converged
-    square = ((problem.positions(coefficients, body) - problem.data.measured) ** 2).sum(
+    square = ((problem.compute_positions(coefficients, body) - problem.data.measured) ** 2).sum(
         axis=1
     ) / 3.0
     of_each = np.sqrt((problem.data.weight * square).sum() / (problem.data.weight > 0).sum())
@@ -102,7 +102,9 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     weight = model.subject.weight
 
     def loads(parameters: Parameters) -> Array:
-        residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, wrench[valid]))
+        residual = compute_pelvis_residual(
+            q, Dynamics(parameters).compute_forces(q, v, a, wrench[valid])
+        )
         residual[:, 3:] /= model.subject.height
         return residual.ravel() / (SHARE * weight)
 
@@ -142,8 +144,8 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     def squares(parameters: Parameters, coefficients: Array) -> Array:
         """Of force, moment and markers."""
         q, v, a = (MOTION.basis.evaluate(coefficients, k) for k in range(3))
-        residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, WRENCH))
-        cost = problem.cost(coefficients, problem.body(parameters))
+        residual = compute_pelvis_residual(q, Dynamics(parameters).compute_forces(q, v, a, WRENCH))
+        cost = problem.compute_cost(coefficients, problem.build_body(parameters))
         return np.array([np.mean(residual[:, :3] ** 2), np.mean(residual[:, 3:] ** 2), cost])
 
     before, after = (

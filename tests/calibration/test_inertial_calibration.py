@@ -38,7 +38,7 @@ def loads(noise: float, seed: int) -> tuple[Array, Array]:
     plus white noise of `noise` times weight in force and times weight and height in moment.
     """
     q, v, a = (MOTION.basis.evaluate(MOTION.coefficients, k) for k in range(3))
-    regressor = Dynamics(MODEL.parameters).root_regressor(q, v, a)
+    regressor = Dynamics(MODEL.parameters).compute_root_regressor(q, v, a)
     exact = np.einsum(
         "fisk,sk->fi", regressor, compute_dynamic_parameters(MODEL.parameters.inertial)
     )

@@ -31,7 +31,7 @@ from gaitcal.calibration.inertial_evidence import (
 )
 from gaitcal.calibration.torque_errors import factor_inertial_covariance
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
 from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
@@ -43,9 +43,9 @@ from gaitcal.model.parameters import (
     view_as_table,
 )
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
-from gaitcal.tracking.motion import tracked_motion
-from gaitcal.tracking.spline import NodeRule, frame_rate, spline_basis
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.motion import track_motion
+from gaitcal.tracking.spline import NodeRule, build_spline_basis, compute_frame_rate
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import noisy
 from tests.synthetic_studies import made_recording
 
@@ -54,13 +54,13 @@ SUBJECT, TRUE = MODEL.subject, MODEL.parameters
 SETTINGS = ConsistentSettings()
 WHICH = make_symmetric_set()
 ROUNDING = 1e-9
-EXACT = PlateErrors(place=0.0, gain=0.0, clock=0.0)
+EXACT = PlateErrors(position=0.0, gain=0.0, time_offset=0.0)
 USUAL = NodeRule()
 
 
 def problem_of(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> MotionProblem:
     """The published walk, its markers moved by white noise (m)."""
-    problem = trial_problem("walk", MODEL, made_recording(MOTION), rule)
+    problem = build_trial_problem("walk", MODEL, made_recording(MOTION), rule)
     return noisy(problem, np.random.default_rng(seed), noise)
 
 
@@ -78,7 +78,7 @@ def reactions() -> GroundReactions:
 
 def loaded(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> LoadedProblem:
     problem = problem_of(noise, seed, rule)
-    coefficients = tracked_motion(problem, TRUE).coefficients
+    coefficients = track_motion(problem, TRUE).coefficients
     return LoadedProblem(problem=problem, coefficients=coefficients, reactions=reactions())
 
 
@@ -91,7 +91,7 @@ def state(trial: LoadedProblem, valid: BoolArray | None = None) -> tuple[Array, 
 def residual_of(trial: LoadedProblem, state: tuple[Array, Array, Array]) -> Array:
     """(n, 6) the pelvis residual of true parameters in valid frames."""
     wrench = trial.reactions.wrench[trial.reactions.valid]
-    return pelvis_residual(state[0], Dynamics(TRUE).forces(*state, wrench))
+    return compute_pelvis_residual(state[0], Dynamics(TRUE).compute_forces(*state, wrench))
 
 
 def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
@@ -228,22 +228,22 @@ def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
 def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None:
     """Gain and place alone, against the residual of wrenches so changed."""
     trial = loaded(0.0)
-    plates = PlateNoise(PlateErrors(place=0.004, gain=0.0, clock=0.0), rest=0.0)
+    plates = PlateNoise(PlateErrors(position=0.004, gain=0.0, time_offset=0.0), rest=0.0)
     valid = trial.reactions.valid
     q, v, a = state(trial, valid)
     dynamics, wrench = Dynamics(TRUE), trial.reactions.wrench[valid]
-    before = pelvis_residual(q, dynamics.forces(q, v, a, wrench))
+    before = compute_pelvis_residual(q, dynamics.compute_forces(q, v, a, wrench))
 
     def change(foot: int, moved: Array) -> Array:
         other = wrench.copy()
         other[:, foot] = moved
-        return pelvis_residual(q, dynamics.forces(q, v, a, other)) - before
+        return compute_pelvis_residual(q, dynamics.compute_forces(q, v, a, other)) - before
 
     total = np.zeros(6)
     for foot in range(2):
         for axis in np.eye(3):
             force = wrench[:, foot, :3]
-            turned = wrench[:, foot, 3:] + np.cross(plates.errors.place * axis, force)
+            turned = wrench[:, foot, 3:] + np.cross(plates.errors.position * axis, force)
             total += (change(foot, np.hstack([force, turned])) ** 2).sum(axis=0)
     without = noise_of(trial, TRUE, PlateNoise(EXACT, rest=0.0))
     with_place = noise_of(trial, TRUE, plates)
@@ -251,7 +251,7 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
     found = float(np.sqrt(with_place.rms_moment**2 - without.rms_moment**2))
     assert found == pytest.approx(expected, rel=1e-6)
     gains = noise_of(
-        trial, TRUE, PlateNoise(PlateErrors(place=0.0, gain=0.02, clock=0.0), rest=0.0)
+        trial, TRUE, PlateNoise(PlateErrors(position=0.0, gain=0.02, time_offset=0.0), rest=0.0)
     )
     total = np.zeros(6)
     for foot in range(2):
@@ -265,7 +265,7 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
 def test_what_is_independent_weighs_the_scores_like_white_noise() -> None:
     """sigma^2 A^T A, as often as frames repeat each other: six of sixty a second."""
     trial, rest = loaded(0.0), 0.007
-    rate = frame_rate(trial.problem.basis)
+    rate = compute_frame_rate(trial.problem.basis)
     with_rest, without = (
         noise_of(trial, TRUE, PlateNoise(rest=r, memory=0.1)) for r in (rest, 0.0)
     )
@@ -287,7 +287,7 @@ def test_half_an_octave_of_the_motion_is_a_source() -> None:
     trial, none = loaded(0.0, rule=NodeRule(fixed=MOTION.basis.nodes)), PlateNoise(EXACT, rest=0.0)
     basis, valid = trial.problem.basis, trial.reactions.valid
     spans = round((basis.nodes - 5) / np.sqrt(2.0))
-    longer = spline_basis(basis.time, spans + 5)
+    longer = build_spline_basis(basis.time, spans + 5)
     fewer = longer.fit(basis.evaluate(trial.coefficients))
     q, v, a = (longer.evaluate(fewer, k)[valid] for k in range(3))
     lost = residual_of(trial, state(trial, valid)) - residual_of(trial, (q, v, a))
@@ -310,7 +310,7 @@ def test_expected_residuals_are_those_of_noise_repeated() -> None:
         moved = problem.with_measured(
             problem.data.measured + 0.0085 * np.sin(rate * problem.basis.time + phase)
         )
-        coefficients = tracked_motion(moved, TRUE).coefficients
+        coefficients = track_motion(moved, TRUE).coefficients
         trial = LoadedProblem(problem=moved, coefficients=coefficients, reactions=down)
         residual = residual_of(trial, state(trial, down.valid))
         seen.append((residual**2).reshape(-1, 2, 3).mean(axis=(0, 2)))

@@ -26,9 +26,9 @@ from gaitcal.model.parameters import (
 from gaitcal.synthetic.synthetic_motion import gait_motion, marker_noise, synthetic_markers
 from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.descent import DescentSettings
-from gaitcal.tracking.soft_tissue import SegmentTissue, SoftTissue, together
+from gaitcal.tracking.soft_tissue import SegmentTissue, SoftTissue, build_rigid_pattern
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import (
     Array,
     central_differences,
@@ -73,7 +73,7 @@ def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]
             segment=s,
             carrier=problem.chain.segments[s],
             markers=markers,
-            pattern=together(local[markers] - local[markers].mean(axis=0)),
+            pattern=build_rigid_pattern(local[markers] - local[markers].mean(axis=0)),
             names=names,
             regressors=rng.normal(size=(len(names), 30)),
             expected=np.zeros((len(names), markers.stop - markers.start, 3)),
@@ -131,8 +131,10 @@ def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_ti
         out = [rows @ (x[:count] - centre), whiten @ (z - mean)]
         for problem, share, trial in zip(trials, shares, state.trials, strict=True):
             coefficients = x[at : at + trial.coefficients.size].reshape(trial.coefficients.shape)
-            here = problem.displaced(z[[keys.index(key) for key in problem.unknowns]])
-            model = here.positions(coefficients, here.body(start.with_joint(KNEE, x[:count])))
+            here = problem.displace(z[[keys.index(key) for key in problem.unknowns]])
+            model = here.compute_positions(
+                coefficients, here.build_body(start.with_joint(KNEE, x[:count]))
+            )
             out.append(np.sqrt(share) * (model - here.data.measured).ravel())
             at += coefficients.size
         return np.concatenate(out)
@@ -169,7 +171,7 @@ def test_the_cost_told_is_that_where_the_last_step_leads() -> None:
     )
     reduced.at(p := values(truth, KNEE))
     (trial,) = reduced.at(p := p + np.random.default_rng(6).normal(0, 0.002, len(p))).trials
-    there = problem.cost(trial.coefficients, problem.body(truth.with_joint(KNEE, p)))
+    there = problem.compute_cost(trial.coefficients, problem.build_body(truth.with_joint(KNEE, p)))
     assert trial.cost == pytest.approx(there, rel=1e-6)
 
 
@@ -205,7 +207,7 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     even = search.run_to_tolerance(1e-7)
     search.problem.weigh(shares)
     found = search.run()
-    scaled = [problem.scaled(share) for problem, share in zip(trials, shares, strict=True)]
+    scaled = [problem.scale_cost(share) for problem, share in zip(trials, shares, strict=True)]
     wanted = JointSearch(scaled, start, KNEE, starts, expected=expected).run()
     assert np.abs(even.p - wanted.values).max() > 1e-3
     np.testing.assert_allclose(found.values, wanted.values, rtol=0, atol=2e-5)
@@ -226,7 +228,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(
     kept = fit(problem, start, KNEE)
     assert used
     opened = problem.with_free(KNEE)
-    equations = opened.equations(kept.coefficients[0], opened.body(kept.parameters))
+    equations = opened.assemble_equations(kept.coefficients[0], opened.build_body(kept.parameters))
     solved = BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
     whole = equations.parameters - equations.mixed.T @ solved
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
@@ -252,7 +254,7 @@ def test_a_refused_step_leads_nowhere() -> None:
     recording = Recording(
         source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy
     )
-    problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
+    problem = build_trial_problem("gait", model, recording, NodeRule(fixed=20))
     few = (*list_gait_parameters("r"), *list_gait_parameters("l"))
     many = tuple(
         n

@@ -39,7 +39,7 @@ from gaitcal.model.parameters import (
     list_leg_parameters,
 )
 from gaitcal.study.cohort_prior import JointPrior
-from gaitcal.tracking.soft_tissue import together
+from gaitcal.tracking.soft_tissue import build_rigid_pattern
 from gaitcal.tracking.trial_problem import MotionProblem
 from scripts.validation.harness import shares
 from scripts.validation.truth import made_up as check
@@ -123,9 +123,12 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
 
     def residual(x: Array) -> Array:
         p, z, n = np.split(x, [len(HIP), len(HIP) + len(prior.keys)])
-        at = problem.displaced(z)
+        at = problem.displace(z)
         coefficients = n.reshape(estimate.coefficients[0].shape)
-        gap = at.positions(coefficients, at.body(wrong.with_joint(HIP, p))) - at.data.measured
+        gap = (
+            at.compute_positions(coefficients, at.build_body(wrong.with_joint(HIP, p)))
+            - at.data.measured
+        )
         return np.concatenate(
             [gap.ravel() / estimate.noise[0], whiten_p @ (p - centre), whiten_z @ z]
         )
@@ -170,9 +173,9 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
 
     def residual(x: Array) -> Array:
         p, z, n = np.split(x, [len(HIP), len(HIP) + nz])
-        at = problem.displaced(z)
-        gap = at.positions(
-            n.reshape(estimate.coefficients[0].shape), at.body(nominal.with_joint(HIP, p))
+        at = problem.displace(z)
+        gap = at.compute_positions(
+            n.reshape(estimate.coefficients[0].shape), at.build_body(nominal.with_joint(HIP, p))
         )
         return (gap - at.data.measured).ravel() / estimate.noise[0]
 
@@ -398,7 +401,7 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
     shift = np.zeros(problem.data.measured.shape)
     for s, markers in problem.data.placed.groups:
         segment, local = problem.chain.segments[s], problem.data.local[markers]
-        rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
+        rigid = build_rigid_pattern(local - local.mean(axis=0)).reshape(-1, 6)
         own = SIZES[segment.split("_")[0]].per_marker * (
             np.eye(len(rigid)) - rigid @ np.linalg.pinv(rigid)
         )
@@ -407,7 +410,9 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
             if segment == "pelvis":
                 z += SLIDES.get(name, 0.0)
             shift[markers] += z[:, :, None] * psi[name]
-    seen = problem.shifted(shift).positions(coefficients, problem.body(parameters))
+    seen = problem.shift_markers(shift).compute_positions(
+        coefficients, problem.build_body(parameters)
+    )
     problem = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
     truth = parameters.joint[[JP_INDEX[n] for n in HIP]]
     return replace(

@@ -49,7 +49,7 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Motio
                 covariance = size**2 * marker_covariance(segment, body.data.local[markers])
                 moved = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
                 shift[markers] += moved.reshape(-1, 3, 1) * psi[name_of_psi]
-    seen = body.shifted(shift).positions(coefficients, body.body(parameters))
+    seen = body.shift_markers(shift).compute_positions(coefficients, body.build_body(parameters))
     return replace(body.with_measured(seen + rng.normal(0, WHITE, seen.shape)), name=name)
 
 
@@ -100,7 +100,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
     walk, knee = soft_walk(11, "walk", 1.0), soft_walk(11, "bends", 0.2)
     segments = list_joint_segments("knee_r")
     trials = [
-        JointProblem(knee, knee.part(segments[0], segments), "knee_r"),
+        JointProblem(knee, knee.extract_part(segments[0], segments), "knee_r"),
         JointProblem(walk, walk, None),
     ]
     found = calibrate_by_evidence(trials, nominal(), JointSettings(), ("r", "l"))
@@ -124,7 +124,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
     body = replace(walk, tissue=found.tissue["walk"])
     z = np.array([found.artefact.values.get(key, 0.0) for key in body.tissue.keys])
     shift = found.artefact.displace_markers(body).data.shift
-    np.testing.assert_array_equal(shift, body.tissue.shift(z, len(body.labels)))
+    np.testing.assert_array_equal(shift, body.tissue.compute_shift(z, len(body.labels)))
     assert (
         5e-4 < np.sqrt(np.mean(shift**2)) < 0.02 and found.artefact.displace_markers(walk) is walk
     )

@@ -40,7 +40,7 @@ from gaitcal.model.parameters import (
 from gaitcal.study.cohort_prior import other_side
 from gaitcal.tracking.marker_residual import PlacedMarkers
 from gaitcal.tracking.motion import track_nodes
-from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.spline import build_spline_basis
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import seeded_trial
 
@@ -138,7 +138,7 @@ def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_mor
     rng, parameters, problem, true = seeded_trial(
         2, segments=segments, frames=2000, nodes=60, per_segment=4
     )
-    shape, body = problem.data.measured.shape, problem.body(parameters)
+    shape, body = problem.data.measured.shape, problem.build_body(parameters)
 
     def found(noise: Array) -> float:
         noisy = problem.with_measured(problem.data.measured + noise)
@@ -175,7 +175,7 @@ def shaken_leg() -> tuple[MotionProblem, Parameters, Array, Array, float]:
         slow[..., f] = 0.9 * slow[..., f - 1] + np.sqrt(1 - 0.9**2) * slow[..., f]
     errors = np.repeat(slow, 4, axis=0) + rng.normal(0, 0.003, (4 * count, 3, frames))
     problem = problem.with_measured(problem.data.measured + errors)
-    found = track_nodes(problem, problem.body(parameters), true).x
+    found = track_nodes(problem, problem.build_body(parameters), true).x
     return problem, parameters, found, true, noise_at(problem, parameters, found)
 
 
@@ -208,7 +208,7 @@ def missing_patterns(draw: st.DrawFn) -> BoolArray:
 def test_noise_stays_whatever_samples_are_missing(visible: BoolArray) -> None:
     problem, parameters, found, _, whole = shaken_leg()
     gappy = problem.with_weight(problem.data.weight * visible)
-    nodes = track_nodes(gappy, gappy.body(parameters), found).x
+    nodes = track_nodes(gappy, gappy.build_body(parameters), found).x
     assert noise_at(gappy, parameters, nodes) == pytest.approx(whole, rel=MISSING_CHANGES)
 
 
@@ -236,11 +236,11 @@ def test_a_segment_whose_markers_are_nearly_on_a_line_leaves_the_others_their_no
     )
     placed = PlacedMarkers(problem.data.segment, local)
     exact = problem.with_data(replace(problem.data, placed=placed))
-    exact = exact.with_measured(exact.positions(true, exact.body(parameters)))
+    exact = exact.with_measured(exact.compute_positions(true, exact.build_body(parameters)))
     noisy = exact.with_measured(
         exact.data.measured + rng.normal(0, WHITE, exact.data.measured.shape)
     )
-    nodes = track_nodes(noisy, noisy.body(parameters), true).x
+    nodes = track_nodes(noisy, noisy.build_body(parameters), true).x
     assert noise_at(noisy, parameters, nodes) == pytest.approx(WHITE, rel=0.2)
 
 
@@ -252,8 +252,8 @@ def test_parameters_use_samples_up_and_cameras_never_err_by_nothing() -> None:
     )
     assert estimate_trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
     time = np.arange(100) / 100.0
-    assert compute_least_noise(spline_basis(time, 8)) < compute_least_noise(
-        spline_basis(time / 4.0, 8)
+    assert compute_least_noise(build_spline_basis(time, 8)) < compute_least_noise(
+        build_spline_basis(time / 4.0, 8)
     )
 
 

@@ -35,8 +35,13 @@ from gaitcal.calibration.soft_tissue_table import (
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.parameters import Parameters, list_isolated_parameters
 from gaitcal.tracking.banded import eliminate
-from gaitcal.tracking.rigid import rigid_fit
-from gaitcal.tracking.soft_tissue import LEAST_SPREAD, SegmentTissue, SoftTissue, together
+from gaitcal.tracking.rigid import fit_rigid
+from gaitcal.tracking.soft_tissue import (
+    MIN_ANGLE_SPREAD_RAD,
+    SegmentTissue,
+    SoftTissue,
+    build_rigid_pattern,
+)
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import Array, assert_covariance, perturbed_parameters, random_trial, started
 from tests.soft_tissue import marker_covariance
@@ -74,7 +79,7 @@ def person(
             for (segment, name), z in moves.items():
                 if segment == first.chain.segments[s]:
                     shift[markers] += z.reshape(-1, 3, 1) * psi[name]
-        seen = first.shifted(shift).positions(motion, first.body(parameters))
+        seen = first.shift_markers(shift).compute_positions(motion, first.build_body(parameters))
         trial = first.with_measured(seen + rng.normal(0, noise, seen.shape))
         used = (
             psi
@@ -148,7 +153,7 @@ def test_regressors_are_angles_from_the_static_posture_by_their_rms_over_all_tri
     rng = np.random.default_rng(1)
     flexion, still = (
         [rng.normal(0.3, 0.4, 50), rng.normal(0.5, 0.2, 80)],
-        rng.normal(0.1, 0.2 * LEAST_SPREAD, 80),
+        rng.normal(0.1, 0.2 * MIN_ANGLE_SPREAD_RAD, 80),
     )
     posture = {"flexion": 0.2}
     first, second = compute_task_regressors(
@@ -184,9 +189,9 @@ def velocities(
     """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3,
     3, nf).
     """
-    body, q = problem.body(parameters), problem.basis.evaluate(coefficients)
+    body, q = problem.build_body(parameters), problem.basis.evaluate(coefficients)
     placed, nq = Kinematics(body, q), coefficients.shape[1]
-    spatial, x = placed.columns, problem.positions(coefficients, body)
+    spatial, x = placed.columns, problem.compute_positions(coefficients, body)
     slope = np.zeros((*x.shape, len(spatial)))
     for m, segment in enumerate(problem.data.segment):
         moved = problem.chain.support[:, segment][:, None, None] * (
@@ -212,9 +217,13 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
     _, coefficients = started(problem, parameters)
     precision = np.linalg.inv(select_prior(HIP, None)[1])
     prior = assemble_tissue_prior([problem], {KIND: scale})
-    eliminated = eliminate(equations := problem.equations(coefficients, problem.body(parameters)))
+    eliminated = eliminate(
+        equations := problem.assemble_equations(coefficients, problem.build_body(parameters))
+    )
     hessian = eliminated.hessian / NOISE**2 + block_diag(precision, np.linalg.inv(prior.covariance))
-    pull = eliminated.reduced(equations.node_gradient, equations.parameter_gradient) / NOISE**2
+    pull = (
+        eliminated.reduce_gradient(equations.node_gradient, equations.parameter_gradient) / NOISE**2
+    )
     found, count = np.linalg.inv(hessian), len(HIP)
 
     slope, axes = velocities(problem, coefficients, parameters)
@@ -233,7 +242,8 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
             )
     whole = np.hstack(columns)
     gap = (
-        problem.positions(coefficients, problem.body(parameters)) - problem.data.measured
+        problem.compute_positions(coefficients, problem.build_body(parameters))
+        - problem.data.measured
     ).ravel()
     dense = np.linalg.inv(whole.T @ whole / NOISE**2 + block_diag(*weights))
     own = slice(slope.shape[1] - count, slope.shape[1])
@@ -261,12 +271,12 @@ def dense_density(
     columns, and of squares.
     """
     parts, psis, local = [], [], places_of(trials[0])[segment]
-    rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
+    rigid = build_rigid_pattern(local - local.mean(axis=0)).reshape(-1, 6)
     free = np.linalg.svd(rigid)[0][:, 6:]
     for problem in trials:
         (group,) = [g for g in groups_of(problem) if g.carrier == segment]
         data, frames = problem.data, problem.data.weight.shape[1]
-        fit = rigid_fit(local, data.measured[group.markers], data.weight[group.markers])
+        fit = fit_rigid(local, data.measured[group.markers], data.weight[group.markers])
         error = (
             np.einsum("fij,mif->mjf", fit.rotation, data.measured[group.markers] - fit.origin.T)
             - local[:, :, None]
@@ -335,7 +345,7 @@ def test_the_scale_is_that_of_the_dense_marginal_likelihood_of_all_segments(
 
 def test_a_cluster_that_slides_as_a_whole_borrows_the_scale_of_one_that_deforms() -> None:
     pelvis = places(8)["pelvis"]
-    slide = together(pelvis - pelvis.mean(axis=0)).reshape(-1, 6) @ [
+    slide = build_rigid_pattern(pelvis - pelvis.mean(axis=0)).reshape(-1, 6) @ [
         0.0,
         0.004,
         0.004,
@@ -429,9 +439,9 @@ def test_the_prior_joins_the_columns_of_a_segment_over_trials_and_parts_those_of
 
 
 def test_an_angle_that_hardly_moves_moves_the_skin_as_little() -> None:
-    still = np.random.default_rng(3).normal(0.0, 0.2 * LEAST_SPREAD, 60)
+    still = np.random.default_rng(3).normal(0.0, 0.2 * MIN_ANGLE_SPREAD_RAD, 60)
     (psi,) = compute_task_regressors([{"hip_adduction_r": still}])
-    np.testing.assert_allclose(psi["hip_adduction_r"], still / LEAST_SPREAD)
+    np.testing.assert_allclose(psi["hip_adduction_r"], still / MIN_ANGLE_SPREAD_RAD)
 
 
 def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionProblem, Parameters]:
@@ -461,7 +471,7 @@ def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirr
         np.testing.assert_allclose(group.expected[0], wanted, atol=1e-15)
         small = replace(group, regressors=1e-6 * group.regressors)
         still = group.softness * np.einsum("mi,f->mif", wanted, small.regressors[0])
-        moved = problem_tissue(small).shift(np.zeros(6), len(problem.labels))[group.markers]
+        moved = problem_tissue(small).compute_shift(np.zeros(6), len(problem.labels))[group.markers]
         np.testing.assert_allclose(moved, still, atol=1e-12)
 
 
@@ -503,7 +513,9 @@ def deformed(move: Array) -> tuple[MotionProblem, ObservedDeformation]:
     thigh = next(group for group in tissue.groups if group.carrier == "thigh_r")
     shift = np.zeros((len(problem.labels), 3, 40))
     shift[thigh.markers] = move[:, :, None] * thigh.regressors[0]
-    measured = problem.shifted(shift).positions(coefficients, problem.body(parameters))
+    measured = problem.shift_markers(shift).compute_positions(
+        coefficients, problem.build_body(parameters)
+    )
     problem = replace(
         problem.with_data(replace(problem.data, measured=measured)), tissue=SoftTissue((thigh,))
     )

@@ -29,16 +29,16 @@ from gaitcal.dynamics.joint_kinetics import (
     POWERS,
     VECTOR_FRAMES,
     MomentFrame,
-    kinetic_values,
+    compute_kinetic_values,
     power_of,
 )
 from gaitcal.dynamics.measurement_errors import AxisErrors, ErrorSource, PlateErrors
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, list_gait_parameters
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.tracking.descent import DescentSettings
-from gaitcal.tracking.marker_residual import MarkerData, marker_positions
+from gaitcal.tracking.marker_residual import MarkerData, compute_marker_positions
 from gaitcal.tracking.motion import track_nodes
-from gaitcal.tracking.spline import smoothing
+from gaitcal.tracking.spline import build_smoothing
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import (
     Array,
@@ -83,7 +83,7 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 2))
     start = parameters.joint[[JP_INDEX[name] for name in free]]
-    plates = PlateErrors(place=0.003, gain=0.01, clock=0.002)
+    plates = PlateErrors(position=0.003, gain=0.01, time_offset=0.002)
 
     def change(by_nodes: Array, by_joint: Array, by_inertial: Array, by_wrench: Array) -> Array:
         """(nf, forces + powers + moments)."""
@@ -92,8 +92,8 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
             moved = parameters.with_joint(free, start + step * by_joint)
             moved = moved.with_inertial(parameters.inertial + step * by_inertial)
             state = [problem.basis.evaluate(coefficients + step * by_nodes, k) for k in range(3)]
-            forces = Dynamics(moved).forces(*state, wrench + step * by_wrench)
-            power, moment = kinetic_values(moved, *state, wrench + step * by_wrench)
+            forces = Dynamics(moved).compute_forces(*state, wrench + step * by_wrench)
+            power, moment = compute_kinetic_values(moved, *state, wrench + step * by_wrench)
             return np.hstack([forces, power, moment.reshape(FRAMES, -1)])
 
         return (values(STEP) - values(-STEP)) / (2 * STEP)
@@ -124,9 +124,9 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
         problem, coefficients, parameters, wrench, known, spread, moves, plates
     ).compute_errors()
     power, moment = found.kinetics.power, found.kinetics.moment.reshape(FRAMES, -1)
-    ends = np.cumsum([found.every.shape[1], power.shape[1]])
+    ends = np.cumsum([found.all_forces.shape[1], power.shape[1]])
     for part, errors in zip(
-        np.split(dense, ends, axis=1), (found.every, power, moment), strict=True
+        np.split(dense, ends, axis=1), (found.all_forces, power, moment), strict=True
     ):
         np.testing.assert_allclose(errors, part, rtol=0, atol=DIFFERENCES * part.max())
     assert set(found.by_source) == set(variances)
@@ -140,7 +140,7 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     assert np.mean(of_inertia > 0.05 * dense[:, torques]) > 0.5  # so that its absence would show
     own_power = np.sqrt(variances[ErrorSource.MOTION])[:, len(FORCES) : len(FORCES) + len(POWERS)]
     np.testing.assert_allclose(
-        found.kinetics.own.power, own_power, rtol=0, atol=DIFFERENCES * own_power.max()
+        found.kinetics.from_markers.power, own_power, rtol=0, atol=DIFFERENCES * own_power.max()
     )
 
     columns = np.hstack([moves.coefficients, moves.sensitivity @ moves.shift]).T.reshape(
@@ -181,12 +181,12 @@ def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_tha
     for source, variance in exact.by_source.items():
         np.testing.assert_array_equal(moved.by_source[source], variance)
     q, v, a = (problem.basis.evaluate(coefficients, k) for k in range(3))
-    forces = Dynamics(parameters, HELD).forces(q, v, a, wrench)
-    expected = (axes.torque_moves(q, forces) ** 2).sum(axis=2)
+    forces = Dynamics(parameters, HELD).compute_forces(q, v, a, wrench)
+    expected = (axes.compute_torque_sensitivities(q, forces) ** 2).sum(axis=2)
     np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
     moves, turned = (
         compute_motion_sensitivity(problem, coefficients, parameters, known),
-        axes.coordinate_errors(q),
+        axes.compute_coordinate_errors(q),
     )
     plain, whole = (
         compute_coordinate_errors(problem, moves),
@@ -238,7 +238,7 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(
     for k, name in enumerate(COMPONENTS):
         if name.startswith(("hip", "lumbar")):
             np.testing.assert_allclose(
-                jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name
+                jcs[:, k], turned.all_forces[:, FORCES.index(name)], rtol=1e-7, err_msg=name
             )
     moves = compute_motion_sensitivity(problem, coefficients, parameters, known)
     coordinates = compute_coordinate_errors(problem, moves)
@@ -256,13 +256,17 @@ def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Arra
     """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by
     differences.
     """
-    q, body, data = problem.basis.evaluate(coefficients), problem.body(parameters), problem.data
+    q, body, data = (
+        problem.basis.evaluate(coefficients),
+        problem.build_body(parameters),
+        problem.data,
+    )
     out = np.empty(data.measured.shape)
     for f in range(len(q)):
-        one = data.frames(slice(f, f + 1))
+        one = data.select_frames(slice(f, f + 1))
 
         def placed(x: Array, one: MarkerData = one) -> Array:
-            return marker_positions(body, one.placed, x[None])
+            return compute_marker_positions(body, one.placed, x[None])
 
         slope = np.sqrt(np.repeat(one.weight[:, 0], 3))[:, None] * central_differences(placed, q[f])
         out[:, :, f] = np.diag(slope @ np.linalg.pinv(slope)).reshape(-1, 3)
@@ -280,7 +284,10 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
 
     coefficients = motion(problem, parameters)
     moves = compute_motion_sensitivity(problem, coefficients, parameters, source)
-    residual = problem.positions(coefficients, problem.body(parameters)) - problem.data.measured
+    residual = (
+        problem.compute_positions(coefficients, problem.build_body(parameters))
+        - problem.data.measured
+    )
     inflated = residual / (
         1.0 - np.clip(leverages(problem, parameters, coefficients), 0.0, LEVERAGE_CAP)
     )
@@ -350,13 +357,17 @@ FIRST_ORDER = 0.05
 
 
 def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
-    return track_nodes(problem, problem.body(parameters), start, DescentSettings(gain=1e-15)).x
+    return track_nodes(
+        problem, problem.build_body(parameters), start, DescentSettings(gain=1e-15)
+    ).x
 
 
 def smoothed_trial() -> tuple[MotionProblem, Array]:
     """Markers without noise, smoothed a little."""
     problem, true = random_trial(np.random.default_rng(82), PARAMETERS, frames=50, nodes=12)
-    problem = replace(problem, smoothing=smoothing(problem.basis, 4.0 * np.eye(true.shape[1]), HZ))
+    problem = replace(
+        problem, smoothing=build_smoothing(problem.basis, 4.0 * np.eye(true.shape[1]), HZ)
+    )
     return problem, solved(problem, true)
 
 

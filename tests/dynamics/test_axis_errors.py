@@ -13,7 +13,7 @@ from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS
 from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
-from gaitcal.tracking.marker_residual import PlacedMarkers, marker_positions
+from gaitcal.tracking.marker_residual import PlacedMarkers, compute_marker_positions
 from tests.derivatives import Array, perturbed_parameters
 
 TURN, STEP_S = 1e-4, 1e-3
@@ -84,7 +84,7 @@ def followed(parameters: Parameters, placed: PlacedMarkers, seen: Array, q: Arra
     """(nf, 27) the posture whose markers are where they are seen (nm, 3, nf), from a start near it."""
     body = CHAIN.body(parameters)
     for _ in range(5):
-        x = marker_positions(body, placed, q)
+        x = compute_marker_positions(body, placed, q)
         spatial = Kinematics(body, q).columns
         step = np.empty_like(q)
         for f in range(len(q)):
@@ -109,7 +109,7 @@ def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
     local = rng.normal(0, 0.1, (len(segments), 3))
     times = STEP_S * np.array([[-1.0], [0.0], [1.0]])
     posture = q + times * v + 0.5 * times**2 * a
-    seen = marker_positions(CHAIN.body(parameters), PlacedMarkers(segments, local), posture)
+    seen = compute_marker_positions(CHAIN.body(parameters), PlacedMarkers(segments, local), posture)
 
     def told(turn: Array) -> tuple[Array, Array]:
         again = with_axes_turned(parameters, segment, turn)
@@ -124,19 +124,21 @@ def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
             (after - before)[None] / (2 * STEP_S),
             (after - 2 * at + before)[None] / STEP_S**2,
         )
-        return at, Dynamics(again).forces(*moved, wrench)[0]
+        return at, Dynamics(again).compute_forces(*moved, wrench)[0]
 
     errors = AxisErrors(parameters)
     coordinates, torques = (
-        errors.coordinate_moves(q)[0],
-        errors.torque_moves(q, Dynamics(parameters, HELD).forces(q, v, a, wrench))[0],
+        errors.compute_coordinate_sensitivities(q)[0],
+        errors.compute_torque_sensitivities(
+            q, Dynamics(parameters, HELD).compute_forces(q, v, a, wrench)
+        )[0],
     )
     kind = segment.removesuffix("_r").removesuffix("_l")
     for axis in range(3):
         column, size = errors.columns.index((segment, axis)), np.deg2rad(PALPATED_DEG[kind][axis])
         (up_q, up), (down_q, down) = told(TURN * np.eye(3)[axis]), told(-TURN * np.eye(3)[axis])
         expected_q, expected = (up_q - down_q) / (2 * TURN), (up - down) / (2 * TURN)
-        scale = np.abs(Dynamics(parameters).forces(q, v, a, wrench)).max()
+        scale = np.abs(Dynamics(parameters).compute_forces(q, v, a, wrench)).max()
         np.testing.assert_allclose(coordinates[:, column] / size, expected_q, atol=ROUNDING)
         np.testing.assert_allclose(torques[:, column] / size, expected, atol=ROUNDING * scale)
 
@@ -147,8 +149,8 @@ def test_hinges_keep_their_torque_and_hips_do_not() -> None:
         rng.normal(0, s, (700, len(COORDINATES))) for s in (0.3, 1.0, 5.0)
     )  # more than a block of frames
     errors = AxisErrors(body())
-    forces = Dynamics(body(), HELD).forces(q, v, a, rng.normal(0, 300, (700, 2, 6)))
-    size = np.abs(errors.torque_moves(q, forces)).max(axis=(0, 2))
+    forces = Dynamics(body(), HELD).compute_forces(q, v, a, rng.normal(0, 300, (700, 2, 6)))
+    size = np.abs(errors.compute_torque_sensitivities(q, forces)).max(axis=(0, 2))
     moved = {name for name, largest in zip(FORCES, size, strict=True) if largest > NOTHING}
     triples = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_adduction")
     assert moved == {
@@ -156,8 +158,8 @@ def test_hinges_keep_their_torque_and_hips_do_not() -> None:
         *("lumbar_extension", "lumbar_bending", "lumbar_rotation"),
         *("pelvis_list", "pelvis_rotation"),  # tilt is about an axis of the laboratory
     }
-    squares = (errors.coordinate_moves(q) ** 2).sum(axis=2)
-    np.testing.assert_allclose(errors.coordinate_errors(q), np.sqrt(squares), rtol=1e-12)
+    squares = (errors.compute_coordinate_sensitivities(q) ** 2).sum(axis=2)
+    np.testing.assert_allclose(errors.compute_coordinate_errors(q), np.sqrt(squares), rtol=1e-12)
     seen = {
         name for name, largest in zip(COORDINATES, squares.max(axis=0), strict=True) if largest > 0
     }
@@ -172,7 +174,7 @@ def test_only_what_is_wrong_moves_anything() -> None:
         0,
     ), "one side"
     one = np.zeros((1, len(COORDINATES)))
-    moves = errors.coordinate_moves(one)[0]
+    moves = errors.compute_coordinate_sensitivities(one)[0]
     # standing, the thigh's own length is the axis of hip rotation, and of nothing else
     rotation = moves[COORDINATES.index("hip_rotation_r")]
     assert np.rad2deg(np.abs(rotation).max()) == pytest.approx(2.0)

@@ -6,14 +6,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.dynamics.derivatives import force_derivatives, root_residual
+from gaitcal.dynamics.derivatives import compute_force_derivatives, compute_root_residual
 from gaitcal.dynamics.inverse_dynamics import (
     BLOCK,
     FEET,
     FORCES,
     Dynamics,
+    compute_pelvis_residual,
     inverse_dynamics,
-    pelvis_residual,
 )
 from gaitcal.dynamics.joint_kinetics import HELD
 from gaitcal.model.chain import build_linkage
@@ -41,7 +41,7 @@ def test_power_of_all_forces_is_the_rate_of_energy() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = random_state(RNG, 6)
     dynamics = Dynamics(parameters)
-    tau, placed = dynamics.forces(q, v, a, wrench), dynamics.placed(q)
+    tau, placed = dynamics.compute_forces(q, v, a, wrench), dynamics.place(q)
     body = build_linkage(parameters)
     data = body.model.createData()
     for f in range(len(q)):
@@ -69,9 +69,11 @@ def test_ground_reactions_act_as_external_forces_on_the_feet() -> None:
     """
     dynamics = Dynamics(perturbed_parameters(RNG), HELD)
     q, v, a, wrench = random_state(RNG, 4)
-    made = dynamics.forces(q, v, a, wrench) - dynamics.forces(q, v, a)
+    made = dynamics.compute_forces(q, v, a, wrench) - dynamics.compute_forces(q, v, a)
     np.testing.assert_allclose(
-        made, dynamics.of_ground(dynamics.placed(q), wrench[..., None])[..., 0], atol=FORCE
+        made,
+        dynamics.compute_ground_forces(dynamics.place(q), wrench[..., None])[..., 0],
+        atol=FORCE,
     )
 
 
@@ -81,22 +83,26 @@ def test_a_part_of_the_body_has_the_forces_that_it_has_in_the_whole() -> None:
     q, v, a, wrench = random_state(RNG, BLOCK + 3)
     legs, whole = Dynamics(parameters, segments=LOWER_BODY), Dynamics(parameters)
     names = [name for name in legs.forces_of if not name.startswith("pelvis")]
-    found = legs.forces(q, v, a, wrench)[:, [legs.forces_of.index(name) for name in names]]
-    expected = whole.forces(q, v, a, wrench)[:, [whole.forces_of.index(name) for name in names]]
+    found = legs.compute_forces(q, v, a, wrench)[:, [legs.forces_of.index(name) for name in names]]
+    expected = whole.compute_forces(q, v, a, wrench)[
+        :, [whole.forces_of.index(name) for name in names]
+    ]
     np.testing.assert_allclose(found, expected, atol=FORCE)
 
 
 def test_the_residual_force_needs_no_place_of_the_ground_reactions() -> None:
     dynamics, at = Dynamics(perturbed_parameters(RNG)), random_state(RNG, 4)
-    expected = pelvis_residual(at[0], dynamics.forces(*at))[:, :3]
-    np.testing.assert_allclose(dynamics.residual_force(*at), expected, atol=FORCE)
+    expected = compute_pelvis_residual(at[0], dynamics.compute_forces(*at))[:, :3]
+    np.testing.assert_allclose(dynamics.compute_residual_force(*at), expected, atol=FORCE)
 
 
 def test_residual_is_the_wrench_that_the_whole_body_needs() -> None:
     """Against the rate of change of momentum about the pelvis origin, laboratory axes."""
     parameters = perturbed_parameters(RNG)
     q, v, a, _ = random_state(RNG, 5)
-    residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((5, 2, 6))))
+    residual = compute_pelvis_residual(
+        q, Dynamics(parameters).compute_forces(q, v, a, np.zeros((5, 2, 6)))
+    )
     linkage = build_linkage(parameters)
     data = linkage.model.createData()
     weight = parameters.mass * 9.81
@@ -114,13 +120,13 @@ def test_regressors_times_parameters_are_forces_and_residual() -> None:
     q, v, a, _ = random_state(RNG, 5)
     dynamics = Dynamics(parameters, HELD)
     forces, phi = (
-        dynamics.forces(q, v, a, np.zeros((5, 2, 6))),
+        dynamics.compute_forces(q, v, a, np.zeros((5, 2, 6))),
         compute_dynamic_parameters(parameters.inertial),
     )
-    every = np.einsum("fisk,sk->fi", dynamics.regressor(q, v, a), phi)
+    every = np.einsum("fisk,sk->fi", dynamics.compute_regressor(q, v, a), phi)
     np.testing.assert_allclose(every, forces, atol=FORCE)
-    root = np.einsum("fisk,sk->fi", dynamics.root_regressor(q, v, a), phi)
-    np.testing.assert_allclose(root, pelvis_residual(q, forces), atol=FORCE)
+    root = np.einsum("fisk,sk->fi", dynamics.compute_root_regressor(q, v, a), phi)
+    np.testing.assert_allclose(root, compute_pelvis_residual(q, forces), atol=FORCE)
 
 
 def test_force_derivatives_by_finite_differences() -> None:
@@ -132,22 +138,24 @@ def test_force_derivatives_by_finite_differences() -> None:
         "back.trunk.sup",
         "elbow_r.forearm.front",
     )
-    found = force_derivatives(parameters, free, q, v, a, wrench, HELD)
+    found = compute_force_derivatives(parameters, free, q, v, a, wrench, HELD)
     dynamics = Dynamics(parameters, HELD)
     assert_derivative(
-        found.by_position[0], lambda x: dynamics.forces(x[None], v, a, wrench)[0], q[0]
+        found.by_position[0], lambda x: dynamics.compute_forces(x[None], v, a, wrench)[0], q[0]
     )
     assert_derivative(
-        found.by_velocity[0], lambda x: dynamics.forces(q, x[None], a, wrench)[0], v[0]
+        found.by_velocity[0], lambda x: dynamics.compute_forces(q, x[None], a, wrench)[0], v[0]
     )
     assert_derivative(
-        found.by_acceleration[0], lambda x: dynamics.forces(q, v, x[None], wrench)[0], a[0]
+        found.by_acceleration[0], lambda x: dynamics.compute_forces(q, v, x[None], wrench)[0], a[0]
     )
     names = found.free
     start = parameters.joint[[JP_INDEX[name] for name in names]]
     assert_derivative(
         found.by_parameter[0],
-        lambda x: Dynamics(parameters.with_joint(names, x), HELD).forces(q, v, a, wrench)[0],
+        lambda x: Dynamics(parameters.with_joint(names, x), HELD).compute_forces(q, v, a, wrench)[
+            0
+        ],
         start,
     )
 
@@ -163,14 +171,14 @@ def test_moments_are_the_forces_by_name() -> None:
     shape = {"basis": true.basis, "coefficients": true.coefficients, "errors": errors}
     motion = Motion(name="walk", coordinates=COORDINATES, converged=True, **shape)
     wrench = RNG.normal(0, 300, (nf, 2, 6))
-    forces = Dynamics(model.parameters).forces(
+    forces = Dynamics(model.parameters).compute_forces(
         motion.q, motion.velocity, motion.acceleration, wrench
     )
     moments = inverse_dynamics(model, motion, wrench)
     np.testing.assert_array_equal(np.hstack([moments.tau, moments.knee_adduction]), forces)
     assert (*moments.coordinates, "knee_adduction_r", "knee_adduction_l") == FORCES
     residual = np.hstack([moments.residual_force, moments.residual_moment])
-    np.testing.assert_allclose(residual, pelvis_residual(motion.q, forces), atol=FORCE)
+    np.testing.assert_allclose(residual, compute_pelvis_residual(motion.q, forces), atol=FORCE)
     assert moments.bwh == pytest.approx(model.subject.mass * 9.81 * model.subject.height, rel=1e-12)
     some = replace(
         moments,
@@ -186,11 +194,11 @@ def test_pelvis_residual_derivatives_by_finite_differences() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = random_state(RNG, 1)
     free = list_gait_parameters("r")
-    found = root_residual(parameters, free, q, v, a, wrench)
+    found = compute_root_residual(parameters, free, q, v, a, wrench)
 
     def value(q: Array, v: Array, a: Array, p: Array) -> Array:
-        return pelvis_residual(
-            q, Dynamics(parameters.with_joint(found.free, p)).forces(q, v, a, wrench)
+        return compute_pelvis_residual(
+            q, Dynamics(parameters.with_joint(found.free, p)).compute_forces(q, v, a, wrench)
         )[0]
 
     p = parameters.joint[[JP_INDEX[name] for name in found.free]]

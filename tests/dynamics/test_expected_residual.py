@@ -12,14 +12,14 @@ from gaitcal.analysis.result import Loads, TrialResult
 from gaitcal.arrays import Array
 from gaitcal.dynamics import expected_residual as module
 from gaitcal.dynamics.expected_residual import (
-    BASELINE,
+    BASELINE_RESIDUAL,
+    CORRELATION_S,
     PELVIS,
-    TAU,
     ExpectedResidual,
     ResidualLimits,
-    expected_residual,
-    residual_limits,
-    residual_magnitudes,
+    compute_residual_limits,
+    compute_residual_magnitudes,
+    estimate_expected_residual,
 )
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.measurement_errors import TorqueErrors
@@ -57,7 +57,7 @@ def held(residual: Array, bar: Array, wrench: Array | None = None) -> ExpectedRe
     tau[:, PELVIS] = bar
     moments = replace(known.final, residual_force=residual[:, :3], residual_moment=residual[:, 3:])
     reactions = known.reactions if wrench is None else replace(known.reactions, wrench=wrench)
-    found = expected_residual(
+    found = estimate_expected_residual(
         moments, TorqueErrors(tau, np.zeros((len(tau), 2))), reactions, walk().body, WEIGHT
     )
     assert found is not None
@@ -65,7 +65,7 @@ def held(residual: Array, bar: Array, wrench: Array | None = None) -> ExpectedRe
 
 
 def usual() -> Array:
-    return np.asarray(BASELINE * np.repeat([WEIGHT, loads().final.bwh], 3))
+    return np.asarray(BASELINE_RESIDUAL * np.repeat([WEIGHT, loads().final.bwh], 3))
 
 
 def test_without_errors_a_walk_is_expected_to_leave_what_walks_leave() -> None:
@@ -92,9 +92,9 @@ def test_the_limit_is_exceeded_as_seldom_as_it_says(
     bar: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Errors that last through a trial and others that forget themselves, mixed in any share."""
-    monkeypatch.setattr(module, "RARE", share := 0.05)
+    monkeypatch.setattr(module, "FALSE_ALARM_RATE", share := 0.05)
     rng, time = np.random.default_rng(2), walk().body.time
-    rho = np.exp(-np.median(np.diff(time)) / TAU)
+    rho = np.exp(-np.median(np.diff(time)) / CORRELATION_S)
     drawn, trials = 0, 300
     for _ in range(trials):
         noise = rng.normal(size=(len(time), 6))
@@ -117,9 +117,14 @@ def test_what_plates_hold_above_the_motions_bandwidth_is_expected() -> None:
 def test_nothing_is_held_without_errors_or_valid_frames() -> None:
     known = loads()
     nothing = replace(known.reactions, valid=np.zeros_like(known.reactions.valid))
-    assert expected_residual(known.final, known.errors, nothing, walk().body, WEIGHT) is None
-    unknown = known.errors.only(np.zeros(len(COORDINATES), dtype=bool))
-    assert expected_residual(known.final, unknown, known.reactions, walk().body, WEIGHT) is None
+    assert (
+        estimate_expected_residual(known.final, known.errors, nothing, walk().body, WEIGHT) is None
+    )
+    unknown = known.errors.select(np.zeros(len(COORDINATES), dtype=bool))
+    assert (
+        estimate_expected_residual(known.final, unknown, known.reactions, walk().body, WEIGHT)
+        is None
+    )
 
 
 def limits(pelvis_height: float, floor: float) -> ResidualLimits:
@@ -136,7 +141,7 @@ def limits(pelvis_height: float, floor: float) -> ResidualLimits:
     reactions = GroundReactions(
         wrench=wrench, valid=VALID, valid_legs=feet, loaded=feet, resting=feet, notes=()
     )
-    return residual_limits(read_published_parameters(), q, reactions, [plate])
+    return compute_residual_limits(read_published_parameters(), q, reactions, [plate])
 
 
 def test_limits_are_shares_of_the_peak_force_and_of_the_height_over_the_floor() -> None:
@@ -154,7 +159,7 @@ def test_size_of_a_residual_over_valid_frames() -> None:
         residual_force=np.array([[90.0, 0, 0], [3, 4, 0], [0, 0, 1]]),
         residual_moment=np.array([[0.0, 0, 80], [0, 2, 0], [1, 2, 2]]),
     )
-    size = residual_magnitudes("nominal model", moments, VALID)
+    size = compute_residual_magnitudes("nominal model", moments, VALID)
     np.testing.assert_allclose(size.force, [90, 5, 1])
     np.testing.assert_allclose(size.moment, [80, 2, 3])
     assert (size.peak_force, size.peak_moment) == pytest.approx((5.0, 3.0))

@@ -12,16 +12,20 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.foot_contact import (
-    LANDING,
-    LEAVING,
-    RESTING,
+    LANDING_S,
+    LEAVING_S,
+    RESTING_SPEED,
     FootPoints,
-    distance_to_line,
-    ground_velocity,
-    sole_of,
+    build_sole,
+    compute_distance_to_line,
+    estimate_ground_velocity,
 )
-from gaitcal.dynamics.ground_reactions import GroundReactions, ground_reactions_on_feet, leg_of
-from gaitcal.dynamics.measurement_errors import foot_tip, inside, share_outside
+from gaitcal.dynamics.ground_reactions import GroundReactions, compute_foot_reactions, get_leg
+from gaitcal.dynamics.measurement_errors import (
+    compute_depth_inside,
+    compute_foot_tip,
+    compute_share_outside,
+)
 from gaitcal.io.force_plate import filter_plate, resample_wrench
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
@@ -55,13 +59,13 @@ def right_foot(toe: float) -> FootPoints:
     heel_speed, toe_speed = np.full((nf, 2), 2.0), np.full((nf, 2), 2.0)
     heel_speed[STANCE, 0] = 0.0
     toe_speed[STANCE & ~HEEL_ONLY, 0] = 0.0
-    tip = foot_tip(heel, toes, HEIGHT)
+    tip = compute_foot_tip(heel, toes, HEIGHT)
     return FootPoints(heel=heel, toe=toes, tip=tip, heel_speed=heel_speed, toe_speed=toe_speed)
 
 
 def found(toe: float | FootPoints, *plates: ForcePlate, **options: Any) -> GroundReactions:
     feet = right_foot(toe) if isinstance(toe, float) else toe
-    return ground_reactions_on_feet(plates, TIME, feet, cutoff=None, **options)
+    return compute_foot_reactions(plates, TIME, feet, cutoff=None, **options)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +86,7 @@ def test_a_foot_wholly_on_its_plates_is_valid_throughout(
 def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
     reactions = found(0.49, square(0.0, pressed=0.35))
     np.testing.assert_array_equal(reactions.valid, HEEL_ONLY)
-    pushing_off = (TIME > 0.8) & (TIME < 0.8 + LEAVING - 1e-6)
+    pushing_off = (TIME > 0.8) & (TIME < 0.8 + LEAVING_S - 1e-6)
     np.testing.assert_array_equal(reactions.valid_r, HEEL_ONLY | ~STANCE & ~pushing_off)
     assert reactions.valid_l.all(), "the left leg swings"
     told = [
@@ -156,7 +160,7 @@ def test_a_foot_beside_all_plates_spoils_its_own_leg(end: str, corners: bool) ->
     feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55, end)
     plate = square(0.0) if corners else replace(square(0.0), corners=None)
     reactions = found(feet, plate)
-    np.testing.assert_array_equal(reactions.valid_l, ~on_the_floor((LANDING, LEAVING)))
+    np.testing.assert_array_equal(reactions.valid_l, ~on_the_floor((LANDING_S, LEAVING_S)))
     assert reactions.valid_r.all()
     np.testing.assert_array_equal(reactions.valid, STANCE & reactions.valid_l)
 
@@ -170,7 +174,7 @@ def test_events_that_agree_with_the_plates_tell_when_a_foot_is_on_the_floor(late
     """Between the frames next to them; events of another clock tell nothing."""
     feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55)
     events = (*strike_and_off("r", 0.19 + late / 3, 0.81), *strike_and_off("l", 0.435, 0.605))
-    around = (0.015, 0.055) if late == 0.0 else (LANDING, LEAVING)
+    around = (0.015, 0.055) if late == 0.0 else (LANDING_S, LEAVING_S)
     np.testing.assert_array_equal(
         found(feet, square(0.0), events=events).valid_l, ~on_the_floor(around)
     )
@@ -263,8 +267,8 @@ def test_a_heel_beside_its_plate_is_lost_while_it_rests_though_the_sole_is_not()
     speed = feet.heel_speed.copy()
     speed[lifted, 0] = 2.0
     feet = replace(feet, heel_speed=speed)
-    sole = sole_of(feet, 0, slice(0, len(TIME)))
-    assert sole.share_of(sole.beside([square(0.0)])).max() < 0.1
+    sole = build_sole(feet, 0, slice(0, len(TIME)))
+    assert sole.sum_share(sole.find_cells_off_plates([square(0.0)])).max() < 0.1
     np.testing.assert_array_equal(found(feet, square(0.0, pressed=0.15)).valid, STANCE & lifted)
 
 
@@ -282,9 +286,12 @@ def test_a_foot_beside_its_plate_is_lost_before_and_after_the_plate_reads(
         speed = np.where(
             (TIME > 0.4)[:, None], 2.0, feet.heel_speed
         )  # the heel lifts: later the foot is on its plate
-        lost, feet = (TIME > 0.2 - LANDING + 1e-6) & (TIME < 0.405), replace(feet, heel_speed=speed)
+        lost, feet = (
+            (TIME > 0.2 - LANDING_S + 1e-6) & (TIME < 0.405),
+            replace(feet, heel_speed=speed),
+        )
     else:
-        lost = (TIME > 0.295) & (TIME < 0.8 + LEAVING - 1e-6)
+        lost = (TIME > 0.295) & (TIME < 0.8 + LEAVING_S - 1e-6)
     np.testing.assert_array_equal(found(feet, plate).valid_r, ~lost)
 
 
@@ -311,9 +318,9 @@ def test_a_small_gap_between_plates_is_no_floor() -> None:
 def test_what_belongs_to_a_leg_is_valid_by_its_foot(name: str, side: str) -> None:
     reactions = found(left_on_the_floor(right_foot(0.35), 0.4, 0.5), square(0.0))
     expected = {"r": reactions.valid_r, "l": reactions.valid_l, "": reactions.valid}[side]
-    assert leg_of(name) == side
+    assert get_leg(name) == side
     np.testing.assert_array_equal(reactions.valid_for(name), expected)
-    without = reactions.without(("l",))
+    without = reactions.exclude_legs(("l",))
     assert not without.valid_l.any() and not without.valid.any()
     np.testing.assert_array_equal(without.valid_r, reactions.valid_r)
 
@@ -332,7 +339,7 @@ def test_filtered_loads_keep_their_tails_and_share_nothing_with_the_next_step() 
     heel[:, 0, 0], toe[:, 0, 0], heel[:, 1, 0], toe[:, 1, 0] = 0.1, 0.2, 0.4, 0.5
     moving = np.full((len(TIME), 2), 2.0)
     feet = FootPoints(heel=heel, toe=toe, tip=toe, heel_speed=moving, toe_speed=moving)
-    wrench = ground_reactions_on_feet([plate], TIME, feet, cutoff=cutoff).wrench
+    wrench = compute_foot_reactions([plate], TIME, feet, cutoff=cutoff).wrench
     filtered = resample_wrench(filter_plate(plate, cutoff), TIME)
     tails = (0.2 - 1 / cutoff < TIME) & (0.8 + 1 / cutoff > TIME)
     np.testing.assert_allclose(wrench[tails].sum(axis=1), filtered[tails], atol=1e-9)
@@ -366,7 +373,7 @@ def test_a_belt_that_is_never_empty_carries_feet_in_turn(steps: int) -> None:
     belt = ForcePlate(
         name="1", time=time, force=load, point=point, moment=0.0 * load, corners=corners
     )
-    made = ground_reactions_on_feet([belt], time, feet, cutoff=None)
+    made = compute_foot_reactions([belt], time, feet, cutoff=None)
     assert [foot for _, foot, _ in made.steps] == [k % 2 for k in range(steps)]
     np.testing.assert_allclose(made.wrench.sum(axis=1)[:, 1], 700.0)
     middle = (within > 0.12) & (within < 0.38)
@@ -384,13 +391,15 @@ def test_the_load_outside_the_corners_is_weighed() -> None:
     force[:, 1] = 900.0, 100.0
     pressed = replace(plate, time=TIME[:2], force=force, point=point)
     assert plate.corners is not None
-    assert share_outside(pressed, plate.corners, 20.0) == pytest.approx((0.1, 1.0), rel=1e-12)
+    assert compute_share_outside(pressed, plate.corners, 20.0) == pytest.approx(
+        (0.1, 1.0), rel=1e-12
+    )
 
 
 def test_distance_to_a_foot_ends_at_heel_and_toe() -> None:
     heel, toe = np.zeros((3, 2)), np.tile([0.2, 0.0], (3, 1))
     points = np.array([[0.1, 0.05], [0.5, 0.0], [-0.3, 0.4]])
-    np.testing.assert_allclose(distance_to_line(points, heel, toe), [0.05, 0.3, 0.5])
+    np.testing.assert_allclose(compute_distance_to_line(points, heel, toe), [0.05, 0.3, 0.5])
 
 
 def test_corners_that_the_pressure_leaves_are_not_used() -> None:
@@ -414,7 +423,7 @@ def test_depth_in_a_turned_plate(angle: float, along: float, across: float, turn
         return np.array([1.0 + c * x - s * z, 0.0, -2.0 + s * x + c * z])
 
     corners = np.array([at(*half), at(-half[0], half[1]), at(*-half), at(half[0], -half[1])])
-    depth = inside(corners[::-1] if turned else corners, at(along, across)[None])[0]
+    depth = compute_depth_inside(corners[::-1] if turned else corners, at(along, across)[None])[0]
     assert depth == pytest.approx(min(half[0] - abs(along), half[1] - abs(across)), abs=1e-12)
 
 
@@ -430,10 +439,10 @@ def test_a_moving_belt_is_found_under_the_feet(belt: float) -> None:
     points[:, :, 1] = 0.1
     points[np.arange(nf), stance, 1] = 0.0
     velocity[np.arange(nf), stance, 0] = -belt
-    expected = -belt if belt > RESTING else 0.0
-    np.testing.assert_allclose(ground_velocity(points, velocity), [expected, 0.0, 0.0])
+    expected = -belt if belt > RESTING_SPEED else 0.0
+    np.testing.assert_allclose(estimate_ground_velocity(points, velocity), [expected, 0.0, 0.0])
     np.testing.assert_array_equal(
-        ground_velocity(np.full((nf, 4, 3), np.nan), velocity), np.zeros(3)
+        estimate_ground_velocity(np.full((nf, 4, 3), np.nan), velocity), np.zeros(3)
     )
 
 
@@ -453,6 +462,6 @@ def test_a_slow_belt_is_told_by_feet_that_get_no_further(belt: float, on_belt: b
             belt if on_belt else 0.0
         )
         points[:, point, 1] = np.where(swing, 0.08, 0.0)
-    found = ground_velocity(points, velocity)
+    found = estimate_ground_velocity(points, velocity)
     np.testing.assert_allclose(found, [-belt if on_belt else 0.0, 0.0, 0.0], atol=0.03)
     assert on_belt or not found.any()

@@ -11,14 +11,20 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 import gaitcal as gc
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, sole_of
+from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING_SPEED, FootPoints, build_sole
 from gaitcal.dynamics.ground_reactions import (
     GroundReactions,
-    foot_points,
-    ground_reactions_on_feet,
-    unseen_frames,
+    compute_foot_points,
+    compute_foot_reactions,
+    find_unobserved_frames,
 )
-from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hull, sole_edge
+from gaitcal.dynamics.off_sole import (
+    DIVIDED,
+    OUTLINE_ERROR_M,
+    PLATE_MOMENT_NM,
+    compute_distance_outside_hull,
+    compute_sole_edge,
+)
 from gaitcal.errors import Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import GRAVITY
@@ -120,13 +126,15 @@ def test_a_belt_under_the_feet_changes_no_speed(tracked: gc.Motion) -> None:
     drift = np.zeros_like(tracked.q)
     drift[:, 0] = -belt * tracked.time
     carried = replace(tracked, coefficients=tracked.coefficients + tracked.basis.fit(drift))
-    still, moving = (foot_points(model, m, model.parameters) for m in (tracked, carried))
+    still, moving = (compute_foot_points(model, m, model.parameters) for m in (tracked, carried))
     for name in ("heel", "toe"):
         path, speed = getattr(still, name), getattr(still, f"{name}_speed")
         np.testing.assert_allclose(
             speed, np.linalg.norm(np.gradient(path, tracked.time, axis=0), axis=2), rtol=1e-9
         )
-        np.testing.assert_allclose(getattr(moving, f"{name}_speed"), speed, atol=0.5 * RESTING)
+        np.testing.assert_allclose(
+            getattr(moving, f"{name}_speed"), speed, atol=0.5 * RESTING_SPEED
+        )
 
 
 def test_feet_at_the_top_of_a_jump_rest_on_nothing(tracked: gc.Motion) -> None:
@@ -137,9 +145,11 @@ def test_feet_at_the_top_of_a_jump_rest_on_nothing(tracked: gc.Motion) -> None:
     for weight, rests in ((0.0, True), (1.0, False)):
         q[:, 1] = 1.0 - 0.5 * weight * GRAVITY * (time - time[top]) ** 2
         still = replace(tracked, coefficients=tracked.basis.fit(q))
-        feet = foot_points(model, still, model.parameters)
+        feet = compute_foot_points(model, still, model.parameters)
         assert (
-            (feet.heel_speed[top] < RESTING).all() == (feet.toe_speed[top] < RESTING).all() == rests
+            (feet.heel_speed[top] < RESTING_SPEED).all()
+            == (feet.toe_speed[top] < RESTING_SPEED).all()
+            == rests
         )
 
 
@@ -154,7 +164,7 @@ def test_a_leg_that_no_weighted_marker_shows_is_not_valid(
     distance[hidden, shank & (np.arange(len(shank)) != lightest)] = np.nan
     weight[lightest] = 0.0
     motion = replace(tracked, errors=replace(errors, distance=distance, weight=weight))
-    (name, lost), *others = unseen_frames(motion).items()
+    (name, lost), *others = find_unobserved_frames(motion).items()
     assert name == "shank_r" and others == []
     np.testing.assert_array_equal(np.flatnonzero(lost), np.arange(60, 70))
     before, after = (gc.ground_reactions(model, m, walk) for m in (tracked, motion))
@@ -166,7 +176,7 @@ def test_a_leg_that_no_weighted_marker_shows_is_not_valid(
 
 def reactions(recording: Recording) -> GroundReactions:
     feet = Feet(recording.time, evidence(recording).landmark).points(HEIGHT)
-    return ground_reactions_on_feet(recording.plates, recording.time, feet, cutoff=None)
+    return compute_foot_reactions(recording.plates, recording.time, feet, cutoff=None)
 
 
 def test_a_divided_total_leaves_neither_leg_valid_while_both_plates_are_loaded() -> None:
@@ -201,7 +211,7 @@ def test_a_centre_of_pressure_beside_the_foot_leaves_that_leg_not_valid() -> Non
         return found(feet, replace(plate, point=point))
 
     half = 0.5 * FOOT_BREADTH * HEIGHT
-    under, beside = pressed(half), pressed(half + OUTLINE_M + MOMENT_NM / 700.0 + 0.02)
+    under, beside = pressed(half), pressed(half + OUTLINE_ERROR_M + PLATE_MOMENT_NM / 700.0 + 0.02)
     assert under.valid_legs.all()
     np.testing.assert_array_equal(beside.valid_legs[:, 0], ~early)
     assert beside.valid_legs[:, 1].all()
@@ -232,7 +242,7 @@ def test_distance_from_a_hull_is_that_from_its_edges(
     edges = (ring + DENSE * (np.roll(ring, -1, axis=0) - ring)).reshape(-1, 2)
     nearest = np.linalg.norm(point[:, None] - edges, axis=2).min(axis=1)
     inside = (hull.equations[:, :2] @ point.T + hull.equations[:, 2:]).max(axis=0) <= 0.0
-    found, way = outside_hull(point, np.tile(corners, (len(point), 1, 1)))
+    found, way = compute_distance_outside_hull(point, np.tile(corners, (len(point), 1, 1)))
     np.testing.assert_allclose(found, np.where(inside, -nearest, nearest), atol=0.0025)
     step = (
         point[~inside] - (found[:, None] * way)[~inside]
@@ -247,10 +257,10 @@ def test_the_edge_holds_the_cells_of_the_sole_and_toes_keep_their_length() -> No
     tip = toe + (toe - heel) / 0.19 * 0.07
     still = np.zeros((3, 2))
     feet = FootPoints(heel=heel, toe=toe, tip=tip, heel_speed=still, toe_speed=still, width=0.09)
-    edge = sole_edge(feet, 0, slice(0, 3))
-    cells = sole_of(feet, 0, slice(0, 3)).cells[:, :, [0, 2]]
+    edge = compute_sole_edge(feet, 0, slice(0, 3))
+    cells = build_sole(feet, 0, slice(0, 3)).cells[:, :, [0, 2]]
     for k in range(cells.shape[1]):
-        assert (outside_hull(cells[:, k], edge)[0] <= 0.0).all()
+        assert (compute_distance_outside_hull(cells[:, k], edge)[0] <= 0.0).all()
     np.testing.assert_allclose(edge[:, :, 0].max(axis=1) - toe[:, 0, 0], 0.07)
 
 

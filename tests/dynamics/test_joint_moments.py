@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.ground_reactions import leg_of
+from gaitcal.dynamics.derivatives import compute_force_derivatives
+from gaitcal.dynamics.ground_reactions import get_leg
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import (
     COMPONENTS,
@@ -21,8 +21,8 @@ from gaitcal.dynamics.joint_kinetics import (
     KineticErrors,
     MomentFrame,
     component_of,
-    kinetic_values,
-    moment_slopes,
+    compute_kinetic_values,
+    differentiate_moments,
     power_of,
 )
 from gaitcal.export.opensim.osim_writer import joint_frames
@@ -120,7 +120,7 @@ def newton_euler(
 
 def test_moments_are_those_of_newton_and_euler_in_every_frame() -> None:
     q, v, a, wrench = state()
-    _, found = kinetic_values(PARAMETERS, q, v, a, wrench)
+    _, found = compute_kinetic_values(PARAMETERS, q, v, a, wrench)
     frames = {joint.name: joint for joint in joint_frames(PARAMETERS)}
     for f in range(len(q)):
         segments = Segments(PARAMETERS, q[f], v[f], a[f])
@@ -150,8 +150,8 @@ def test_moments_are_those_of_newton_and_euler_in_every_frame() -> None:
 def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
     """With what the pelvis residual and the ground do: the ankle, whose hinges do not meet, too."""
     q, v, a, wrench = state()
-    power, _ = kinetic_values(PARAMETERS, q, v, a, wrench)
-    tau = Dynamics(PARAMETERS).forces(q, v, a, wrench)
+    power, _ = compute_kinetic_values(PARAMETERS, q, v, a, wrench)
+    tau = Dynamics(PARAMETERS).compute_forces(q, v, a, wrench)
     linkage = build_linkage(PARAMETERS)
     data = linkage.model.createData()
     for f in range(len(q)):
@@ -174,8 +174,8 @@ def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
 
 def test_powers_of_coordinates_sum_to_those_of_their_joint() -> None:
     q, v, a, wrench = state()
-    power, _ = kinetic_values(PARAMETERS, q, v, a, wrench)
-    tau = Dynamics(PARAMETERS).forces(q, v, a, wrench)
+    power, _ = compute_kinetic_values(PARAMETERS, q, v, a, wrench)
+    tau = Dynamics(PARAMETERS).compute_forces(q, v, a, wrench)
     kinetics = JointKinetics(time=np.arange(3.0), power=power, moment=np.zeros((3, 3, 21)))
     for joint, own in POWER_JOINTS.items():
         parts = [tau[:, COORDINATES.index(name)] * v[:, COORDINATES.index(name)] for name in own]
@@ -205,12 +205,14 @@ def test_slopes_of_moments_by_finite_differences() -> None:
     def values(q: Array, parameters: Parameters) -> Array:
         dynamics = Dynamics(parameters, HELD)
         return np.asarray(
-            moment_slopes(dynamics.placed(q), dynamics.forces(q, v, a, wrench)).values[0]
+            differentiate_moments(
+                dynamics.place(q), dynamics.compute_forces(q, v, a, wrench)
+            ).values[0]
         )
 
-    forces = Dynamics(PARAMETERS, HELD).forces(q, v, a, wrench)
-    by_state = force_derivatives(PARAMETERS, free, q, v, a, wrench, HELD)
-    found = moment_slopes(Dynamics(PARAMETERS, HELD, free).placed(q), forces, free)
+    forces = Dynamics(PARAMETERS, HELD).compute_forces(q, v, a, wrench)
+    by_state = compute_force_derivatives(PARAMETERS, free, q, v, a, wrench, HELD)
+    found = differentiate_moments(Dynamics(PARAMETERS, HELD, free).place(q), forces, free)
     through = found.by_force[0]
     by_position = through @ by_state.by_position[0] + found.by_position[0]
     assert_derivative(by_position, lambda x: values(x[None], PARAMETERS), q[0])
@@ -227,13 +229,13 @@ def test_slopes_of_moments_by_finite_differences() -> None:
 def test_forces_held_still_report_themselves_and_change_no_other() -> None:
     q, v, a, wrench = state()
     plain, held = (
-        Dynamics(PARAMETERS).forces(q, v, a, wrench),
-        Dynamics(PARAMETERS, HELD).forces(q, v, a, wrench),
+        Dynamics(PARAMETERS).compute_forces(q, v, a, wrench),
+        Dynamics(PARAMETERS, HELD).compute_forces(q, v, a, wrench),
     )
     assert held.shape == (3, len(FORCES) + len(HELD))
     np.testing.assert_allclose(held[:, : len(FORCES)], plain, atol=ROUNDING)
-    some = force_derivatives(PARAMETERS, ("hip_r.pelvis.ant",), q, v, a, wrench, HELD)
-    few = force_derivatives(PARAMETERS, ("hip_r.pelvis.ant",), q, v, a, wrench)
+    some = compute_force_derivatives(PARAMETERS, ("hip_r.pelvis.ant",), q, v, a, wrench, HELD)
+    few = compute_force_derivatives(PARAMETERS, ("hip_r.pelvis.ant",), q, v, a, wrench)
     assert some.free == few.free == ("hip_r.pelvis.ant",)
     np.testing.assert_allclose(some.by_parameter[:, : len(FORCES)], few.by_parameter, atol=1e-6)
 
@@ -241,8 +243,8 @@ def test_forces_held_still_report_themselves_and_change_no_other() -> None:
 def test_a_refused_leg_has_no_error_bars_and_the_other_keeps_its_own() -> None:
     power, moment = np.ones((2, len(POWERS))), np.ones((2, len(VECTOR_FRAMES), len(COMPONENTS)))
     errors = KineticErrors(power, moment, KineticErrors(power, moment))
-    kept = np.array([leg_of(name) == "l" for name in COORDINATES])
-    for some in (errors.only(kept), errors.only(kept).own):
+    kept = np.array([get_leg(name) == "l" for name in COORDINATES])
+    for some in (errors.select(kept), errors.select(kept).from_markers):
         assert some is not None
         assert (
             np.isfinite(power_of(some, "ankle_l")).all()

@@ -19,8 +19,8 @@ from gaitcal.dynamics.measurement_errors import (
     ErrorSource,
     PlateErrors,
     TorqueErrors,
-    wrench_errors,
-    wrench_rates,
+    compute_wrench_errors,
+    compute_wrench_rates,
 )
 from gaitcal.errors import Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, resample_wrench
@@ -32,7 +32,7 @@ from gaitcal.quality.study_checks import check_study
 from gaitcal.study.settings import PlateErrorTable
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
-from gaitcal.tracking.motion import tracked_motion
+from gaitcal.tracking.motion import track_motion
 from tests.derivatives import Array, perturbed_parameters
 
 LINEAR = 1e-9
@@ -60,29 +60,32 @@ def turned(wrench: Array, angle: float) -> Array:
 
 def test_the_ground_s_part_is_what_forces_with_and_without_it_differ_by() -> None:
     dynamics, (q, v, a), wrench, _ = walk()
-    with_it, without = (dynamics.forces(q, v, a, w) for w in (wrench, np.zeros_like(wrench)))
-    part = dynamics.of_ground(dynamics.placed(q), wrench[..., None])[..., 0]
+    with_it, without = (
+        dynamics.compute_forces(q, v, a, w) for w in (wrench, np.zeros_like(wrench))
+    )
+    part = dynamics.compute_ground_forces(dynamics.place(q), wrench[..., None])[..., 0]
     np.testing.assert_allclose(part, with_it - without, rtol=0, atol=LINEAR * np.abs(part).max())
     assert np.abs(part).max() > 10.0
 
 
-@pytest.mark.parametrize("which", ["place", "gain", "turn", "clock"])
+@pytest.mark.parametrize("which", ["position", "gain", "rotation", "time_offset"])
 def test_each_part_is_what_plates_that_err_so_make_of_torques(which: str) -> None:
     """Wrenches changed as a laboratory would: moved, louder, turned, a little late; squares summed
     over both feet.
     """
     dynamics, (q, v, a), wrench, time = walk()
-    size = {"place": 0.004, "gain": 0.02, "turn": 0.002, "clock": 0.0005}[which]
-    errors = PlateErrors(**{"place": 0.0, "gain": 0.0, "clock": 0.0, which: size})
+    size = {"position": 0.004, "gain": 0.02, "rotation": 0.002, "time_offset": 0.0005}[which]
+    errors = PlateErrors(**{"position": 0.0, "gain": 0.0, "time_offset": 0.0, which: size})
     found = (
-        dynamics.of_ground(
-            dynamics.placed(q), wrench_errors(wrench, wrench_rates(time, wrench), errors)
+        dynamics.compute_ground_forces(
+            dynamics.place(q),
+            compute_wrench_errors(wrench, compute_wrench_rates(time, wrench), errors),
         )
         ** 2
     ).sum(axis=2)
-    true, squares = dynamics.forces(q, v, a, wrench), np.zeros((len(time), len(FORCES)))
+    true, squares = dynamics.compute_forces(q, v, a, wrench), np.zeros((len(time), len(FORCES)))
     for other in changed(which, size, wrench, time):
-        squares += (dynamics.forces(q, v, a, other) - true) ** 2
+        squares += (dynamics.compute_forces(q, v, a, other) - true) ** 2
     inner = slice(2, -2)  # at the ends of a trial a clock reaches beyond it
     np.testing.assert_allclose(
         found[inner], squares[inner], rtol=0, atol=SECOND_ORDER * squares.max()
@@ -90,17 +93,17 @@ def test_each_part_is_what_plates_that_err_so_make_of_torques(which: str) -> Non
 
 
 def changed(which: str, size: float, wrench: Array, time: Array) -> Iterator[Array]:
-    if which == "clock":
+    if which == "time_offset":
         columns = wrench.reshape(len(time), -1).T
         late = [np.interp(time + size, time, c) - np.interp(time - size, time, c) for c in columns]
         yield wrench + 0.5 * np.column_stack(late).reshape(wrench.shape)
         return
     for foot in range(2):
-        for axis in np.eye(3) if which == "place" else np.eye(1):
+        for axis in np.eye(3) if which == "position" else np.eye(1):
             other = wrench.copy()
             if which == "gain":
                 other[:, foot] *= 1.0 + size
-            elif which == "place":
+            elif which == "position":
                 other[:, foot, 3:] += np.cross(size * axis, wrench[:, foot, :3])
             else:
                 other[:, foot] = turned(wrench[:, foot], size)
@@ -108,15 +111,15 @@ def changed(which: str, size: float, wrench: Array, time: Array) -> Iterator[Arr
 
 
 def test_sizes_are_those_of_the_study_in_SI() -> None:
-    errors = PlateErrors.of(
+    errors = PlateErrors.from_table(
         PlateErrorTable(place_mm=3.0, turn_deg=2.0, gain_percent=2.0, clock_ms=5.0)
     )
-    assert (errors.place, errors.gain, errors.clock) == pytest.approx((0.003, 0.02, 0.005))
-    assert errors.turn == pytest.approx(np.deg2rad(2.0))
-    assert errors.any
-    assert not PlateErrors.of(
+    assert (errors.position, errors.gain, errors.time_offset) == pytest.approx((0.003, 0.02, 0.005))
+    assert errors.rotation == pytest.approx(np.deg2rad(2.0))
+    assert errors.nonzero
+    assert not PlateErrors.from_table(
         PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)
-    ).any
+    ).nonzero
 
 
 def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:
@@ -126,9 +129,9 @@ def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:
         for s in (ErrorSource.MOTION, ErrorSource.INERTIA, ErrorSource.PLATES)
     }
     by_source[ErrorSource.SKIN] = np.zeros((30, len(FORCES)))
-    errors, valid = TorqueErrors.of(by_source), rng.uniform(size=30) > 0.3
-    np.testing.assert_allclose(errors.every**2, sum(by_source.values()), rtol=1e-12)
-    shares = errors.shares(len(FORCES) - 1, valid)
+    errors, valid = TorqueErrors.from_sources(by_source), rng.uniform(size=30) > 0.3
+    np.testing.assert_allclose(errors.all_forces**2, sum(by_source.values()), rtol=1e-12)
+    shares = errors.compute_shares(len(FORCES) - 1, valid)
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-12)
     assert ErrorSource.SKIN not in shares, "absent, never 0"
     assert list(shares.values()) == sorted(shares.values(), reverse=True)
@@ -136,7 +139,7 @@ def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:
     assert shares[ErrorSource.PLATES] == pytest.approx(
         by_source[ErrorSource.PLATES][valid, -1].sum() / total
     )
-    assert errors.shares(3, np.zeros(30, dtype=bool)) == {}
+    assert errors.compute_shares(3, np.zeros(30, dtype=bool)) == {}
 
 
 MATTERS = 0.05
@@ -170,7 +173,7 @@ def test_what_a_missing_plate_bore_is_not_valid(
     prepared = prepare_trial(
         next(t for t in study.trials if t.role is Role.GAIT), model, study.settings
     )
-    motion = tracked_motion(prepared.body, model.parameters)
+    motion = track_motion(prepared.body, model.parameters)
     recording = prepared.recording
 
     def reactions(of: Recording) -> GroundReactions:

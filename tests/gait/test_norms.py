@@ -461,7 +461,7 @@ def test_every_variable_says_what_is_positive_and_every_convention_says_itself()
         text = "\n".join(convention.lines)
         assert (
             acting.words in text
-            and frame.words in text
+            and frame.label in text
             and unit.words in text
             and unit.power in text
         )

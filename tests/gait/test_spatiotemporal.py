@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.dynamics.foot_contact import FootPoints, belts
+from gaitcal.dynamics.foot_contact import FootPoints, estimate_belt_velocities
 from gaitcal.gait.cycles import EventSource, GaitEvent
 from gaitcal.gait.events import GaitEvents, joined_events
 from gaitcal.gait.spatiotemporal import (
@@ -130,7 +130,7 @@ def test_on_split_belts_strides_are_each_belts_and_steps_are_in_the_room() -> No
             np.where(_down(time, own.strikes), 0.0, 0.1),
         )
     points = np.concatenate([heel, heel + [0.2, 0.0, 0.0]], axis=1)
-    ground = belts(points, np.gradient(points, time, axis=0))
+    ground = estimate_belt_velocities(points, np.gradient(points, time, axis=0))
     np.testing.assert_allclose(ground, [[-fast, 0.0, 0.0], [-slow, 0.0, 0.0]], atol=1e-6)
     found = strides_measured(events, time, replace(feet, heel=heel, ground=ground))
     right, left = whole(found)[1].measures, whole(found, "l")[1].measures

@@ -38,7 +38,7 @@ from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.preprocess.study_model import nominal_of
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.motion import Motion, track_motion
 from scripts.validation.recordings import study_of_person
 from tests.report.page.people import subject_model
 
@@ -240,7 +240,7 @@ def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data
     model = nominal_of(study)
     trial = next(t for t in study.trials if t.name == "straight")
     prepared = prepare_trial(trial, model, study.settings)
-    motion = tracked_motion(prepared.body, model.parameters)
+    motion = track_motion(prepared.body, model.parameters)
     feet = FootAxes(foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
     points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
     for side in "rl":

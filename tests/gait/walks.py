@@ -9,12 +9,16 @@ import ezc3d
 import numpy as np
 
 from gaitcal.analysis.prepared_trials import prepare_trial
-from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, unseen_frames
+from gaitcal.dynamics.ground_reactions import (
+    compute_foot_points,
+    find_unobserved_frames,
+    ground_reactions,
+)
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.preprocess.study_model import nominal_of
-from gaitcal.tracking.motion import tracked_motion
+from gaitcal.tracking.motion import track_motion
 from scripts.validation.recordings import study_of_person
 
 PEOPLE = {"multi": "labs_c3d/multi", "HC030A": "children/HC030A", "HC031A": "children/HC031A"}
@@ -31,11 +35,13 @@ def recorded_strides(data: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
         for trial in study.trials:
             if trial is not study.static:
                 prepared = prepare_trial(trial, model, study.settings)
-                motion = tracked_motion(prepared.body, model.parameters)
+                motion = track_motion(prepared.body, model.parameters)
                 reactions = ground_reactions(model, motion, prepared.recording)
                 events = trial_events(model, motion, reactions, prepared.recording)
-                feet = foot_points(model, motion, model.parameters)
-                strides = strides_measured(events, motion.time, feet, unseen_frames(motion))
+                feet = compute_foot_points(model, motion, model.parameters)
+                strides = strides_measured(
+                    events, motion.time, feet, find_unobserved_frames(motion)
+                )
                 out[f"{person}/{trial.name}"] = strides, data / folder / f"{trial.name}.c3d"
     return out
 

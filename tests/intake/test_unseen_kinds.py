@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.ground_reactions import _seated
+from gaitcal.dynamics.ground_reactions import _detect_seated
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.intake.draft_file import Draft, marker_set_line, study_of
 from gaitcal.intake.drafting import draft_of
@@ -214,10 +214,10 @@ def test_a_seat_bears_part_of_the_body_until_the_plates_carry_all_of_it() -> Non
         [np.full(20, 0.7), np.linspace(0.7, 0.02, 20), np.full(40, usual), np.full(20, -0.02)]
     )
     lying = np.arange(len(missing)) < 25
-    seated = _seated(missing, lying)
+    seated = _detect_seated(missing, lying)
     assert seated[:40].all() and not seated[40:].any()
-    assert not _seated(missing, np.zeros_like(lying)).any(), "nobody sits who stands"
-    assert not _seated(np.where(lying, 0.1, usual), lying).any(), (
+    assert not _detect_seated(missing, np.zeros_like(lying)).any(), "nobody sits who stands"
+    assert not _detect_seated(np.where(lying, 0.1, usual), lying).any(), (
         "a crouch over plates that read a tenth too little"
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.dynamics.ground_reactions import leg_of
+from gaitcal.dynamics.ground_reactions import get_leg
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.chain import Chain
@@ -69,7 +69,7 @@ def frozen_above(model: SubjectModel) -> set[str]:
     """Frozen coordinates of trunk and arms; a segment of the legs that may go without markers is
     another matter.
     """
-    return {name for name in model.frozen if not leg_of(name)}
+    return {name for name in model.frozen if not get_leg(name)}
 
 
 def posed(

@@ -245,7 +245,7 @@ def test_the_static_posture_of_real_people_is_met(name: str, data_dir: Path) -> 
     model = person.model(static, window=window)
     errors = static_errors(model, static, window)
     of_legs = [s.startswith(("pelvis", "thigh", "shank", "foot")) for s in errors.segments]
-    legs = errors.distance[:, errors.kept() & of_legs]
+    legs = errors.distance[:, errors.select_observed() & of_legs]
     assert np.sqrt(np.nanmean(legs**2)) < 0.5e-3
     if name in ARMS_HANG:
         assert (errors.rms() or 1.0) < 0.5e-3

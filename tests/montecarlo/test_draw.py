@@ -36,7 +36,7 @@ TORQUE = 1e-9
 
 def whole_body(context: MonteCarloContext, parameters: Parameters, coefficients: Array) -> Array:
     q, v, a = (context.basis.evaluate(coefficients, k) for k in range(3))
-    forces = Dynamics(parameters).forces(q, v, a, context.case.wrench)
+    forces = Dynamics(parameters).compute_forces(q, v, a, context.case.wrench)
     return forces[:, [FORCES.index(name) for name in LEG_TORQUES]]
 
 
@@ -128,11 +128,11 @@ def test_record_of_a_draw_against_whole_body_dynamics(
         data=data,
         labels=context.problem.labels,
     )
-    body = problem.body(parameters)
+    body = problem.build_body(parameters)
     coefficients = case.coefficients
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time
-        matrix = from_band(problem.equations(coefficients, body).band)
-        step = np.linalg.solve(matrix, problem.gradient(coefficients, body)[1].ravel())
+        matrix = from_band(problem.assemble_equations(coefficients, body).band)
+        step = np.linalg.solve(matrix, problem.compute_gradient(coefficients, body)[1].ravel())
         coefficients = coefficients - step.reshape(coefficients.shape)
         if np.abs(step).max() < 1e-8:
             break
@@ -147,7 +147,9 @@ def test_record_of_a_draw_against_whole_body_dynamics(
     np.testing.assert_allclose(
         recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within
     )
-    apart = 1e3 * np.linalg.norm(problem.positions(coefficients, body) - data.measured, axis=1)
+    apart = 1e3 * np.linalg.norm(
+        problem.compute_positions(coefficients, body) - data.measured, axis=1
+    )
     left = [
         i
         for i, label in enumerate(context.problem.labels)
@@ -282,7 +284,7 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         parameters = context.case.parameters.with_joint(
             context.names, context.joint_values + change.joint
         )
-        body = context.problem.body(parameters)
+        body = context.problem.build_body(parameters)
         start = context.case.coefficients + context.sensitivity @ change.joint
         found = refit(context.problem, body, start, MonteCarloSettings())
         assert found.failure == ""
@@ -292,7 +294,7 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         afar = track_nodes(
             context.problem, body, context.case.coefficients, DescentSettings(gain=1e-12)
         )
-        assert context.problem.cost(found.coefficients, body) <= afar.cost * (1 + 1e-9)
+        assert context.problem.compute_cost(found.coefficients, body) <= afar.cost * (1 + 1e-9)
 
 
 def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) -> None:
@@ -304,7 +306,7 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
     parameters = context.case.parameters.with_joint(context.names, context.joint_values + change)
     problem, settings = context.problem, MonteCarloSettings(refit_tolerance=1e-10)
     now, was = (
-        refit(problem, problem.body(p), context.case.coefficients, settings).coefficients
+        refit(problem, problem.build_body(p), context.case.coefficients, settings).coefficients
         for p in (parameters, context.case.parameters)
     )
     moved = now - was
@@ -316,7 +318,7 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
 def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
     change = disturb(context, Varied.NOISE, 100, 1)
     noisy = context.problem.with_measured(context.data.measured + change.noise)
-    body = context.problem.body(context.case.parameters)
+    body = context.problem.build_body(context.case.parameters)
     found = refit(
         noisy, body, context.case.coefficients, MonteCarloSettings(refit_most_evaluations=2)
     )

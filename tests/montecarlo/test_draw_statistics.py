@@ -177,7 +177,7 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
     for sign in (1.0, -1.0):
         change = sign * step * (np.arange(len(context.names)) == k)
         parameters = case.parameters.with_joint(context.names, context.joint_values + change)
-        body = context.problem.body(parameters)
+        body = context.problem.build_body(parameters)
         found = refit(context.problem, body, case.coefficients, context.settings)
         torques.append(
             leg_torques(parameters, context.basis, found.coefficients, case.wrench, context.feet)[0]

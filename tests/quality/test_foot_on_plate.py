@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.dynamics.off_sole import DIVIDED, EQUAL_M, sole_edge
+from gaitcal.dynamics.off_sole import DIVIDED, IDENTICAL_CENTRE_M, compute_sole_edge
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import plate_from_moment, resample_wrench
 from gaitcal.io.formats import read_recording
@@ -144,7 +144,7 @@ def pressed(path: Array, load: Array, name: str = "1", corners: Array | None = N
 def edge_of(recording: Recording, foot: int = 0) -> Array:
     """(m, 2) m, the edge of a sole of somebody who stands."""
     feet = Feet(recording.time, evidence(recording).landmark).points(HEIGHT)
-    return sole_edge(feet, foot, slice(0, 1))[0]
+    return compute_sole_edge(feet, foot, slice(0, 1))[0]
 
 
 ARCH = 60.0 + 640.0 * np.sin(np.linspace(0.0, np.pi, 61))
@@ -227,7 +227,9 @@ def test_both_feet_on_one_plate_press_with_the_ground_between() -> None:
 def test_a_foot_across_two_plates_is_not_divided() -> None:
     """The centre on either side of the border is near to it, but not the same point."""
     recording = standing(AHEAD)
-    parts = [np.tile([0.1, z], (61, 1)) for z in (-3.0 * EQUAL_M, 3.0 * EQUAL_M)]
+    parts = [
+        np.tile([0.1, z], (61, 1)) for z in (-3.0 * IDENTICAL_CENTRE_M, 3.0 * IDENTICAL_CENTRE_M)
+    ]
     two = tuple(
         pressed(path, np.full(61, 300.0), name) for path, name in zip(parts, "12", strict=True)
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.expected_residual import BASELINE, TAU
+from gaitcal.dynamics.expected_residual import BASELINE_RESIDUAL, CORRELATION_S
 from gaitcal.quality.force_causes import ForceFault, causes_of
 from gaitcal.quality.force_choice import choose, fits, named, told_size
 from gaitcal.quality.force_evidence import BROKEN_S, ForceEvidence, ForceResidual
@@ -151,8 +151,8 @@ def dense(trials: list[ForceEvidence]) -> np.ndarray:
     for trial in trials:
         apart = np.abs(trial.time[:, None] - trial.time[None, :])
         piece = np.concatenate([[0], np.cumsum(np.diff(trial.time) >= BROKEN_S)])
-        memory = np.where(piece[:, None] == piece[None, :], np.exp(-apart / TAU), 0.0)
-        scale = np.diag((BASELINE * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
+        memory = np.where(piece[:, None] == piece[None, :], np.exp(-apart / CORRELATION_S), 0.0)
+        scale = np.diag((BASELINE_RESIDUAL * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
         blocks.append(np.kron(memory, scale))
     spread = np.concatenate([t.spread.reshape(-1, t.spread.shape[2]) for t in trials])
     out = spread @ spread.T

@@ -161,7 +161,7 @@ def test_the_torques_that_a_fault_moves_are_those_of_inverse_dynamics() -> None:
     frames = np.searchsorted(walk.motion.time, evidence.time - 1e-9)
     foot = np.stack([plate.wrench()[frames] for plate in made_plates(gait_motion())], axis=1)
     dynamics = Dynamics(evidence.parameters)
-    tau = dynamics.of_ground(dynamics.placed(evidence.q), foot[..., None])[:, :, 0]
+    tau = dynamics.compute_ground_forces(dynamics.place(evidence.q), foot[..., None])[:, :, 0]
     largest = np.sqrt((tau[:, 6:] ** 2).mean(axis=0)).max() / evidence.bwh
     assert torque and change == pytest.approx(
         largest, rel=0.1

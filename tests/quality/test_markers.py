@@ -18,9 +18,9 @@ from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.quality.label_checks import exchanged
 from gaitcal.quality.marker_checks import gaps
 from gaitcal.study.study import Study
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import trial_problem
+from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.quality.spoilt import (
     Change,
     evidence,
@@ -214,10 +214,10 @@ def test_a_while_with_one_marker_is_a_note_with_its_seconds(pig: Study) -> None:
 
 def tracked(study: Study) -> Motion:
     model, recording = nominal_of(study), study.trials[1].recording
-    problem = trial_problem(
+    problem = build_trial_problem(
         "gait", model, recording, NodeRule(), root="pelvis", segments=LOWER_BODY
     )
-    return tracked_motion(problem, model.parameters)
+    return track_motion(problem, model.parameters)
 
 
 def test_the_posture_found_is_that_of_all_markers(pig: Study) -> None:

@@ -6,16 +6,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from gaitcal.dynamics.ground_reactions import FORCE_HZ, reactions_of_motion
+from gaitcal.dynamics.ground_reactions import FORCE_HZ, compute_motion_reactions
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.force_evidence import ForceEvidence, force_evidence
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.synthetic_motion import gait_motion
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import trial_problem
+from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.synthetic_studies import made_plates, made_recording
 
 
@@ -36,7 +36,9 @@ class Walk:
             motion = tracked(self.model, recording)
         trial = Trial(name=name, role=Role.GAIT, recording=recording)
         parameters = self.model.parameters
-        reactions = reactions_of_motion(self.model, parameters, motion, recording, {}, FORCE_HZ)
+        reactions = compute_motion_reactions(
+            self.model, parameters, motion, recording, {}, FORCE_HZ
+        )
         found = force_evidence(trial, recording, self.model, parameters, motion, reactions)
         assert found is not None
         return found
@@ -44,7 +46,7 @@ class Walk:
 
 def tracked(model: SubjectModel, recording: Recording) -> Motion:
     """With the splines' usual number of nodes."""
-    return tracked_motion(trial_problem("walk", model, recording, NodeRule()), model.parameters)
+    return track_motion(build_trial_problem("walk", model, recording, NodeRule()), model.parameters)
 
 
 @lru_cache(maxsize=1)

@@ -204,7 +204,7 @@ def test_the_page_tells_what_makes_each_error_bar() -> None:
         b for b in walked(blocks) if b["kind"] == "table" and "error alone, N·m/kg" in b["head"]
     ]
     assert len(found) == 2 * len(LEG_COORDINATES), "all torques of both legs"
-    told = {source.words: f"{100 * share:.0f}" for source, share in ERROR_SHARES.items()}
+    told = {source.label: f"{100 * share:.0f}" for source, share in ERROR_SHARES.items()}
     for table in found:
         rows = rows_of(table)
         assert rows.pop("all together")[1] == "100"

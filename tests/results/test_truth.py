@@ -21,7 +21,7 @@ from gaitcal.analysis.truth_comparison import (
     with_truth,
 )
 from gaitcal.analysis.truth_errors import TruthErrors
-from gaitcal.dynamics.ground_reactions import leg_of
+from gaitcal.dynamics.ground_reactions import get_leg
 from gaitcal.errors import InputError
 from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.model.linkage import COORDINATES
@@ -70,13 +70,13 @@ def errors(calibration: Calibration) -> TruthErrors:
 
 def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) -> None:
     walk = errors(known).of("gait")
-    legs = {name: curve for name, curve in walk.coordinates.items() if leg_of(name)}
-    assert set(legs) == {name for name in COORDINATES if leg_of(name)}
+    legs = {name: curve for name, curve in walk.coordinates.items() if get_leg(name)}
+    assert set(legs) == {name for name in COORDINATES if get_leg(name)}
     for name, curve in legs.items():
         assert curve.rms < (SAME_ANKLE if name.startswith("ankle") else SAME_ANGLE), name
         assert np.ptp(curve.truth) > 1.0, name
     for name, curve in walk.forces.items():
-        if leg_of(name):
+        if get_leg(name):
             assert curve.rms < SAME_TORQUE, name
             assert curve.compared.sum() == known.trial("gait").loads.reactions.valid_for(name).sum()
 
@@ -93,12 +93,12 @@ def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -
         assert feature.fitted < SAME_PLACE < 1.0 < feature.nominal, (feature.joint, feature.part)
         assert all(feature.within)
     for name, curve in truth.of("gait").coordinates.items():
-        if leg_of(name):
+        if get_leg(name):
             assert curve.rms < 0.06 < 0.2 < curve.nominal_rms, (
                 name
             )  # as the reference says of synthesize
     for name, curve in truth.of("gait").forces.items():
-        if leg_of(name):
+        if get_leg(name):
             assert curve.rms < SAME_TORQUE, name
             assert curve.share_within > 0.95, name
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.ground_reactions import ground_reactions
-from gaitcal.dynamics.inverse_dynamics import Dynamics, inverse_dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual, inverse_dynamics
 from gaitcal.gait.events import activity_events, trial_events
 from gaitcal.gait.strides import strides_of
 from gaitcal.intake.trial_movement import Shows, movement, standing
@@ -82,11 +82,11 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     found = made_up(activity, model.parameters)
     motion, ground = found.motion, ground_on_feet(model.parameters, found.motion)
     state = [motion.basis.evaluate(motion.coefficients, k) for k in range(3)]
-    truth = Dynamics(model.parameters).forces(*state, ground.wrench)
+    truth = Dynamics(model.parameters).compute_forces(*state, ground.wrench)
     up, share = ground.wrench[:, :, 1], ground.load_share.sum(axis=1)
     flies, sits = share == 0, (share > 0) & (share < 1.0 - 1e-9)
     assert up.min() > -FLYING_N and flies.any() == (activity in (Activity.JUMP, Activity.RUN))
-    residual = np.abs(pelvis_residual(state[0], truth)).max(axis=1)
+    residual = np.abs(compute_pelvis_residual(state[0], truth)).max(axis=1)
     assert residual[flies].max(initial=0.0) < FLYING_N and residual[~flies & ~sits].max() < 1e-6
     assert sits.any() == (activity is Activity.SIT_TO_STAND)
 

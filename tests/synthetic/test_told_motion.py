@@ -5,7 +5,7 @@ same work.
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.synthetic.subject import synthetic_model, true_gait
@@ -16,7 +16,7 @@ from gaitcal.synthetic.synthetic_motion import (
     synthetic_markers,
 )
 from gaitcal.synthetic.synthetic_truth import Teller, ToldMotion, segment_frames, static_frames
-from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.spline import build_spline_basis
 
 SEED = 11
 SPLINE = 5e-3
@@ -73,8 +73,8 @@ def test_the_same_work_and_nothing_left_at_the_pelvis(told: Told) -> None:
     _, motion, wrench, result = told
     model = person()
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    true = Dynamics(model.parameters).forces(q, v, a, wrench)
-    assert np.abs(pelvis_residual(result.q, result.forces)).max() < SPLINE
+    true = Dynamics(model.parameters).compute_forces(q, v, a, wrench)
+    assert np.abs(compute_pelvis_residual(result.q, result.forces)).max() < SPLINE
     for joint in ("hip", "knee_angle", "ankle_angle", "subtalar", "lumbar", "arm", "elbow"):
         columns = [k for k, name in enumerate(COORDINATES) if name.startswith(joint)]
         power = (true[:, columns] * v[:, columns]).sum(axis=1)
@@ -91,7 +91,7 @@ def test_ankles_are_counted_from_the_static_posture() -> None:
     )[0]
     marker = dict(zip(model.markers.labels, placed, strict=True))
     still = np.tile(standing_pose(model.parameters), (6, 1))
-    pose = teller.tell(TrueMotion(spline_basis(np.arange(20) / 100.0, 6), still)).q[0]
+    pose = teller.tell(TrueMotion(build_spline_basis(np.arange(20) / 100.0, 6), still)).q[0]
     for side in "rl":
         sole = marker[f"{side.upper()}.Toe.Tip"] - marker[f"{side.upper()}.Heel"]
         shank = static_frames(model).frames[f"shank_{side}"].rotation[:, 1]

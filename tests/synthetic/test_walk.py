@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, HEEL_M, SHAPE
-from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
-from gaitcal.dynamics.measurement_errors import foot_tip
+from gaitcal.dynamics.foot_contact import FOOT_BREADTH, HEEL_RADIUS_M, SOLE_SHAPE
+from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
+from gaitcal.dynamics.measurement_errors import compute_foot_tip
 from gaitcal.io.recording import runs
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
@@ -31,7 +31,7 @@ from gaitcal.synthetic.walk import (
     stride_of,
     walking_ground,
 )
-from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.spline import build_spline_basis
 
 RESIDUAL = 1e-9
 """N, N·m: rounding of some hundred N at lever arms of a metre."""
@@ -65,13 +65,13 @@ def in_the_sole(parameters: Parameters, motion: TrueMotion, centre: Array) -> Bo
     out = np.zeros((len(centre), 2), dtype=bool)
     for foot in range(2):
         heel, toe = points[:, foot, 0], points[:, foot, 1]
-        line = (foot_tip(heel, toe, height) - heel)[:, [0, 2]]
+        line = (compute_foot_tip(heel, toe, height) - heel)[:, [0, 2]]
         length = np.linalg.norm(line, axis=1)
         forward = line / length[:, None]
         away = (centre[:, foot] - heel)[:, [0, 2]]
-        along = (np.einsum("fi,fi->f", away, forward) - HEEL_M) / (length - HEEL_M)
+        along = (np.einsum("fi,fi->f", away, forward) - HEEL_RADIUS_M) / (length - HEEL_RADIUS_M)
         across = np.abs(away[:, 0] * forward[:, 1] - away[:, 1] * forward[:, 0])
-        width = FOOT_BREADTH * height * np.interp(along, *SHAPE)
+        width = FOOT_BREADTH * height * np.interp(along, *SOLE_SHAPE)
         out[:, foot] = (along >= 0) & (along <= 1) & (across <= width / 2)
     return out
 
@@ -87,7 +87,9 @@ def test_the_ground_carries_the_walk(person: str) -> None:
     parameters, motion = walk(person)
     ground = ground_on_feet(parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, ground.wrench))
+    residual = compute_pelvis_residual(
+        q, Dynamics(parameters).compute_forces(q, v, a, ground.wrench)
+    )
     assert np.abs(residual).max() < RESIDUAL
     up = ground.wrench[:, :, 1]
     loaded = up > 0
@@ -149,7 +151,7 @@ def test_slopes_are_those_of_the_residuals() -> None:
     """
     parameters = synthetic_model(np.random.default_rng(5), perturb=True).parameters
     time = np.arange(40) / 200.0
-    basis, phase = spline_basis(time, 12), 0.4 + time / GAIT_CYCLE
+    basis, phase = build_spline_basis(time, 12), 0.4 + time / GAIT_CYCLE
     meant = nominal_curves(phase)
     coefficients, rng, size = basis.fit(meant.q), np.random.default_rng(6), 1e-6
     direction = rng.normal(size=coefficients.shape)

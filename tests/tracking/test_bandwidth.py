@@ -14,29 +14,29 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.synthetic.synthetic_motion import gait_motion, synthetic_markers
 from gaitcal.tracking.bandwidth import (
-    LONGEST_S,
     LOWEST_HZ,
+    MAX_SEARCH_S,
     DenseMotion,
     Smoother,
-    busiest,
-    frame_information,
-    highest_cutoff,
-    with_bandwidth,
+    apply_bandwidth,
+    compute_frame_information,
+    compute_highest_cutoff,
+    find_busiest_frames,
 )
 from gaitcal.tracking.descent import DescentSettings
-from gaitcal.tracking.motion import Motion, track_nodes, tracked_motion
+from gaitcal.tracking.motion import Motion, track_motion, track_nodes
 from gaitcal.tracking.spline import (
     DEGREE,
     ORDER,
     TENSION_HZ,
     NodeRule,
-    frame_rate,
-    roughness,
-    smoothing,
-    spline_basis,
-    stiffness,
+    build_roughness,
+    build_smoothing,
+    build_spline_basis,
+    compute_frame_rate,
+    compute_stiffness,
 )
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import (
     Array,
     assert_derivative,
@@ -56,15 +56,15 @@ SEGMENTS = np.array(MODEL.markers.segments)
 
 def problem_of(markers: Array, time: Array = TIME) -> MotionProblem:
     recording = Recording(source="made up", time=time, labels=MODEL.markers.labels, markers=markers)
-    return trial_problem("walk", MODEL, recording, NodeRule())
+    return build_trial_problem("walk", MODEL, recording, NodeRule())
 
 
 def smoothed(problem: MotionProblem, hz: float) -> Motion:
-    return tracked_motion(with_bandwidth(problem, MODEL.parameters, hz), MODEL.parameters)
+    return track_motion(apply_bandwidth(problem, MODEL.parameters, hz), MODEL.parameters)
 
 
 def asked(problem: MotionProblem) -> float:
-    return DenseMotion(problem, MODEL.parameters).by_markers()
+    return DenseMotion(problem, MODEL.parameters).choose_cutoff()
 
 
 def white(seed: int, deviation: float) -> Array:
@@ -113,7 +113,7 @@ def test_slow_noise_says_nothing_of_fast_noise() -> None:
 def test_without_noise_everything_passes_and_the_motion_is_found() -> None:
     problem = problem_of(MARKERS)
     hz = asked(problem)
-    assert hz == pytest.approx(highest_cutoff(problem.basis)) == 25.0
+    assert hz == pytest.approx(compute_highest_cutoff(problem.basis)) == 25.0
     motion = smoothed(problem, hz)
     assert motion.converged and np.abs(motion.q - TRUE).max() < 5e-4
 
@@ -121,11 +121,11 @@ def test_without_noise_everything_passes_and_the_motion_is_found() -> None:
 def test_the_penalty_limits_the_motion_not_the_nodes() -> None:
     problem = problem_of(MARKERS + white(5, 0.001))
     for hz in (4.0, 8.0, 16.0):
-        chosen = with_bandwidth(problem, MODEL.parameters, hz)
-        finer = spline_basis(TIME, 2 * chosen.basis.nodes)
-        information = frame_information(problem, problem.body(MODEL.parameters))
-        fine = replace(problem, basis=finer, smoothing=smoothing(finer, information, hz))
-        motion, reference = (tracked_motion(p, MODEL.parameters) for p in (chosen, fine))
+        chosen = apply_bandwidth(problem, MODEL.parameters, hz)
+        finer = build_spline_basis(TIME, 2 * chosen.basis.nodes)
+        information = compute_frame_information(problem, problem.build_body(MODEL.parameters))
+        fine = replace(problem, basis=finer, smoothing=build_smoothing(finer, information, hz))
+        motion, reference = (track_motion(p, MODEL.parameters) for p in (chosen, fine))
         apart = (motion.acceleration - reference.acceleration)[20:-20]
         # 2 % with 8 Hz; with 16 Hz what differs is noise
         assert np.mean(apart**2) < 0.1**2 * np.mean(reference.acceleration[20:-20] ** 2)
@@ -136,10 +136,10 @@ def test_one_dense_motion_foretells_the_others() -> None:
     """Coordinates taken to be uncoupled: near what tracking with that cut-off makes of them."""
     dense = DenseMotion(problem_of(MARKERS + white(6, 0.001)), MODEL.parameters)
     basis = dense.problem.basis
-    body = dense.problem.body(MODEL.parameters)
+    body = dense.problem.build_body(MODEL.parameters)
     for hz in (4.0, 8.0):
-        foretold = dense.at(hz)
-        problem = replace(dense.problem, smoothing=smoothing(basis, dense.information, hz))
+        foretold = dense.smooth_at(hz)
+        problem = replace(dense.problem, smoothing=build_smoothing(basis, dense.information, hz))
         coefficients = track_nodes(problem, body, dense.coefficients).x
         change, gap = (
             basis.evaluate(coefficients - other)
@@ -147,7 +147,7 @@ def test_one_dense_motion_foretells_the_others() -> None:
         )
         in_markers = [np.vdot(x @ dense.information, x) for x in (gap, change)]
         assert in_markers[0] < 0.1 * in_markers[1]
-        rms = np.sqrt(problem.marker_cost(coefficients, body) / problem.data.weight.sum())
+        rms = np.sqrt(problem.compute_marker_cost(coefficients, body) / problem.data.weight.sum())
         assert foretold.rms == pytest.approx(rms, rel=0.03)
 
 
@@ -156,8 +156,10 @@ def test_information_does_not_depend_on_gaps() -> None:
     problem = problem_of(MARKERS)
     weight = problem.data.weight.copy()
     weight[:, ::2] = 0.0
-    body = problem.body(MODEL.parameters)
-    whole, half = (frame_information(p, body) for p in (problem, problem.with_weight(weight)))
+    body = problem.build_body(MODEL.parameters)
+    whole, half = (
+        compute_frame_information(p, body) for p in (problem, problem.with_weight(weight))
+    )
     np.testing.assert_allclose(whole, whole.T)
     seen = np.ix_(problem.active, problem.active)
     assert np.linalg.eigvalsh(whole[seen])[0] > 0
@@ -169,7 +171,7 @@ def test_slow_cameras_and_short_trials(every: int, first: int) -> None:
     noisy = MARKERS + white(7, 0.0005)
     problem = problem_of(noisy[:first:every], TIME[:first:every])
     hz = asked(problem)
-    assert LOWEST_HZ <= hz <= highest_cutoff(problem.basis)
+    assert LOWEST_HZ <= hz <= compute_highest_cutoff(problem.basis)
     motion = smoothed(problem, hz)
     assert motion.converged and motion.basis.nodes <= len(motion.time) + 5
     assert np.abs(motion.q - TRUE[:first:every])[:, 3:].max() < 0.15
@@ -214,16 +216,16 @@ def test_markers_with_nothing_to_spare_say_nothing() -> None:
 
 
 def test_a_long_trial_is_looked_at_where_most_happens() -> None:
-    frames = int(3 * LONGEST_S * 25)
+    frames = int(3 * MAX_SEARCH_S * 25)
     time, moves = np.arange(frames) / 25.0, np.zeros(frames)
     moves[900:1100] = 1.0
     still = np.repeat(MARKERS[:1], frames, axis=0)
     still += 0.01 * np.sin(8 * time)[:, None, None] * moves[:, None, None]
     problem = problem_of(still, time)
-    for chosen in (busiest(problem), busiest(problem, moves)):
-        assert len(chosen) == LONGEST_S * 25 + 1
+    for chosen in (find_busiest_frames(problem), find_busiest_frames(problem, moves)):
+        assert len(chosen) == MAX_SEARCH_S * 25 + 1
         assert chosen[0] <= 900 and chosen[-1] >= 1099
-    assert busiest(problem_of(MARKERS)).tolist() == list(range(len(TIME)))
+    assert find_busiest_frames(problem_of(MARKERS)).tolist() == list(range(len(TIME)))
     assert len(DenseMotion(problem, MODEL.parameters).problem.basis.time) == len(chosen)
 
 
@@ -242,7 +244,7 @@ def penalised(
         rng, PARAMETERS, free=FREE, frames=frames, nodes=nodes, segments=RIGHT_LEG
     )
     half = rng.normal(size=(true.shape[1], true.shape[1]))
-    rough = smoothing(problem.basis, half @ half.T + np.eye(len(half)), 3.0)
+    rough = build_smoothing(problem.basis, half @ half.T + np.eye(len(half)), 3.0)
     return replace(noisy(problem, rng), smoothing=rough), true
 
 
@@ -252,7 +254,7 @@ def whole(problem: MotionProblem) -> Array:
 
 
 def test_roughness_is_the_integral_of_squared_derivatives() -> None:
-    basis = spline_basis(np.linspace(0.0, 1.3, 50), 14)
+    basis = build_spline_basis(np.linspace(0.0, 1.3, 50), 14)
     coefficients = np.random.default_rng(62).normal(size=(14, 2))
     spline = BSpline(basis.knots, coefficients, DEGREE)
     fine = np.linspace(0.0, 1.3, 200_001)
@@ -260,40 +262,42 @@ def test_roughness_is_the_integral_of_squared_derivatives() -> None:
     expected += (2 * np.pi * TENSION_HZ) ** 4 * np.trapezoid(
         spline.derivative(1)(fine) ** 2, fine, axis=0
     )
-    rough = roughness(basis.knots)
+    rough = build_roughness(basis.knots)
     np.testing.assert_allclose(
         np.diag(coefficients.T @ rough.matrix @ coefficients), expected, rtol=1e-8
     )
-    assert rough.both(coefficients, np.eye(2))[0] == pytest.approx(expected.sum(), rel=1e-8)
+    assert rough.evaluate(coefficients, np.eye(2))[0] == pytest.approx(expected.sum(), rel=1e-8)
     tolerance = {"rtol": 1e-9, "atol": 1e-9 * expected.max()}
     np.testing.assert_allclose(
-        rough.both(coefficients, np.eye(2))[1], rough.matrix @ coefficients, **tolerance
+        rough.evaluate(coefficients, np.eye(2))[1], rough.matrix @ coefficients, **tolerance
     )
     dense = rough.matrix.toarray()
     np.testing.assert_allclose(
         from_band(rough.band[:, :ORDER]), dense, rtol=0, atol=1e-12 * dense.max()
     )
-    assert rough.both(coefficients + 1e6, np.eye(2))[0] == pytest.approx(expected.sum(), rel=1e-6)
+    assert rough.evaluate(coefficients + 1e6, np.eye(2))[0] == pytest.approx(
+        expected.sum(), rel=1e-6
+    )
 
 
 def test_cost_and_gradients() -> None:
     rng = np.random.default_rng(63)
     problem, true = penalised(rng)
-    body = problem.body(PARAMETERS)
+    body = problem.build_body(PARAMETERS)
     coefficients = true + rng.normal(0, 0.02, true.shape)
-    cost, by_nodes, by_values = problem.both_gradients(coefficients, body)
+    cost, by_nodes, by_values = problem.compute_gradients(coefficients, body)
     plain = replace(problem, smoothing=None)
-    plain_cost, plain_by_nodes, plain_by_values = plain.both_gradients(coefficients, body)
+    plain_cost, plain_by_nodes, plain_by_values = plain.compute_gradients(coefficients, body)
     assert (
         cost
-        == problem.cost(coefficients, body)
+        == problem.compute_cost(coefficients, body)
         > plain_cost
-        == problem.marker_cost(coefficients, body)
+        == problem.compute_marker_cost(coefficients, body)
     )
     np.testing.assert_array_equal(by_values, plain_by_values)
 
     def total(x: Array) -> Array:
-        return np.array([problem.cost(x.reshape(coefficients.shape), body)])
+        return np.array([problem.compute_cost(x.reshape(coefficients.shape), body)])
 
     assert_derivative(2 * by_nodes.reshape(1, -1), total, coefficients.ravel(), relative=1e-6)
     assert np.abs(by_nodes - plain_by_nodes).max() > 1e-3 * np.abs(plain_by_nodes).max()
@@ -304,9 +308,9 @@ def test_equations_hold_the_penalty(curved: bool) -> None:
     problem, true = penalised(np.random.default_rng(64))
     closed = problem.with_free(())
     for trial in (closed,) if curved else (closed, problem):
-        body = trial.body(PARAMETERS)
-        equations = trial.equations(true, body, curved=curved)
-        plain = replace(trial, smoothing=None).equations(true, body, curved=curved)
+        body = trial.build_body(PARAMETERS)
+        equations = trial.assemble_equations(true, body, curved=curved)
+        plain = replace(trial, smoothing=None).assemble_equations(true, body, curved=curved)
         matrix = whole(trial)
         added = from_band(equations.band) - from_band(plain.band)
         np.testing.assert_allclose(
@@ -325,11 +329,11 @@ def test_equations_hold_the_penalty(curved: bool) -> None:
 def test_tracking_ends_where_a_dense_solver_does() -> None:
     problem, true = penalised(np.random.default_rng(65))
     problem = problem.with_free(())
-    body = problem.body(PARAMETERS)
+    body = problem.build_body(PARAMETERS)
     root = np.linalg.cholesky(whole(problem) + 1e-12 * np.eye(true.size)).T
 
     def residual(x: Array) -> Array:
-        gap = problem.positions(x.reshape(true.shape), body) - problem.data.measured
+        gap = problem.compute_positions(x.reshape(true.shape), body) - problem.data.measured
         return np.concatenate([gap.ravel(), root @ x])
 
     reference = least_squares(
@@ -337,7 +341,7 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
     )
     result = track_nodes(problem, body, true, DescentSettings(gain=1e-15))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
-    assert result.cost > 1.01 * problem.marker_cost(result.x, body)
+    assert result.cost > 1.01 * problem.compute_marker_cost(result.x, body)
     np.testing.assert_allclose(result.x.ravel(), reference.x, atol=1e-6)
 
 
@@ -348,24 +352,26 @@ def test_smoothing_survives_and_idle_coordinates_keep_their_start() -> None:
         assert other.smoothing is problem.smoothing
     idle = ~lost.active
     assert idle.any() and not idle.all()
-    tracked = track_nodes(lost, lost.body(PARAMETERS), true)
+    tracked = track_nodes(lost, lost.build_body(PARAMETERS), true)
     np.testing.assert_array_equal(tracked.x[:, idle], true[:, idle])
     assert np.abs(tracked.x[:, ~idle] - true[:, ~idle]).max() > 1e-6
 
 
 def test_smoother_is_a_dense_hat_matrix_and_its_trace_a_sum_of_gains() -> None:
     rng = np.random.default_rng(67)
-    basis, hz = spline_basis(np.arange(90) / 60.0, 50), 5.0
+    basis, hz = build_spline_basis(np.arange(90) / 60.0, 50), 5.0
     b = BSpline.design_matrix(basis.time, basis.knots, DEGREE).toarray()
-    rough, rate = roughness(basis.knots).matrix.toarray(), frame_rate(basis)
+    rough, rate = build_roughness(basis.knots).matrix.toarray(), compute_frame_rate(basis)
     hat = b @ np.linalg.solve(b.T @ b + rate * (2 * np.pi * hz) ** -6.0 * rough, b.T)
-    assert stiffness(basis, hz) == pytest.approx(rate * (2 * np.pi * hz) ** -6.0)
+    assert compute_stiffness(basis, hz) == pytest.approx(rate * (2 * np.pi * hz) ** -6.0)
     smoother = Smoother(basis)
     series, coefficients = rng.normal(size=(90, 3)), rng.normal(size=(50, 3))
-    passed = basis.evaluate(smoother.coefficients(basis.matrices[0].T @ series, hz))
+    passed = basis.evaluate(smoother.smooth(basis.matrices[0].T @ series, hz))
     np.testing.assert_allclose(passed, hat @ series, atol=1e-8)
     lost = b @ coefficients - hat @ b @ coefficients
-    np.testing.assert_allclose(basis.evaluate(smoother.lost(coefficients, hz)), lost, atol=1e-8)
+    np.testing.assert_allclose(
+        basis.evaluate(smoother.compute_loss(coefficients, hz)), lost, atol=1e-8
+    )
     mu = eigh(rough, b.T @ b, eigvals_only=True)
     reinsch = (rate * np.maximum(mu, 0.0)) ** (1 / 6) / (2 * np.pi)
     gains = 1 / (1 + (reinsch / hz) ** 6)
@@ -377,9 +383,9 @@ def test_smoother_is_a_dense_hat_matrix_and_its_trace_a_sum_of_gains() -> None:
 )
 def test_half_of_an_oscillation_passes_at_the_cut_off(hz: float, gain: float) -> None:
     time = np.arange(1000) / 200.0
-    basis = spline_basis(time, 505)
+    basis = build_spline_basis(time, 505)
     wave = np.sin(2 * np.pi * hz * time)[:, None]
-    passed = basis.evaluate(Smoother(basis).coefficients(basis.matrices[0].T @ wave, 6.0))
+    passed = basis.evaluate(Smoother(basis).smooth(basis.matrices[0].T @ wave, 6.0))
     middle = slice(250, 750)
     assert float((passed * wave)[middle].sum() / (wave**2)[middle].sum()) == pytest.approx(
         gain, abs=0.005

@@ -20,17 +20,17 @@ from gaitcal.model.parameters import JP_NAMES
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from gaitcal.tracking.coordinate_prior import (
-    DEVIATION,
-    WALLS,
+    JOINT_LIMITS_DEG,
+    PRIOR_DEVIATION_DEG,
     CoordinatePrior,
-    about_posture,
-    upright_trunk,
-    walls,
-    within_walls,
+    build_joint_limits,
+    build_posture_prior,
+    clip_to_joint_limits,
+    compute_upright_trunk,
 )
-from gaitcal.tracking.motion import Motion, track, track_nodes, tracked_motion
+from gaitcal.tracking.motion import Motion, track, track_motion, track_nodes
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import (
     Array,
     assert_derivative,
@@ -61,41 +61,43 @@ def far_away(rng: np.random.Generator) -> tuple[MotionProblem, Array]:
         scale=np.array([0.1]),
     )
     priors = (
-        walls(coordinates, {"hip_rotation_l": 0.2}),
-        about_posture(("arm_add_r",), {"arm_add_r": 0.4}),
+        build_joint_limits(coordinates, {"hip_rotation_l": 0.2}),
+        build_posture_prior(("arm_add_r",), {"arm_add_r": 0.4}),
         moving,
     )
     coefficients = true.copy()
-    for name in WALLS:
+    for name in JOINT_LIMITS_DEG:
         coefficients[::2, coordinates.index(name)] += rng.choice([-1.0, 1.0]) * 1.5
     return replace(problem, priors=priors), coefficients
 
 
 def test_cost_gradient_and_matrix_belong_together() -> None:
     problem, coefficients = far_away(np.random.default_rng(41))
-    body = problem.body(perturbed_parameters(np.random.default_rng(41)))
+    body = problem.build_body(perturbed_parameters(np.random.default_rng(41)))
     shape = coefficients.shape
-    alone = [pull.both(coefficients)[0] for pull in problem.pulls]
+    alone = [pull.evaluate(coefficients)[0] for pull in problem.coefficient_priors]
     assert min(alone) > 0.0
-    cost, gradient = problem.gradient(coefficients, body)
-    equations = problem.equations(coefficients, body)
+    cost, gradient = problem.compute_gradient(coefficients, body)
+    equations = problem.assemble_equations(coefficients, body)
     assert equations.cost == pytest.approx(cost, rel=1e-12)
-    assert problem.cost(coefficients, body) == pytest.approx(cost, rel=1e-12)
-    assert cost - problem.marker_cost(coefficients, body) == pytest.approx(sum(alone), rel=1e-9)
+    assert problem.compute_cost(coefficients, body) == pytest.approx(cost, rel=1e-12)
+    assert cost - problem.compute_marker_cost(coefficients, body) == pytest.approx(
+        sum(alone), rel=1e-9
+    )
     np.testing.assert_allclose(
         equations.node_gradient, gradient, atol=1e-12 * np.abs(gradient).max()
     )
     assert_derivative(
         2.0 * gradient.reshape(1, -1),
-        lambda x: np.array([problem.cost(x.reshape(shape), body)]),
+        lambda x: np.array([problem.compute_cost(x.reshape(shape), body)]),
         coefficients.ravel(),
     )
     plain = replace(problem, priors=())
-    added = (equations.band - plain.equations(coefficients, body).band)[:, 0]
+    added = (equations.band - plain.assemble_equations(coefficients, body).band)[:, 0]
 
     def of_priors(x: Array) -> Array:
         own = x.reshape(shape)
-        return np.asarray(sum(pull.both(own)[1] for pull in problem.pulls)).ravel()
+        return np.asarray(sum(pull.evaluate(own)[1] for pull in problem.coefficient_priors)).ravel()
 
     numeric = central_differences(of_priors, coefficients.ravel())
     np.testing.assert_allclose(np.diag(added), numeric, atol=BAND * np.abs(numeric).max())
@@ -103,13 +105,13 @@ def test_cost_gradient_and_matrix_belong_together() -> None:
 
 def test_a_share_of_the_cost_is_a_share_of_the_prior() -> None:
     problem, coefficients = far_away(np.random.default_rng(42))
-    half = problem.scaled(0.5)
-    for whole, part in zip(problem.pulls, half.pulls, strict=True):
-        assert part.both(coefficients)[0] == pytest.approx(
-            0.5 * whole.both(coefficients)[0], rel=1e-12
+    half = problem.scale_cost(0.5)
+    for whole, part in zip(problem.coefficient_priors, half.coefficient_priors, strict=True):
+        assert part.evaluate(coefficients)[0] == pytest.approx(
+            0.5 * whole.evaluate(coefficients)[0], rel=1e-12
         )
     scores = [
-        p.scores(problem.basis, problem.chain.coordinates)
+        p.compute_scores(problem.basis, problem.chain.coordinates)
         for p in (problem.priors[1], half.priors[1])
     ]
     np.testing.assert_allclose(scores[1], 0.5 * scores[0], rtol=1e-12)
@@ -117,17 +119,17 @@ def test_a_share_of_the_cost_is_a_share_of_the_prior() -> None:
 
 def test_a_part_keeps_what_is_known_of_its_own_coordinates() -> None:
     problem, _ = far_away(np.random.default_rng(43))
-    part = problem.part("shank_r", ("shank_r", "talus_r", "foot_r"))
+    part = problem.extract_part("shank_r", ("shank_r", "talus_r", "foot_r"))
     assert [prior.names for prior in part.priors] == [("ankle_angle_r", "subtalar_angle_r")]
-    assert problem.part("pelvis", ("pelvis", "head_trunk")).guessed == ("lumbar_bending",)
+    assert problem.extract_part("pelvis", ("pelvis", "head_trunk")).guessed == ("lumbar_bending",)
 
 
 def test_inside_the_walls_not_a_digit_changes() -> None:
-    problem = trial_problem("walk", MODEL, made_recording(gait_motion()), NodeRule())
-    assert set(problem.priors[0].names) == set(WALLS)
+    problem = build_trial_problem("walk", MODEL, made_recording(gait_motion()), NodeRule())
+    assert set(problem.priors[0].names) == set(JOINT_LIMITS_DEG)
     problem = noisy(problem, np.random.default_rng(44), 0.003)
     with_walls, without = (
-        tracked_motion(p, MODEL.parameters)
+        track_motion(p, MODEL.parameters)
         for p in (problem, replace(problem, priors=problem.priors[1:]))
     )
     np.testing.assert_array_equal(with_walls.coefficients, without.coefficients)
@@ -138,7 +140,7 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
     not at 370 deg.
     """
     walk = made_recording(gait_motion())
-    problem = trial_problem(
+    problem = build_trial_problem(
         "walk", MODEL, walk, NodeRule(), root="shank_r", segments=("shank_r", "talus_r", "foot_r")
     )
     k = problem.chain.coordinates.index("subtalar_angle_r")
@@ -155,14 +157,14 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
 
 def test_angles_start_within_the_walls() -> None:
     angles, known = np.deg2rad([[370.0], [-355.0], [170.0], [-30.0]]), np.ones(4, dtype=bool)
-    told = within_walls(["subtalar_angle_r"], angles, known, determined=True)
+    told = clip_to_joint_limits(["subtalar_angle_r"], angles, known, determined=True)
     np.testing.assert_allclose(np.rad2deg(told), [[10.0], [5.0], [50.0], [-30.0]])
-    assert not within_walls(["subtalar_angle_r"], angles, known, determined=False).any()
+    assert not clip_to_joint_limits(["subtalar_angle_r"], angles, known, determined=False).any()
     np.testing.assert_array_equal(
-        within_walls(["knee_angle_r"], angles, known, determined=False), angles
+        clip_to_joint_limits(["knee_angle_r"], angles, known, determined=False), angles
     )
     hips = ["hip_flexion_r", "hip_rotation_r"]
-    both = within_walls(
+    both = clip_to_joint_limits(
         hips, np.deg2rad([[200.0, 370.0], [0.0, 60.0]]), known[:2], determined=False
     )
     assert np.rad2deg(both) == pytest.approx(np.array([[200, 10], [0, 50]]))
@@ -197,7 +199,7 @@ def hidden(recording: Recording, *labels: str, share: float = 1.0) -> Recording:
 
 
 def problem_of(recording: Recording) -> MotionProblem:
-    return trial_problem("walk", MODEL, recording, NodeRule())
+    return build_trial_problem("walk", MODEL, recording, NodeRule())
 
 
 def test_a_trunk_without_markers_and_arms_with_them(walk: Recording) -> None:
@@ -224,7 +226,7 @@ def test_one_marker_on_the_sternum_leaves_its_turn_about_the_line_to_the_hips_op
     sternum = next(label for label in TRUNK if "Sternum" in label)
     found = problem_of(hidden(walk, *(m for m in (*TRUNK, *ARMS) if m != sternum)))
     assert {"lumbar_bending", "lumbar_rotation"} <= set(found.guessed) and sternum in found.labels
-    motion = tracked_motion(found, MODEL.parameters)
+    motion = track_motion(found, MODEL.parameters)
     k = motion.coordinates.index("lumbar_extension")
     assert np.abs(motion.q - gait_motion().q)[:, k].max() < FOLLOWED_RAD
 
@@ -280,21 +282,21 @@ def test_it_turns_with_the_way_and_not_with_the_pelvis() -> None:
     standing = {"pelvis_tilt": -0.2, "lumbar_extension": 0.15, "lumbar_bending": 0.02}
     swing = 0.1 * np.sin(2 * np.pi * time)
     zero = np.zeros_like(time)
-    still = upright_trunk(time, np.stack([-0.2 + zero, zero, zero], axis=1), standing)
+    still = compute_upright_trunk(time, np.stack([-0.2 + zero, zero, zero], axis=1), standing)
     np.testing.assert_allclose(
         still, np.broadcast_to([0.15, 0.02, 0.0], still.shape), atol=ROUNDING
     )
     # about the vertical the first turn of an upright pelvis is its rotation
-    turned = upright_trunk(time, np.stack([zero, zero, 0.5 * time], axis=1), {})
+    turned = compute_upright_trunk(time, np.stack([zero, zero, 0.5 * time], axis=1), {})
     np.testing.assert_allclose(turned, 0.0, atol=ROUNDING)
     middle = slice(100, 300)
-    kept = upright_trunk(time, np.stack([zero, zero, 0.5 * time + swing], axis=1), {})
+    kept = compute_upright_trunk(time, np.stack([zero, zero, 0.5 * time + swing], axis=1), {})
     np.testing.assert_allclose(kept[middle, 2], -swing[middle], atol=0.1 * 0.1)
 
 
 def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     problem = problem_of(hidden(walk, *TRUNK, *ARMS))
-    motion = tracked_motion(problem, MODEL.parameters)
+    motion = track_motion(problem, MODEL.parameters)
     moves = compute_motion_sensitivity(problem, motion.coefficients, MODEL.parameters, None)
     at = [k for k, source in enumerate(moves.trial_sources) if source is ErrorSource.POSTURE]
     moves = replace(
@@ -304,7 +306,7 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     )
     variance, _ = compute_coordinate_variances(problem, moves)
     for k, name in enumerate(motion.coordinates):
-        expected = DEVIATION.get(name, 0.0) if name in problem.guessed else 0.0
+        expected = PRIOR_DEVIATION_DEG.get(name, 0.0) if name in problem.guessed else 0.0
         np.testing.assert_allclose(
             np.rad2deg(np.sqrt(variance[:, k])), expected, atol=1e-3, err_msg=name
         )
@@ -315,6 +317,6 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     )
     whole = problem_of(walk)
     seen = compute_motion_sensitivity(
-        whole, tracked_motion(whole, MODEL.parameters).coefficients, MODEL.parameters, None
+        whole, track_motion(whole, MODEL.parameters).coefficients, MODEL.parameters, None
     )
     assert (ErrorSource.POSTURE in seen.trial_sources) == bool(UNSEEN)

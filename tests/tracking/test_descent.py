@@ -152,7 +152,7 @@ def test_no_step_that_raises_the_cost_converges(damping: float) -> None:
 def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
     """A trial whose gradients all point the wrong way, and where to start."""
     rng, _, problem, true = seeded_trial(12, frames=40, nodes=8)
-    equations, gradients = MotionProblem.equations, MotionProblem.both_gradients
+    equations, gradients = MotionProblem.assemble_equations, MotionProblem.compute_gradients
 
     def wrong_equations(*a: object, **k: object) -> NormalEquations:
         right = equations(*a, **k)  # type: ignore[arg-type]
@@ -164,8 +164,8 @@ def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
         cost, by_node, by_parameter = gradients(*a)  # type: ignore[arg-type]
         return cost, -by_node, -by_parameter
 
-    monkeypatch.setattr(MotionProblem, "equations", wrong_equations)
-    monkeypatch.setattr(MotionProblem, "both_gradients", wrong_gradients)
+    monkeypatch.setattr(MotionProblem, "assemble_equations", wrong_equations)
+    monkeypatch.setattr(MotionProblem, "compute_gradients", wrong_gradients)
     return problem, true + rng.normal(0, 0.05, true.shape)
 
 
@@ -173,7 +173,7 @@ def test_everything_that_iterates_says_so(uphill: tuple[MotionProblem, Array]) -
     """Tracking, a far start, the reduced problem and a re-fit."""
     problem, start = uphill
     parameters = published_model().parameters
-    body, p = problem.body(parameters), problem.with_free(KNEE).values(parameters)
+    body, p = problem.build_body(parameters), problem.with_free(KNEE).get_values(parameters)
     settings = DescentSettings(curved_tries=0)
     tracked = track_nodes(problem, body, start, settings)
     _, _, together = step_together([problem], parameters, KNEE, [start], p)

@@ -13,9 +13,9 @@ from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.model.chain import get_chain
 from gaitcal.model.linkage import JOINTS
 from gaitcal.model.parameters import JP_NAMES, read_published_parameters
-from gaitcal.tracking.joint_floor import MOST_FRAMES, joint_floor
-from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
-from gaitcal.tracking.motion import motion_of, rigid_floor, tracked_motion
+from gaitcal.tracking.joint_floor import MOST_FRAMES, compute_joint_floor
+from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, compute_marker_positions
+from gaitcal.tracking.motion import build_motion, compute_rigid_floor, track_motion
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import (
     noisy,
@@ -56,9 +56,9 @@ def test_every_joint_finds_its_own_place() -> None:
     problem, _ = random_trial(
         np.random.default_rng(1), perturbed_parameters(np.random.default_rng(2))
     )
-    start = tracked_motion(problem, read_published_parameters())
+    start = track_motion(problem, read_published_parameters())
     assert (start.errors.rms() or 0.0) > 100 * EXACT
-    floor = joint_floor(problem, read_published_parameters(), start.q)
+    floor = compute_joint_floor(problem, read_published_parameters(), start.q)
     sides = [
         f"{joint}_{side}"
         for joint in ("hip", "knee", "ankle", "shoulder", "elbow")
@@ -80,18 +80,22 @@ def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
         weight[5, 10:20] = weight[12, :] = 0.0
     problem = problem.with_weight(weight)
     fit = JointSearch([problem], true, JP_NAMES, [coefficients]).run()
-    best = motion_of(problem, fit.parameters, fit.coefficients[0])
-    floor = joint_floor(problem, fit.parameters, best.q)
+    best = build_motion(problem, fit.parameters, fit.coefficients[0])
+    floor = compute_joint_floor(problem, fit.parameters, best.q)
     least, middle, most = (
         squares(d, problem)
-        for d in (rigid_floor(problem).distance, floor.errors.distance, best.errors.distance)
+        for d in (
+            compute_rigid_floor(problem).distance,
+            floor.errors.distance,
+            best.errors.distance,
+        )
     )
     assert 1.01 * least < middle < most / 1.01, "all three differ"
     if equal:
-        rigid, reached = rigid_floor(problem).rms() or 0.0, best.errors.rms() or 0.0
+        rigid, reached = compute_rigid_floor(problem).rms() or 0.0, best.errors.rms() or 0.0
         assert rigid < (floor.rms() or 0.0) < reached
     # wherever the descent begins, it ends at the same place
-    elsewhere = joint_floor(problem, true, tracked_motion(problem, true).q)
+    elsewhere = compute_joint_floor(problem, true, track_motion(problem, true).q)
     assert elsewhere.rms() == pytest.approx(floor.rms(), rel=0.02)
 
 
@@ -103,18 +107,20 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
     """
     seed = 23
     _, true, problem, coefficients = seeded_trial(seed, frames=40, per_segment=4)
-    problem = problem.with_measured(problem.positions(0.6 * coefficients, problem.body(true)))
+    problem = problem.with_measured(
+        problem.compute_positions(0.6 * coefficients, problem.build_body(true))
+    )
     weight = problem.data.weight.copy()
     for s in range(1, len(problem.chain.segments)):
         weight[np.flatnonzero(problem.data.segment == s)[2:]] = 0.0
     problem = noisy(problem, np.random.default_rng(seed)).with_weight(weight)
-    linkage = tracked_motion(problem, true)
-    floor = joint_floor(problem, true, linkage.q)
+    linkage = track_motion(problem, true)
+    floor = compute_joint_floor(problem, true, linkage.q)
     for joint, reached in floor.joints.items():
         parent, child = ends(joint)
         assert reached < (linkage.errors.rms(parent, child) or 0.0), joint
     assert max(floor.joints.values()) < 0.0065
-    kept = linkage.errors.kept()
+    kept = linkage.errors.select_observed()
     assert squares(floor.errors.distance, problem) < squares(linkage.errors.distance, problem)
     assert (floor.rms() or 1.0) < float(np.sqrt(np.mean(linkage.errors.distance[:, kept] ** 2)))
 
@@ -131,7 +137,7 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
         5, frames=14, nodes=8, root=segments[0], segments=segments
     )
     problem = noisy(problem, np.random.default_rng(6), 0.003)
-    floor = joint_floor(problem, true, problem.basis.evaluate(coefficients))
+    floor = compute_joint_floor(problem, true, problem.basis.evaluate(coefficients))
     chain = get_chain(segments[0], segments, JP_NAMES)
     q = problem.basis.evaluate(coefficients)
     kept = problem.data.weight > 0
@@ -139,7 +145,7 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
     def residual(x: Array) -> Array:
         parameters = true.with_joint(chain.free, x[q.size :])
         body = chain.body(parameters)
-        model = marker_positions(body, problem.data.placed, x[: q.size].reshape(q.shape))
+        model = compute_marker_positions(body, problem.data.placed, x[: q.size].reshape(q.shape))
         out: Array = (model - problem.data.measured).transpose(0, 2, 1)[kept].ravel()
         return out
 
@@ -159,7 +165,7 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
         noisy(problem, np.random.default_rng(13), NOISE),
         problem.basis.evaluate(coefficients),
     )
-    floor = joint_floor(problem, parameters, q)
+    floor = compute_joint_floor(problem, parameters, q)
     chain = get_chain("pelvis", ("pelvis", "thigh_r"))
     kept = np.array([problem.chain.segments[s] in chain.segments for s in problem.data.segment])
     data = problem.data
@@ -168,7 +174,7 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
     labels = tuple(np.array(problem.labels)[kept])
     data = MarkerData(placed, data.measured[kept], data.weight[kept] / share)
     hip = replace(problem, chain=chain, data=data, labels=labels)
-    alone = joint_floor(
+    alone = compute_joint_floor(
         hip, parameters, q[:, [problem.chain.coordinates.index(name) for name in chain.coordinates]]
     )
     assert floor.joints["hip_r"] == pytest.approx(alone.joints["hip_r"], rel=1e-6)
@@ -183,17 +189,17 @@ def test_a_segment_without_markers_has_no_joint() -> None:
     problem = without_segments(
         noisy(problem, np.random.default_rng(8), NOISE), "shank_r", "upper_arm_l"
     )
-    floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
+    floor = compute_joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     assert not {"knee_r", "ankle_r", "shoulder_l", "elbow_l"} & set(floor.joints)
     assert {"hip_r", "hip_l", "back", "elbow_r"} <= set(floor.joints)
     hand = "forearm_hand_l"
     assert hand not in floor.segments and floor.rms(hand) is None
-    rigid, at = rigid_floor(problem), np.array([s == hand for s in floor.errors.segments])
+    rigid, at = compute_rigid_floor(problem), np.array([s == hand for s in floor.errors.segments])
     np.testing.assert_allclose(
         floor.errors.distance[:, at], rigid.distance[:, at], rtol=ROUNDING, atol=0
     )
     alone = without_segments(problem, *problem.chain.segments[1:])
-    assert joint_floor(alone, parameters, problem.basis.evaluate(coefficients)) is None
+    assert compute_joint_floor(alone, parameters, problem.basis.evaluate(coefficients)) is None
 
 
 def test_long_trials_are_looked_at_in_steps() -> None:
@@ -204,11 +210,11 @@ def test_long_trials_are_looked_at_in_steps() -> None:
         rng, parameters, frames=1000, root="thigh_r", segments=segments
     )
     problem = noisy(problem, np.random.default_rng(10), NOISE)
-    floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
+    floor = compute_joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     seen = np.flatnonzero(np.isfinite(floor.errors.distance).all(axis=1))
     assert len(seen) == MOST_FRAMES and seen[0] == 0 and seen[-1] == 999
     assert set(np.diff(seen)) <= {3, 4}
     unseen = np.isin(np.arange(1000), seen, invert=True)
     moved = problem.with_measured(problem.data.measured + 0.1 * unseen)
-    again = joint_floor(moved, parameters, problem.basis.evaluate(coefficients))
+    again = compute_joint_floor(moved, parameters, problem.basis.evaluate(coefficients))
     assert again is not None and again.rms() == floor.rms()

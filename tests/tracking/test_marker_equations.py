@@ -9,7 +9,7 @@ import pytest
 from gaitcal.model.chain import build_linkage
 from gaitcal.model.parameters import JP_INDEX, list_gait_parameters, list_isolated_parameters
 from gaitcal.tracking.banded import ArrowEquations, BandFactor, NormalEquations, SharedPrior
-from gaitcal.tracking.marker_residual import frame_equations
+from gaitcal.tracking.marker_residual import assemble_frame_equations
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import (
     Array,
@@ -26,7 +26,9 @@ DERIVATIVE = 1e-7
 
 def residual(problem: MotionProblem, parameters: object, coefficients: Array, p: Array) -> Array:
     values = parameters.with_joint(problem.chain.free, p)  # type: ignore[attr-defined]
-    gap = problem.positions(coefficients, problem.body(values)) - problem.data.measured
+    gap = (
+        problem.compute_positions(coefficients, problem.build_body(values)) - problem.data.measured
+    )
     return (np.sqrt(problem.data.weight)[:, None] * gap).ravel()
 
 
@@ -42,9 +44,9 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     )
     problem = with_gaps(problem, rng)
     coefficients = true + rng.normal(0, 0.02, true.shape)
-    p = problem.values(parameters) + rng.normal(0, 0.01, len(problem.chain.free))
+    p = problem.get_values(parameters) + rng.normal(0, 0.01, len(problem.chain.free))
     at = parameters.with_joint(problem.chain.free, p)
-    equations = problem.equations(coefficients, problem.body(at))
+    equations = problem.assemble_equations(coefficients, problem.build_body(at))
     by_nodes = central_differences(
         lambda x: residual(problem, parameters, x.reshape(coefficients.shape), p),
         coefficients.ravel(),
@@ -60,12 +62,14 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     ):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=DERIVATIVE * np.abs(wanted).max())
     np.testing.assert_allclose(equations.cost, r @ r, rtol=1e-12)
-    cost, gradient = problem.gradient(coefficients, problem.body(at))
+    cost, gradient = problem.compute_gradient(coefficients, problem.build_body(at))
     np.testing.assert_allclose(
         gradient, equations.node_gradient, rtol=0, atol=1e-12 * np.abs(gradient).max()
     )
     np.testing.assert_allclose(
-        [cost, problem.cost(coefficients, problem.body(at))], equations.cost, rtol=1e-12
+        [cost, problem.compute_cost(coefficients, problem.build_body(at))],
+        equations.cost,
+        rtol=1e-12,
     )
 
 
@@ -85,7 +89,7 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
     order = [linkage.index(name) for name in (*problem.chain.coordinates, *problem.chain.free)]
     q = problem.basis.evaluate(true)
     pairs = problem._pairs
-    found = frame_equations(problem.body(parameters), pairs, problem.data, q)
+    found = assemble_frame_equations(problem.build_body(parameters), pairs, problem.data, q)
     data = linkage.model.createData()
     for f in range(len(q)):
         full = np.zeros(linkage.model.nq)
@@ -95,7 +99,7 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
         mass = np.triu(pin.crba(linkage.model, data, full, pin.Convention.WORLD))
         mass = (mass + np.triu(mass, 1).T)[np.ix_(order, order)]
         ours = np.zeros_like(mass)
-        products = found.products()[f][pairs.shallow, pairs.deep]
+        products = found.compute_products()[f][pairs.shallow, pairs.deep]
         ours[pairs.first, pairs.second] = ours[pairs.second, pairs.first] = products
         np.testing.assert_allclose(ours, mass, rtol=0, atol=1e-13 * np.abs(mass).max())
 
@@ -182,8 +186,8 @@ def test_halves_and_wholes_are_those_of_the_dense_matrix(
     factor, lower = BandFactor(band), np.linalg.cholesky(dense)
     for solve, matrix in (
         (factor.solve, dense),
-        (factor.forward, lower),
-        (factor.backward, lower.T),
+        (factor.solve_forward, lower),
+        (factor.solve_backward, lower.T),
     ):
         np.testing.assert_allclose(
             solve(right), np.linalg.solve(matrix, right), rtol=0, atol=ROUNDING

@@ -8,9 +8,15 @@ from numpy.typing import NDArray
 
 from gaitcal.model.nominal import published_model
 from gaitcal.synthetic.synthetic_motion import isolated_motion
-from gaitcal.tracking.motion import LEAST_SCALE, Loss, residual_scale, robust_tracking, track_nodes
+from gaitcal.tracking.motion import (
+    MIN_SCALE_M,
+    Loss,
+    estimate_residual_scale,
+    track_nodes,
+    track_robustly,
+)
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import Array, started
 from tests.synthetic_studies import made_recording
 
@@ -26,7 +32,7 @@ def clean() -> MotionProblem:
     markers = recording.markers + rng.normal(0, NOISE_M, recording.markers.shape)
     recording = replace(recording, time=recording.time[::4], markers=markers[::4])
     segments = ("thigh_r", "shank_r")
-    return trial_problem(
+    return build_trial_problem(
         "knee_r", published_model(), recording, NodeRule(8.0), root="thigh_r", segments=segments
     )
 
@@ -48,7 +54,7 @@ def plain(problem: MotionProblem) -> Array:
 @pytest.mark.parametrize("loss", Loss)
 def test_factor_falls_from_one(loss: Loss) -> None:
     u = np.linspace(0, 50, 200)
-    factor = loss.factor(u)
+    factor = loss.compute_factor(u)
     assert factor[0] == 1.0
     assert np.all(np.diff(factor) <= 0) and np.all(factor > 0)
     influence = u * factor
@@ -66,8 +72,8 @@ def test_efficiency_on_gaussian_residuals(loss: Loss) -> None:
     x = np.random.default_rng(2).normal(size=(200_000, 3))
     u = np.linalg.norm(x, axis=1)
     step = 1e-5
-    slope = (loss.factor(u + step) - loss.factor(u - step)) / (2 * step)
-    f = loss.factor(u)
+    slope = (loss.compute_factor(u + step) - loss.compute_factor(u - step)) / (2 * step)
+    f = loss.compute_factor(u)
     efficiency = (np.mean(3 * f + u * slope) / 3) ** 2 / (np.mean((f * u) ** 2) / 3)
     assert 0.945 < efficiency < 0.965
 
@@ -76,8 +82,8 @@ def test_scale_ignores_a_third_of_outliers() -> None:
     rng = np.random.default_rng(3)
     r = rng.normal(0, 0.004, (3000, 3))
     r[:600] += 0.1
-    assert residual_scale(r) == pytest.approx(0.004, rel=0.35)
-    assert residual_scale(np.zeros((10, 3))) == LEAST_SCALE
+    assert estimate_residual_scale(r) == pytest.approx(0.004, rel=0.35)
+    assert estimate_residual_scale(np.zeros((10, 3))) == MIN_SCALE_M
 
 
 @pytest.mark.parametrize("loss", Loss)
@@ -86,7 +92,7 @@ def test_spikes_move_nothing(clean: MotionProblem, loss: Loss) -> None:
     parameters = published_model().parameters
     angle = clean.chain.coordinates.index("knee_angle_r")
     true = plain(clean)[:, angle]
-    found = robust_tracking(spoilt, parameters, loss)
+    found = track_robustly(spoilt, parameters, loss)
     robust = spoilt.basis.evaluate(found.tracked.x)[:, angle]
     assert np.rad2deg(np.sqrt(np.mean((robust - true) ** 2))) < 0.2
     assert np.sqrt(np.mean((plain(spoilt)[:, angle] - true) ** 2)) > 4 * np.sqrt(
@@ -98,6 +104,6 @@ def test_spikes_move_nothing(clean: MotionProblem, loss: Loss) -> None:
 def test_weight_zero_stays_zero(clean: MotionProblem) -> None:
     weight = clean.data.weight.copy()
     weight[0, :100] = 0.0
-    found = robust_tracking(clean.with_weight(weight), published_model().parameters, Loss.CAUCHY)
+    found = track_robustly(clean.with_weight(weight), published_model().parameters, Loss.CAUCHY)
     assert (found.problem.data.weight[0, :100] == 0).all()
     assert (found.factor[0, :100] == 1).all()

@@ -23,11 +23,11 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.soft_tissue import (
     COMPONENTS,
-    LEAST_SPREAD,
+    MIN_ANGLE_SPREAD_RAD,
     SegmentTissue,
     SoftTissue,
-    secondary_columns,
-    together,
+    build_rigid_pattern,
+    build_secondary_columns,
 )
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import Array, central_differences, noisy, perturbed_parameters, seeded_trial
@@ -48,7 +48,7 @@ def trial_with_tissue(seed: int) -> tuple[MotionProblem, Array, Array]:
             segment=s,
             carrier=problem.chain.segments[s],
             markers=markers,
-            pattern=together(
+            pattern=build_rigid_pattern(
                 problem.data.local[markers] - problem.data.local[markers].mean(axis=0)
             ),
             names=("gait/hip_flexion_r", "gait/knee_angle_r"),
@@ -74,7 +74,10 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
     problem, coefficients, z = trial_with_tissue(4)
     tissue = problem.tissue
     assert tissue is not None and len(tissue.keys) == len(set(tissue.keys)) == len(z)
-    shift, by_hand = tissue.shift(z, len(problem.labels)), np.zeros((len(problem.labels), 3, 20))
+    shift, by_hand = (
+        tissue.compute_shift(z, len(problem.labels)),
+        np.zeros((len(problem.labels), 3, 20)),
+    )
     for key, value in zip(tissue.keys, z, strict=True):
         name, carrier, component = (
             key.rpartition("/")[0].rpartition("/")[0],
@@ -91,9 +94,9 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
     for group in tissue.groups:
         by_hand[group.markers] += group.displacement
     np.testing.assert_allclose(shift, by_hand, atol=1e-15)
-    body = problem.body(perturbed_parameters(np.random.default_rng(4)))
+    body = problem.build_body(perturbed_parameters(np.random.default_rng(4)))
     segments = Kinematics(body, problem.basis.evaluate(coefficients)).segments
-    moved = problem.displaced(z).positions(coefficients, body) - problem.positions(
+    moved = problem.displace(z).compute_positions(coefficients, body) - problem.compute_positions(
         coefficients, body
     )
     in_laboratory = np.einsum("mjif,mjf->mif", segments[problem.data.segment, :3], shift)
@@ -126,7 +129,7 @@ def distances(places: Array) -> Array:
 
 def test_a_part_of_a_trial_has_its_markers_alone() -> None:
     _, _, problem, _ = seeded_trial(5)
-    part = problem.part("thigh_r", ("thigh_r", "shank_r"))
+    part = problem.extract_part("thigh_r", ("thigh_r", "shank_r"))
     assert part.chain.segments == ("thigh_r", "shank_r")
     segments = [problem.chain.segments[s] for s in problem.data.segment]
     own = [m for m, s in enumerate(segments) if s in part.chain.segments]
@@ -144,7 +147,7 @@ def leg_trial(seed: int, frames: int, nodes: int) -> tuple[MotionProblem, Array,
     """A leg whose knee does more than flex, its nodes, and the angle of the knee."""
     _, _, problem, true = seeded_trial(seed, segments=LEG, frames=frames, nodes=nodes)
     angle = problem.basis.evaluate(true)[:, problem.chain.coordinates.index("knee_angle_r")]
-    (columns,) = secondary_columns("gait", [{"knee_angle_r": angle}])
+    (columns,) = build_secondary_columns("gait", [{"knee_angle_r": angle}])
     return replace(problem, tissue=SoftTissue((), columns)), true, angle
 
 
@@ -162,7 +165,7 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
         segment=shank[0],
         carrier="shank_r",
         markers=shank[1],
-        pattern=together(problem.data.local[shank[1]]),
+        pattern=build_rigid_pattern(problem.data.local[shank[1]]),
         names=("gait/knee_angle_r",),
         regressors=rng.normal(size=(1, 20)),
         expected=rng.normal(0, 0.01, (1, shank[1].stop - shank[1].start, 3)),
@@ -181,15 +184,15 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
 
     def residual(x: Array) -> Array:
         n, values, z = np.split(x, [coefficients.size, coefficients.size + len(LEG_FREE)])
-        at = problem.displaced(z)
-        gap = at.positions(
-            n.reshape(coefficients.shape), at.body(parameters.with_joint(LEG_FREE, values))
+        at = problem.displace(z)
+        gap = at.compute_positions(
+            n.reshape(coefficients.shape), at.build_body(parameters.with_joint(LEG_FREE, values))
         )
         return (np.sqrt(at.data.weight)[:, None] * (gap - at.data.measured)).ravel()
 
     x = np.concatenate([coefficients.ravel(), parameters.joint[[JP_INDEX[n] for n in LEG_FREE]], z])
-    at = problem.displaced(z)
-    equations = at.equations(coefficients, at.body(parameters))
+    at = problem.displace(z)
+    equations = at.assemble_equations(coefficients, at.build_body(parameters))
     slope, r = central_differences(residual, x), residual(x)
     dense, gradient = slope.T @ slope, slope.T @ r
     found = np.concatenate([equations.node_gradient.ravel(), equations.parameter_gradient])
@@ -200,7 +203,7 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
     )
     band = BandFactor(equations.band).solve(dense[: coefficients.size, : coefficients.size])
     np.testing.assert_allclose(band, np.eye(coefficients.size), atol=1e-4)
-    _, by_nodes, by_unknowns = at.both_gradients(coefficients, at.body(parameters))
+    _, by_nodes, by_unknowns = at.compute_gradients(coefficients, at.build_body(parameters))
     np.testing.assert_allclose(
         np.append(by_nodes, by_unknowns), found, rtol=0, atol=1e-12 * np.abs(found).max()
     )
@@ -211,7 +214,7 @@ def test_bends_are_what_no_hinge_makes_of_the_angle() -> None:
     angles = [{"knee_angle_r": rng.uniform(0.0, 1.2, n)} for n in (60, 90)] + [
         {"hip_flexion_r": np.ones(5)}
     ]
-    columns = secondary_columns("gait", angles)
+    columns = build_secondary_columns("gait", angles)
     assert columns[0].keys == columns[1].keys and not columns[2].keys
     assert len(columns[0].keys) == 2 * len(SECONDARY["knee_angle_r"])
     phi = np.concatenate([a["knee_angle_r"] for a in angles[:2]])
@@ -228,7 +231,9 @@ def test_bends_are_what_no_hinge_makes_of_the_angle() -> None:
         both, powers @ np.linalg.lstsq(powers, both, rcond=None)[0], atol=1e-9
     )
     assert np.mean(square * phi**2) > 0 < np.mean(cube * phi**3)
-    still = secondary_columns("gait", [{"knee_angle_r": 0.1 * LEAST_SPREAD * rng.normal(size=200)}])
+    still = build_secondary_columns(
+        "gait", [{"knee_angle_r": 0.1 * MIN_ANGLE_SPREAD_RAD * rng.normal(size=200)}]
+    )
     assert np.abs(still[0].regressors["knee_angle_r"]).max() < 0.1
 
 
@@ -236,10 +241,12 @@ def test_of_few_frames_there_are_no_bends() -> None:
     """A video that was stopped at once; a long trial of the same kind gives it its own again."""
     for frames in range(1, 4):
         angle = {"knee_angle_r": np.linspace(0.0, 1.0, frames)}
-        (few,) = secondary_columns("gait", [angle])
+        (few,) = build_secondary_columns("gait", [angle])
         assert np.array_equal(few.regressors["knee_angle_r"], np.zeros((2, frames)))
         assert len(few.names) == len(few.keys) > 0
-        beside, _ = secondary_columns("gait", [angle, {"knee_angle_r": np.linspace(-0.3, 1.2, 50)}])
+        beside, _ = build_secondary_columns(
+            "gait", [angle, {"knee_angle_r": np.linspace(-0.3, 1.2, 50)}]
+        )
         assert np.abs(beside.regressors["knee_angle_r"]).max() > 0.1
 
 
@@ -257,8 +264,8 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     }
     assert sizes == pytest.approx(wanted)
     z = drawn(rng, prior)
-    at = problem.displaced(z)
-    seen = problem.with_measured(at.positions(true, at.body(truth)))
+    at = problem.displace(z)
+    seen = problem.with_measured(at.compute_positions(true, at.build_body(truth)))
     free = tuple(
         n for n in JP_NAMES if n.split(".")[0] in ("hip_r", "knee_r", "talocrural_r", "subtalar_r")
     )
@@ -293,8 +300,12 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
     )
 
     def seen(z: Array) -> Tasks:
-        at = problem.displaced(z)
-        return {"gait": (problem.with_measured(at.positions(true, at.body(truth)) + noise),)}
+        at = problem.displace(z)
+        return {
+            "gait": (
+                problem.with_measured(at.compute_positions(true, at.build_body(truth)) + noise),
+            )
+        }
 
     free = tuple(n for n in JP_NAMES if n.split(".")[0] in ("knee_r", "talocrural_r"))
     kept, step, z = "hip_r.thigh.sup", 1e-4, 0.05 * drawn(rng, prior)

@@ -16,8 +16,14 @@ from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.tracking import motion
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.motion import track_nodes
-from gaitcal.tracking.rigid import rigid_distances, rigid_fit
-from gaitcal.tracking.spline import DEGREE, NodeRule, cutoff, spline_basis, to_bspline
+from gaitcal.tracking.rigid import compute_rigid_distances, fit_rigid
+from gaitcal.tracking.spline import (
+    DEGREE,
+    NodeRule,
+    build_spline_basis,
+    compute_cutoff,
+    convert_to_bspline,
+)
 from gaitcal.tracking.trial_problem import MotionProblem
 from scripts.tools.benchmark import tasks
 from tests.derivatives import (
@@ -36,9 +42,9 @@ from tests.derivatives import (
 def test_spline_and_derivatives_are_scipys(nodes: int, frames: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.5, 1.5, frames)) / 100.0
-    basis = spline_basis(time, nodes)
+    basis = build_spline_basis(time, nodes)
     values = rng.normal(size=(nodes, 2))
-    reference = to_bspline(basis, values)
+    reference = convert_to_bspline(basis, values)
     for k in range(3):
         expected = reference(time, k)
         np.testing.assert_allclose(
@@ -47,7 +53,7 @@ def test_spline_and_derivatives_are_scipys(nodes: int, frames: int, seed: int) -
 
 
 def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
-    basis = spline_basis(np.linspace(0, 2, 200), 25)
+    basis = build_spline_basis(np.linspace(0, 2, 200), 25)
     coefficients = np.random.default_rng(7).normal(size=(25, 3))
     np.testing.assert_allclose(basis.fit(basis.evaluate(coefficients)), coefficients, atol=1e-8)
 
@@ -56,20 +62,20 @@ def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
 def test_spans_last_a_twentieth_of_a_second_or_three_frames_of_slow_cameras(
     rate: float, spans: int
 ) -> None:
-    assert NodeRule().nodes(np.arange(2 * rate + 1) / rate) == spans + DEGREE
+    assert NodeRule().count_nodes(np.arange(2 * rate + 1) / rate) == spans + DEGREE
 
 
 def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
     time = np.arange(4000) / 1000.0
-    coefficients = NodeRule(per_second=15.0).nodes(time)
-    basis = spline_basis(time, coefficients)
+    coefficients = NodeRule(per_second=15.0).count_nodes(time)
+    basis = build_spline_basis(time, coefficients)
     middle = slice(1000, 3000)
     gains = []
     for phase in (
         0.0,
         np.pi / 2,
     ):  # near the knots' Nyquist frequency the gain depends on phase; the mean does not
-        wave = np.sin(2 * np.pi * cutoff(time, coefficients) * time + phase)[:, None]
+        wave = np.sin(2 * np.pi * compute_cutoff(time, coefficients) * time + phase)[:, None]
         passed = basis.evaluate(basis.fit(wave))
         gains.append(
             float((passed[middle].T @ wave[middle])[0, 0] / (wave[middle].T @ wave[middle])[0, 0])
@@ -112,11 +118,11 @@ def test_rigid_fit_finds_the_rigid_motion_and_says_where_it_cannot() -> None:
     measured = (local @ rotation.T + [1.0, 2.0, 3.0])[:, :, None].repeat(3, axis=2)
     weight = np.ones((5, 3))
     weight[2:, 1] = 0.0
-    fit = rigid_fit(local, measured, weight)
+    fit = fit_rigid(local, measured, weight)
     np.testing.assert_allclose(fit.rotation[0], rotation, atol=1e-12)
     np.testing.assert_allclose(fit.origin[2], [1.0, 2.0, 3.0], atol=1e-12)
     assert fit.determined.tolist() == [True, False, True]
-    assert np.nanmax(rigid_distances(local, measured, weight)) < 1e-12
+    assert np.nanmax(compute_rigid_distances(local, measured, weight)) < 1e-12
 
 
 EXACT = DescentSettings(gain=1e-13)
@@ -139,13 +145,13 @@ def misplaced_trial() -> tuple[MotionProblem, LinkageModel, Array]:
 def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     """With weights that change and markers that are missing."""
     rng, parameters, problem, true = seeded_trial(41, frames=25, nodes=7)
-    problem, body = with_gaps(problem, rng), problem.body(parameters)
+    problem, body = with_gaps(problem, rng), problem.build_body(parameters)
     coefficients = true + rng.normal(0, 0.05, true.shape)
-    found = problem.equations(coefficients, body, curved=True)
-    plain = problem.equations(coefficients, body)
+    found = problem.assemble_equations(coefficients, body, curved=True)
+    plain = problem.assemble_equations(coefficients, body)
 
     def gradient(x: Array) -> Array:
-        return problem.gradient(x.reshape(coefficients.shape), body)[1]
+        return problem.compute_gradient(x.reshape(coefficients.shape), body)[1]
 
     assert_derivative(from_band(found.band), gradient, coefficients.ravel())
     np.testing.assert_array_equal(found.node_gradient, plain.node_gradient)
@@ -159,15 +165,15 @@ def test_free_joint_parameters_are_refused() -> None:
         43, free=list_gait_parameters("r"), frames=25, nodes=7
     )
     with pytest.raises(ValueError, match="no joint parameter may be free"):
-        problem.equations(true, problem.body(parameters), curved=True)
+        problem.assemble_equations(true, problem.build_body(parameters), curved=True)
 
 
 def test_tracking_ends_where_gauss_newton_does_not() -> None:
     problem, body, start = misplaced_trial()
     found = track_nodes(problem, body, start, EXACT)
     assert found.converged and found.curved
-    size = np.abs(problem.gradient(start, body)[1]).max()
-    assert np.abs(problem.gradient(found.x, body)[1]).max() < 1e-9 * size
+    size = np.abs(problem.compute_gradient(start, body)[1]).max()
+    assert np.abs(problem.compute_gradient(found.x, body)[1]).max() < 1e-9 * size
     without = track_nodes(problem, body, start, replace(EXACT, curved_tries=0))
     assert without.steps > 2 * found.steps
     assert found.cost <= without.cost * (1 + 1e-9)
@@ -193,14 +199,14 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
         plain = getattr(MotionProblem, name)
         return lambda *a, **k: (calls.append(name), plain(*a, **k))[1]
 
-    for name in ("equations", "gradient"):
+    for name in ("assemble_equations", "compute_gradient"):
         monkeypatch.setattr(MotionProblem, name, counted(name))
     kept = track_nodes(problem, body, start)
     with_keeping = list(calls)
     calls.clear()
     fresh = track_nodes(problem, body, start, DescentSettings(keep_within=0.0))
-    assert with_keeping[-1] == "gradient" and "gradient" not in calls
-    assert with_keeping.count("equations") < calls.count("equations")
+    assert with_keeping[-1] == "compute_gradient" and "compute_gradient" not in calls
+    assert with_keeping.count("assemble_equations") < calls.count("assemble_equations")
     exact = track_nodes(problem, body, fresh.x, DescentSettings(gain=1e-15))
     for found in (kept, fresh):
         assert found.converged
@@ -228,11 +234,11 @@ def test_large_matrices_are_factored_in_place(
     monkeypatch: pytest.MonkeyPatch, first_damping: float
 ) -> None:
     rng, parameters, problem, true = seeded_trial(6)
-    body = problem.body(parameters)
+    body = problem.build_body(parameters)
     settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
     plain = track_nodes(problem, body, start, settings)
-    monkeypatch.setattr(motion, "LARGE_BYTES", 0)
+    monkeypatch.setattr(motion, "LARGE_MATRIX_BYTES", 0)
     lean = track_nodes(problem, body, start, settings)
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
     np.testing.assert_allclose(lean.x, plain.x, rtol=0, atol=1e-9)

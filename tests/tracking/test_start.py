@@ -10,10 +10,10 @@ import pytest
 from gaitcal.model.kinematics import Kinematics, compute_coordinate_axes
 from gaitcal.model.linkage import ISOLATED_JOINTS, list_joint_segments
 from gaitcal.model.parameters import read_published_parameters
-from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
+from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, compute_marker_positions
 from gaitcal.tracking.motion import track_nodes
-from gaitcal.tracking.rigid import SegmentMoments, rigid_fit
-from gaitcal.tracking.start import starting_coordinates
+from gaitcal.tracking.rigid import SegmentMoments, fit_rigid
+from gaitcal.tracking.start import find_start_coordinates
 from tests.derivatives import Array, random_trial, seeded_trial, started, without_segments
 
 ROUNDING = 1e-11
@@ -32,11 +32,11 @@ def test_all_segments_together_are_each_fitted_as_alone() -> None:
         replace(problem.data, measured=noisy),
         replace(problem.data, measured=noisy, weight=weight),
     ):
-        together = SegmentMoments(data).fits()
+        together = SegmentMoments(data).fit_segments()
         assert sorted(together) == np.unique(data.segment).tolist()
         for s, found in together.items():
             own = data.segment == s
-            alone = rigid_fit(data.local[own], data.measured[own], data.weight[own])
+            alone = fit_rigid(data.local[own], data.measured[own], data.weight[own])
             np.testing.assert_array_equal(found.determined, alone.determined)
             known = alone.determined
             np.testing.assert_allclose(
@@ -54,7 +54,7 @@ def test_a_part_of_the_body_starts_where_its_rigid_segments_are(isolated: str) -
     _, parameters, problem, true = seeded_trial(
         26, root=segments[0], segments=segments, frames=20, nodes=6
     )
-    found = starting_coordinates(problem.body(parameters), problem.data)
+    found = find_start_coordinates(problem.build_body(parameters), problem.data)
     expected = problem.basis.evaluate(true)
     turned = np.round((found - expected) / (2 * np.pi)) * 2 * np.pi
     np.testing.assert_allclose(found - turned, expected, atol=SETTLED)
@@ -69,7 +69,7 @@ def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
     for s in (k for k, name in enumerate(problem.chain.segments) if "arm" in name):
         place[problem.data.segment == s] = np.arange(4)
     data = with_markers(problem.data, np.flatnonzero(place < 2))
-    found = starting_coordinates(problem.body(parameters), data)
+    found = find_start_coordinates(problem.build_body(parameters), data)
     off = np.abs(found - problem.basis.evaluate(true))
     columns = [
         k for k, name in enumerate(problem.chain.coordinates) if name.startswith(("arm", "elbow"))
@@ -88,11 +88,11 @@ def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> Non
     trial within 180 deg.
     """
     _, parameters, problem, _ = seeded_trial(23, frames=60, nodes=8)
-    body, about = problem.body(parameters), problem.chain.coordinates.index("pelvis_rotation")
+    body, about = problem.build_body(parameters), problem.chain.coordinates.index("pelvis_rotation")
     q = np.zeros((60, len(problem.chain.coordinates)))
     q[:, about] = np.deg2rad(np.linspace(170.0, 290.0, 60))
-    turned = replace(problem.data, measured=marker_positions(body, problem.data.placed, q))
-    found = starting_coordinates(body, turned)
+    turned = replace(problem.data, measured=compute_marker_positions(body, problem.data.placed, q))
+    found = find_start_coordinates(body, turned)
     np.testing.assert_allclose(found[:, about], q[:, about] - 2 * np.pi, atol=ROUNDING)
 
 
@@ -115,16 +115,16 @@ def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:
     _, parameters, problem, true = seeded_trial(22, frames=40, nodes=8)
     thigh = problem.chain.segments.index("thigh_r")
     of_thigh = np.flatnonzero(problem.data.segment == thigh)
-    body = problem.body(parameters)
+    body = problem.build_body(parameters)
     local = problem.data.local.copy()
     local[of_thigh[:2]] = [[0.0, -0.2, 0.03], [0.0, -0.4, 0.0]]
     q, placed = problem.basis.evaluate(true), PlacedMarkers(problem.data.segment, local)
-    measured = marker_positions(body, placed, q)
+    measured = compute_marker_positions(body, placed, q)
     axes = Kinematics(body, q).axes
     measured[of_thigh[0]] -= 0.06 * axes[thigh][:, 2]
     data = replace(problem.data, placed=placed, measured=measured)
     few = with_markers(data, np.setdiff1d(np.arange(len(local)), of_thigh[2:]))
-    found = starting_coordinates(body, few)
+    found = find_start_coordinates(body, few)
     k = list(problem.chain.coordinates).index("hip_rotation_r")
     assert np.abs(found[:, k] - q[:, k]).max() < np.deg2rad(60.0)
 
@@ -136,7 +136,7 @@ def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
     rng = np.random.default_rng(24)
     parameters = read_published_parameters()
     problem, _ = random_trial(rng, parameters, frames=10, nodes=6)
-    chain, body = problem.chain, problem.body(parameters)
+    chain, body = problem.chain, problem.build_body(parameters)
     foot = chain.segments.index("foot_r")
     at_zero = np.zeros((1, len(chain.coordinates)))
     placed, (_, points) = (
@@ -157,10 +157,10 @@ def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
         (heel, toe), (out_heel, out_toe) = rng.uniform(-0.04, 0.04, 2), rng.uniform(-0.01, 0.01, 2)
         local[of_foot[:2]] = ankle + np.array([[-0.05, heel, out_heel], [0.13, toe, out_toe]])
         placed = PlacedMarkers(problem.data.segment[kept], local[kept])
-        measured = marker_positions(body, placed, np.zeros((10, len(chain.coordinates))))
+        measured = compute_marker_positions(body, placed, np.zeros((10, len(chain.coordinates))))
         measured[np.isin(kept, of_foot)] += rng.normal(0.0, 0.045, (2, 3, 1))
         data = replace(
             problem.data, placed=placed, measured=measured, weight=problem.data.weight[kept]
         )
-        found = starting_coordinates(body, data)
+        found = find_start_coordinates(body, data)
         assert np.abs(found[:, turns]).max() < np.deg2rad(71.0)

@@ -233,7 +233,7 @@ def _of_opensim(
     basis = trial.motion.basis
     coefficients = basis.fit(frames)
     if trial.cutoff is not None:
-        coefficients = Smoother(basis).coefficients(basis.matrices[0].T @ frames, trial.cutoff)
+        coefficients = Smoother(basis).smooth(basis.matrices[0].T @ frames, trial.cutoff)
     smooth = replace(table, time=time, values=basis.evaluate(coefficients))
     turning = [name for name in table.names if name in COORDINATES and not is_translation(name)]
     angles = {name: np.radians(smooth.column(name)) for name in turning}

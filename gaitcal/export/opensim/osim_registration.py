@@ -36,7 +36,7 @@ from gaitcal.model.linkage import FOLLOWED_SEGMENT, JOINTS, LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
-from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
+from gaitcal.tracking.rigid import FEWEST_MARKERS, compute_rigid_distances, fit_rigid
 
 JOINT_OF = {joint.name: joint for joint in JOINTS}
 MISFIT = 0.05  # m RMS; markers of a generic model, unscaled, on another person agree to 20 to 30 mm
@@ -144,10 +144,10 @@ def registered(
     if n < FEWEST_MARKERS:
         return None
     shared = theirs, ours[:, :, None], np.ones((n, 1))  # one "frame"
-    fit = rigid_fit(*shared)
+    fit = fit_rigid(*shared)
     if not fit.determined[0]:
         return None
-    distances = rigid_distances(*shared)
+    distances = compute_rigid_distances(*shared)
     centre = ours.mean(axis=0)
     x = ours - centre
     variance = float((distances**2).sum()) / (3 * n - 6)

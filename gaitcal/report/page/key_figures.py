@@ -18,7 +18,7 @@ from gaitcal.dynamics.expected_residual import (
     ExpectedResidual,
     ResidualLimits,
     ResidualMagnitudes,
-    residual_limits,
+    compute_residual_limits,
 )
 from gaitcal.gait import cycles, normal_bands
 from gaitcal.gait.moments import (
@@ -208,7 +208,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
         return GaitNumbers(trial=trial, layout=drawn)
     limits = None
     if loads.residuals:
-        limits = residual_limits(
+        limits = compute_residual_limits(
             model.parameters, trial.body.q, loads.reactions, trial.recording.plates
         )
     return GaitNumbers(

@@ -88,7 +88,7 @@ def build_fit_blocks(calibration: result.Calibration) -> list[Block]:
     """Build the blocks of the whole result: floors, and all trials in one table."""
     rows = []
     for trial in calibration.trials:
-        largest = trial.calibrated.errors.largest()
+        largest = trial.calibrated.errors.find_largest()
         rows.append(
             [
                 make_cell(format_name(trial.name), unit=role_words(trial.role, trial.joint)),
@@ -402,7 +402,7 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
         return None
     error = moment_of(loads.errors, name)
     frames = np.flatnonzero(
-        walk.layout.valid_for(ground_reactions.leg_of(name)) & np.isfinite(error)
+        walk.layout.valid_for(ground_reactions.get_leg(name)) & np.isfinite(error)
     )
     if not len(frames):
         return None
@@ -418,7 +418,7 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
         value=float(moment[frame]) / mass,
         time=float(walk.layout.time[frame] - walk.layout.time[0]),
         error=float(error[frame]) / mass,
-        shares=loads.errors.shares(inverse_dynamics.FORCES.index(name), at_peak),
+        shares=loads.errors.compute_shares(inverse_dynamics.FORCES.index(name), at_peak),
     )
 
 
@@ -452,7 +452,7 @@ def _build_peak_table(peak: PeakError) -> Block:
         return [make_cell(source), f"± {format_number(peak.compute_part(share), 3)}", percent]
 
     rows = [
-        make_row(s.words, share, format_number(100.0 * share, 0))
+        make_row(s.label, share, format_number(100.0 * share, 0))
         for s, share in peak.shares.items()
         if share >= SMALL_SHARE
     ]
@@ -523,7 +523,7 @@ def _build_residuals(walk: GaitNumbers) -> list[Block]:
     ]
 
 
-def _format_residual(value: float, held: expected_residual.HeldResidual | None) -> Cell:
+def _format_residual(value: float, held: expected_residual.ComparedResidual | None) -> Cell:
     """Format a residual, and whether it is within its limit."""
     if held is None:
         return format_number(value)

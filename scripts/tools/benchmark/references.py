@@ -46,8 +46,8 @@ from gaitcal.synthetic.synthetic_motion import (
 from gaitcal.tracking.banded import NormalEquations
 from gaitcal.tracking.motion import track, track_nodes
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.start import starting_nodes
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.start import find_start_coefficients
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
 NODES = NodeRule(fixed=20)
 GAIT_JPS = (*list_gait_parameters("r"), *list_gait_parameters("l"))
@@ -117,14 +117,16 @@ def problem(
     joint.
     """
     segments = list_joint_segments(trial) if joint_only else SEGMENTS
-    return trial_problem(
+    return build_trial_problem(
         trial, subject(), recording(trial, frames, seed), rule, root=segments[0], segments=segments
     )
 
 
 def start_of(p: MotionProblem) -> np.ndarray:
     """(nn, nq) coefficients from rigid fits."""
-    return starting_nodes(p.with_free(()).body(subject().parameters), p.data, p.basis)
+    return find_start_coefficients(
+        p.with_free(()).build_body(subject().parameters), p.data, p.basis
+    )
 
 
 def calibrated(p: MotionProblem, free: tuple[str, ...]) -> JointFit:
@@ -155,7 +157,7 @@ class Counted(MotionProblem):
 def passes(p: MotionProblem) -> tuple[int, int]:
     """Passes over all frames that tracking makes: with and without the matrix."""
     counted = Counted(**{field.name: getattr(p, field.name) for field in fields(p)})
-    track_nodes(counted, p.body(subject().parameters), start_of(p))
+    track_nodes(counted, p.build_body(subject().parameters), start_of(p))
     return counted.counts["matrices"], counted.counts["gradients"]
 
 
@@ -187,11 +189,11 @@ def plain_least_squares(
     model = subject()
     opened = p.with_free(free)
     nn, nq, size = p.basis.nodes, len(p.chain.coordinates), p.basis.nodes * len(p.chain.coordinates)
-    x0 = np.concatenate([start_of(p).ravel(), opened.values(model.parameters)])
+    x0 = np.concatenate([start_of(p).ravel(), opened.get_values(model.parameters)])
     columns = (p.basis.first[:, None, None] + np.arange(6)[:, None]) * nq + np.arange(nq)
 
     def at(x: np.ndarray) -> tuple[np.ndarray, LinkageModel]:
-        return x[:size].reshape(nn, nq), opened.body(
+        return x[:size].reshape(nn, nq), opened.build_body(
             model.parameters.with_joint(opened.chain.free, x[size:])
         )
 
@@ -199,7 +201,7 @@ def plain_least_squares(
         coefficients, here = at(x)
         return (
             np.sqrt(p.data.weight)[:, None]
-            * (opened.positions(coefficients, here) - p.data.measured)
+            * (opened.compute_positions(coefficients, here) - p.data.measured)
         ).ravel()
 
     def sparse(x: np.ndarray) -> csr_array:
@@ -219,7 +221,7 @@ def _marker_jacobian(
     q = p.basis.evaluate(coefficients)
     nf, nq, nm = len(q), q.shape[1], len(p.data.segment)
     spatial = Kinematics(body, q).columns
-    x = p.positions(coefficients, body)
+    x = p.compute_positions(coefficients, body)
     rows, cols, values = [], [], []
     frame = np.arange(nf)
     for m, segment in enumerate(p.data.segment):

@@ -48,8 +48,8 @@ from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, synthetic_markers
 from gaitcal.tracking.banded import BandFactor
-from gaitcal.tracking.bandwidth import DenseMotion, with_bandwidth
-from gaitcal.tracking.motion import motion_of, track, tracked_motion
+from gaitcal.tracking.bandwidth import DenseMotion, apply_bandwidth
+from gaitcal.tracking.motion import build_motion, track, track_motion
 from gaitcal.tracking.spline import NodeRule
 from scripts.tools.benchmark.references import (
     GAIT_JPS,
@@ -229,15 +229,17 @@ def section_track() -> list[Figure]:
 
 def _parts_of_track() -> list[Figure]:
     p, parameters = problem("gait"), subject().parameters
-    body, coefficients = p.body(parameters), start_of(p)
-    band = p.equations(coefficients, body).band
+    body, coefficients = p.build_body(parameters), start_of(p)
+    band = p.assemble_equations(coefficients, body).band
     return [
         Figure("  of it: trial set up", lambda: problem("gait")),
         Figure("  of it: start from rigid fits", lambda: start_of(p)),
-        Figure("  of it: a pass with the matrix", lambda: p.equations(coefficients, body)),
-        Figure("  of it: a pass without", lambda: p.gradient(coefficients, body)),
+        Figure("  of it: a pass with the matrix", lambda: p.assemble_equations(coefficients, body)),
+        Figure("  of it: a pass without", lambda: p.compute_gradient(coefficients, body)),
         Figure("  of it: a factorisation", lambda: BandFactor(band)),
-        Figure("  of it: distances of all markers", lambda: motion_of(p, parameters, coefficients)),
+        Figure(
+            "  of it: distances of all markers", lambda: build_motion(p, parameters, coefficients)
+        ),
     ]
 
 
@@ -325,17 +327,17 @@ def section_bandwidth() -> list[Figure]:
     """
     model, seen, p = subject(), recording("gait"), problem("gait")
     parameters = model.parameters
-    hz = DenseMotion(p, parameters).by_markers()
-    smoothed = with_bandwidth(p, parameters, hz)
+    hz = DenseMotion(p, parameters).choose_cutoff()
+    smoothed = apply_bandwidth(p, parameters, hz)
     choice = "choice of the bandwidth by the markers"
     return [
         Figure(
             f"track, {TWENTY.per_second:g} nodes a second", lambda: track(model, seen, rule=TWENTY)
         ),
-        Figure(choice, lambda: DenseMotion(p, parameters).by_markers(), f"{hz:.1f} Hz"),
+        Figure(choice, lambda: DenseMotion(p, parameters).choose_cutoff(), f"{hz:.1f} Hz"),
         Figure(
             "track with it",
-            lambda: tracked_motion(smoothed, parameters),
+            lambda: track_motion(smoothed, parameters),
             f"{smoothed.basis.nodes} nodes",
         ),
     ]
@@ -354,7 +356,11 @@ def section_inverse_dynamics() -> list[Figure]:
             pin.rnea(bare, data, *row)
 
     return [
-        Figure("gaitcal", lambda: Dynamics(model.parameters).forces(q, v, a, wrench), "208 frames"),
+        Figure(
+            "gaitcal",
+            lambda: Dynamics(model.parameters).compute_forces(q, v, a, wrench),
+            "208 frames",
+        ),
         Figure("lower bound: bare RNEA", rnea),
         *inverse_dynamics(model, q, v, a),
     ]

@@ -146,7 +146,9 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
         valid = loads.reactions.valid
         torques = np.hstack([loads.final.tau[:, at], loads.final.knee_adduction])
         spread = (
-            np.zeros_like(torques) if loads.errors is None else loads.errors.every[:, [*at, 27, 28]]
+            np.zeros_like(torques)
+            if loads.errors is None
+            else loads.errors.all_forces[:, [*at, 27, 28]]
         )
         torque_bars = np.maximum(WITHIN * spread, FLOOR_BWH * calibration.model.subject.bwh)
     sides = "rl" if trial.joint is None else trial.joint[-1]

@@ -45,10 +45,10 @@ from gaitcal.model.segment_frames import (
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
-from gaitcal.tracking.bandwidth import with_bandwidth
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.bandwidth import apply_bandwidth
+from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from scripts.validation.bones.recordings import BoneRecording
 
 THIGH_OF_HEIGHT = 0.245
@@ -221,7 +221,7 @@ def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem
     kind, settings = kind_of(recording), CalibrationSettings()
     isolated = nominal.joint if kind == nominal.joint else None
     root, below = nominal.segments
-    problem = trial_problem(
+    problem = build_trial_problem(
         recording.name,
         nominal.model,
         measured,
@@ -233,7 +233,7 @@ def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem
     trial = Trial(name=recording.name, role=Role.JOINT, joint=nominal.joint, recording=measured)
     bandwidth = bandwidth_of(problem, trial, nominal.model, settings)
     return (
-        with_bandwidth(problem, nominal.model.nominal, bandwidth.joints_hz)
+        apply_bandwidth(problem, nominal.model.nominal, bandwidth.joints_hz)
         if bandwidth.penalised
         else problem
     )
@@ -286,7 +286,7 @@ def fit_recording(
         ).displace_markers(plan.problems[0])
         softness = soft.scales[kind].mean
     return BoneFit(
-        phase=phase, motion=tracked_motion(tracked, phase.estimate.parameters), softness=softness
+        phase=phase, motion=track_motion(tracked, phase.estimate.parameters), softness=softness
     )
 
 

@@ -45,7 +45,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SIZES
 from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, evaluate_place_functions
 from gaitcal.model.segment_frames import fit_rigid_motions
-from gaitcal.tracking.soft_tissue import SMALLEST, WIDTH, together
+from gaitcal.tracking.soft_tissue import RANK_TOLERANCE, WIDTH, build_rigid_pattern
 from scripts.validation.bones.fits import kind_of, nominal_joint
 from scripts.validation.bones.recordings import BoneRecording
 
@@ -116,7 +116,9 @@ def slopes_of(recording: BoneRecording, segment: str) -> Slopes:
     power = float(flexion @ flexion)
     slopes = flexion @ moved / power
     left = moved - flexion[:, None] * slopes
-    pattern = together((rest - rest.mean(axis=0)) * (THIGH_M / length)).reshape(-1, WIDTH)
+    pattern = build_rigid_pattern((rest - rest.mean(axis=0)) * (THIGH_M / length)).reshape(
+        -1, WIDTH
+    )
     rigid = left @ np.linalg.pinv(pattern, rcond=1e-3).T
     own = left - rigid @ pattern.T
     sizes = np.append(np.sqrt((rigid**2).mean(axis=0)), np.sqrt((own**2).mean()))
@@ -147,7 +149,8 @@ def _displacements(path: Array, rest: Array) -> Array:
     turned = np.einsum("fji,fmj->fmi", rotation, path - middle[:, None])
     rigid = np.hstack([middle - rest.mean(axis=0), Rotation.from_matrix(rotation).as_rotvec()])
     return np.asarray(
-        rigid @ together(arms).reshape(-1, WIDTH).T + (turned - arms).reshape(len(path), -1)
+        rigid @ build_rigid_pattern(arms).reshape(-1, WIDTH).T
+        + (turned - arms).reshape(len(path), -1)
     )
 
 
@@ -170,7 +173,7 @@ def _likeliest_softness(data: Slopes, field: SkinField) -> float:
     """S of one recording by how its markers deform, with a log-normal prior; a calibration observes
     no more.
     """
-    deforming = null_space(data.pattern.T, rcond=SMALLEST)
+    deforming = null_space(data.pattern.T, rcond=RANK_TOLERANCE)
     mean = deforming.T @ (data.functions @ field.coefficients.ravel())
     about, noise = (
         deforming.T @ covariance @ deforming for covariance in (data.about(field), data.noise)

@@ -46,7 +46,7 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.subject import synthesize
-from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.motion import Motion, track_motion
 from scripts.validation.force_faults.faults import FAULTS, Fault
 from scripts.validation.harness import matching, option, say
 from scripts.validation.recordings import CHILDREN, SIMULATED, data, study_of_person
@@ -82,7 +82,7 @@ class Person:
         trial = replace(self.trials[number], recording=change(self.trials[number].recording))
         if trial.recording.markers is not self.trials[number].recording.markers:
             prepared = prepare_trial(trial, self.model, self.settings)
-            motion = tracked_motion(prepared.body, self.parameters)
+            motion = track_motion(prepared.body, self.parameters)
         else:
             turned = turn_to_progression(
                 trial.recording, forward_direction(self.model, trial.recording)
@@ -109,7 +109,7 @@ def person(name: str, study: Study) -> Person:
     found = []
     for trial in (t for t in study.moving if t.role is Role.GAIT and t.recording.plates):
         prepared = prepare_trial(trial, model, study.settings)
-        motion = tracked_motion(prepared.body, parameters)
+        motion = track_motion(prepared.body, parameters)
         evidence = evidence_of(prepared, motion, model, parameters, study.settings)
         if evidence is not None:
             found.append((trial, (prepared, motion), evidence))

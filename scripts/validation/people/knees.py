@@ -26,8 +26,8 @@ from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.study.study_trial import Role
-from gaitcal.tracking.motion import tracked_motion
-from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_fit
+from gaitcal.tracking.motion import track_motion
+from gaitcal.tracking.rigid import FEWEST_MARKERS, fit_rigid
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import changed, study_of_person
 
@@ -89,11 +89,11 @@ def path_of(trial: MovingTrial, model: SubjectModel, side: str) -> tuple[Array, 
     ]
     if not knee or len(shank) < FEWEST_MARKERS:
         return np.empty(0), np.empty((0, 2))
-    motion = tracked_motion(trial.body, model.parameters)
+    motion = track_motion(trial.body, model.parameters)
     seen = trial.recording.markers[:, [labels.index(place.labels[k]) for k in (*shank, knee[0])]]
     known = np.isfinite(seen).all(axis=(1, 2))
     cluster = seen[known, :-1].transpose(1, 2, 0)
-    fit = rigid_fit(place.local[shank], cluster, np.ones((len(shank), cluster.shape[2])))
+    fit = fit_rigid(place.local[shank], cluster, np.ones((len(shank), cluster.shape[2])))
     path = 1e3 * np.einsum("fji,fj->fi", fit.rotation, seen[known, -1] - fit.origin)[:, :2]
     return motion.q[known, motion.coordinates.index(f"knee_angle_{side}")], path
 

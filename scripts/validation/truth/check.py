@@ -230,7 +230,9 @@ def torque_figures(
     more = at_times(body.time, recorded, ground).reshape(-1, 2, 6) - loads.reactions.wrench
     airborne = more * ~loads.reactions.loaded[:, :, None]
     dynamics = Dynamics(calibration.model.parameters)
-    of_airborne = dynamics.of_ground(dynamics.placed(body.q), airborne[..., None])[..., 0]
+    of_airborne = dynamics.compute_ground_forces(dynamics.place(body.q), airborne[..., None])[
+        ..., 0
+    ]
     gaps: dict[str, list[Array]] = {}
     earlier: dict[str, list[Array]] = {}
     held: dict[str, Bars] = {}

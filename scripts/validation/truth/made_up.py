@@ -55,7 +55,7 @@ from gaitcal.dynamics.joint_kinetics import (
     POWER_JOINTS,
     POWERS,
     VECTOR_FRAMES,
-    kinetic_values,
+    compute_kinetic_values,
 )
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import REACTIONS, SEGMENTS, list_joint_segments
@@ -77,7 +77,7 @@ from gaitcal.synthetic.synthetic_motion import (
     synthetic_markers,
 )
 from gaitcal.tracking.spline import NodeRule
-from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from scripts.validation.harness import bars, rms, shares, side_by_side
 from scripts.validation.truth.people import with_settings
 from scripts.validation.truth.report import Figure, Outcome, TimedFit, timed_fit
@@ -112,10 +112,10 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     found = [problem.basis.evaluate(fit.coefficients[0], k) for k in range(3)]
     moved = [motion.basis.evaluate(motion.coefficients, k) for k in range(3)]
     fitted, true = (
-        (Dynamics(p).forces(*q, wrench), *kinetic_values(p, *q, wrench))
+        (Dynamics(p).compute_forces(*q, wrench), *compute_kinetic_values(p, *q, wrench))
         for p, q in ((fit.parameters, found), (truth, moved))
     )
-    errors = (spread.every, spread.kinetics.power, spread.kinetics.moment)
+    errors = (spread.all_forces, spread.kinetics.power, spread.kinetics.moment)
     inner = slice(ENDS, -ENDS, EVERY)
     torques, powers, vectors = (
         ((f - t) / e)[inner] for f, t, e in zip(fitted, true, errors, strict=True)
@@ -148,7 +148,7 @@ def noisy_problem(
     markers = synthetic_markers(model.parameters, model.markers, q)
     markers += marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
     recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers)
-    return trial_problem(
+    return build_trial_problem(
         "trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments
     )
 
@@ -281,8 +281,8 @@ def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
         [motion.basis.evaluate(motion.coefficients, k) for k in range(3)],
         residual_free_wrench(parameters, motion),
     )
-    true = Dynamics(parameters).forces(*state, wrench)
-    power, moment = kinetic_values(parameters, *state, wrench)
+    true = Dynamics(parameters).compute_forces(*state, wrench)
+    power, moment = compute_kinetic_values(parameters, *state, wrench)
     valid, spread = loads.reactions.valid, loads.errors.kinetics
     final, nominal = (
         np.hstack([m.tau, m.knee_adduction]) - true for m in (loads.final, loads.nominal)
@@ -294,7 +294,7 @@ def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
     return {
         "gaps": final[valid][:, 6:],
         "before": nominal[valid][:, 6:],
-        "errors": loads.errors.every[valid][:, 6:],
+        "errors": loads.errors.all_forces[valid][:, 6:],
         "powers": ((loads.kinetics.power - power)[valid], spread.power[valid]),
         "vectors": (vectors[0], vectors[1]),
     }

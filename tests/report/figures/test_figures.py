@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from gaitcal.analysis.result import Calibration
-from gaitcal.dynamics.expected_residual import residual_limits
+from gaitcal.dynamics.expected_residual import compute_residual_limits
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import typed
 from gaitcal.gait.ensemble import ensemble
@@ -76,7 +76,7 @@ def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
 
 def test_limits_of_the_residuals(whole: Calibration) -> None:
     trial = whole.trial("walk")
-    limits = residual_limits(
+    limits = compute_residual_limits(
         whole.model.parameters, trial.body.q, trial.loads.reactions, trial.recording.plates
     )
     assert limits.peak_force == pytest.approx(1400.0)

@@ -22,7 +22,7 @@ from gaitcal.synthetic.synthetic_motion import (
 )
 from gaitcal.synthetic.walk import walking_ground
 from gaitcal.tracking.motion import MarkerErrors, Motion
-from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.spline import build_spline_basis
 
 FITTED = list_gait_parameters("r") + list_gait_parameters("l")
 
@@ -136,6 +136,6 @@ def long_motion(frames: int) -> TrueMotion:
     cycle = len(true.q) - 1
     q = true.q[np.arange(frames) % cycle].copy()
     q[:, 0] += (np.arange(frames) // cycle) * (true.q[-1, 0] - true.q[0, 0])
-    basis = spline_basis(time, max(20, frames // 20))
+    basis = build_spline_basis(time, max(20, frames // 20))
     phase = np.arange(frames) / cycle
     return TrueMotion(basis, basis.fit(q), phase, walking_ground(phase))
