@@ -33,7 +33,7 @@ from gaitcal.model.parameters import (
     JP_TO_SI,
 )
 from gaitcal.model.rotations import axis_rotation
-from gaitcal.study.declared_truth import TrueCurves, Truth, other_rule
+from gaitcal.study.declared_truth import TrueCurves, Truth, find_rule_mismatch
 
 _FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
     ("hip", "pelvis", "centre", "centre in the pelvis", ("ant", "sup", "lat")),
@@ -64,8 +64,8 @@ def with_truth(calibration: Calibration) -> Calibration:
     known, study = calibration.study.truth, calibration.study
     if known is None:
         return calibration
-    if (rule := other_rule(known.told, study.settings, study.marker_set.name)) is not None:
-        why = f"truth.{rule.rule}: {rule.words}"
+    if (rule := find_rule_mismatch(known.rules, study.settings, study.marker_set.name)) is not None:
+        why = f"truth.{rule.rule}: {rule.message}"
     elif (words := study.other_truth()) is not None:
         why = f"truth.landmarks: {words}"
     else:

@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 
 FILE = "soft_tissue.json"
 NEAR, ACROSS = 0.15, 0.20
@@ -110,4 +110,4 @@ def read_table(file: Path) -> dict[str, SkinField]:
 @lru_cache(maxsize=1)
 def people_table() -> SkinTable:
     """The skin of people that gaitcal brings."""
-    return read_table(models_path() / FILE)
+    return read_table(find_models_folder() / FILE)

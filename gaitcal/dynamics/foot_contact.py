@@ -25,9 +25,9 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.measurement_errors import outside
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.io.labels import FootEvent, FootMoment, times_of
-from gaitcal.io.recording import ForcePlate, duration, runs, spans
+from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
+from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
+from gaitcal.io.recording import ForcePlate, find_runs, format_spans, measure_duration
 from gaitcal.model.linkage import SIDES
 
 RESTING = (
@@ -136,10 +136,11 @@ def on_the_floor(
     out = np.zeros_like(resting)
     for foot, side in enumerate(SIDES):
         strikes, offs = (
-            np.array(times_of(used, side, moment)) for moment in (FootMoment.STRIKE, FootMoment.OFF)
+            np.array(select_event_times(used, side, moment))
+            for moment in (FootMoment.STRIKE, FootMoment.OFF)
         )
         carried = near(loaded[:, foot], time)
-        for run in runs(resting[:, foot] & ~carried):
+        for run in find_runs(resting[:, foot] & ~carried):
             begin, end = float(time[run.start]), float(time[run.stop - 1])
             before, after = (
                 time[: run.start][loaded[: run.start, foot]],
@@ -174,11 +175,15 @@ def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
     """
     gaps = []
     for foot, side in enumerate(SIDES):
-        for run in runs(loaded[:, foot]):
+        for run in find_runs(loaded[:, foot]):
             ends = {FootMoment.STRIKE: run.start > 0, FootMoment.OFF: run.stop < len(time)}
             for moment, inside in ends.items():
                 at = time[run.start if moment is FootMoment.STRIKE else run.stop - 1]
-                apart = [abs(t - at) for t in times_of(events, side, moment)] if inside else []
+                apart = (
+                    [abs(t - at) for t in select_event_times(events, side, moment)]
+                    if inside
+                    else []
+                )
                 gaps += sorted(gap for gap in apart if gap < SAME_EVENT)[:1]
     return bool(gaps) and max(gaps) <= BELIEVED
 
@@ -319,8 +324,8 @@ def steps_on(
     """
     steps, findings = list[FootContact](), list[Finding]()
     height = surface_height(plate)
-    for stretch in runs(wrench[:, 1] > LOADED_N):
-        if duration(time, stretch) < SHORTEST:
+    for stretch in find_runs(wrench[:, 1] > LOADED_N):
+        if measure_duration(time, stretch) < SHORTEST:
             continue
         foot = SIDES.index(side) if side else foot_under(wrench, stretch, feet)
         alone = [] if side else taken_in_turn(wrench, stretch, time, feet)
@@ -332,7 +337,7 @@ def steps_on(
             lowest = float(np.nanmin(feet.heel[stretch][..., 1]))
             seat = height > lowest + SEAT_ABOVE_M
             findings.append(
-                _under_neither(plate, f"plate {plate.name}, {spans(time, [stretch])}", seat)
+                _under_neither(plate, f"plate {plate.name}, {format_spans(time, [stretch])}", seat)
             )
             continue
         else:
@@ -344,9 +349,9 @@ def steps_on(
                     frames=frames,
                     plate=plate,
                     wrench=wrench,
-                    point=centre_on_ground(wrench[frames], height),
+                    point=compute_centre_on_ground(wrench[frames], height),
                     load=wrench[frames, 1],
-                    words=f"plate {plate.name}, {spans(time, [frames])}",
+                    words=f"plate {plate.name}, {format_spans(time, [frames])}",
                 )
             )
     return steps, findings
@@ -390,13 +395,13 @@ def taken_in_turn(
         & ~near(resting, time)[stretch, ::-1]
         & (away < np.fmin(UNDER_FOOT, away[:, ::-1]))
     )
-    stands = [(run, foot) for foot in range(len(SIDES)) for run in runs(alone[:, foot])]
+    stands = [(run, foot) for foot in range(len(SIDES)) for run in find_runs(alone[:, foot])]
     out = list[tuple[slice, int]]()
     for run, foot in sorted(stands, key=lambda found: found[0].start):
         frames = slice(stretch.start + run.start, stretch.start + run.stop)
         if out and out[-1][1] == foot:
             out[-1] = slice(out[-1][0].start, frames.stop), foot
-        elif duration(time, frames) >= SHORTEST:
+        elif measure_duration(time, frames) >= SHORTEST:
             out.append((frames, foot))
     fewest = 2 if foot_under(wrench, stretch, feet) is None else FEWEST_IN_TURN
     return out if len(out) >= fewest else []
@@ -409,8 +414,8 @@ def _divided(
     other, resting = 1 - foot, feet.resting
     gone = ~near(resting[:, foot], time)[stretch] & resting[stretch, other]
     away, mine = (_away(wrench, stretch, feet, k) for k in (other, foot))
-    nearer = runs(gone & (away < np.minimum(mine, UNDER_FOOT)))
-    taken = [run for run in nearer if duration(time[stretch], run) >= SHORTEST]
+    nearer = find_runs(gone & (away < np.minimum(mine, UNDER_FOOT)))
+    taken = [run for run in nearer if measure_duration(time[stretch], run) >= SHORTEST]
     if not taken:
         return [(stretch, foot)]
     first, last = stretch.start + taken[0].start, stretch.start + taken[-1].stop
@@ -421,7 +426,7 @@ def _divided(
 
 def _away(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
     """(n,) m from the centre of pressure to the line heel-toe of a foot."""
-    centre = centre_on_ground(wrench[stretch])[:, [0, 2]]
+    centre = compute_centre_on_ground(wrench[stretch])[:, [0, 2]]
     return distance_to_line(
         centre, feet.heel[stretch, foot][:, [0, 2]], feet.toe[stretch, foot][:, [0, 2]]
     )

@@ -33,12 +33,12 @@ from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.force_plate import (
     LOADED_N,
     filter_plate,
-    filterable,
-    point_and_torque,
+    is_filterable,
     resample_wrench,
+    split_wrench,
 )
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
+from gaitcal.io.recording import ForcePlate, Recording, find_runs, format_spans, measure_duration
 from gaitcal.model import coordinates, kinematics
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
@@ -126,7 +126,7 @@ class GroundReactions(Displayed):
         flags = {"valid": self.valid, "valid_r": self.valid_r, "valid_l": self.valid_l}
         columns: dict[str, Array] = {name: flag.astype(int) for name, flag in flags.items()}
         for side, wrench in zip(SIDES, np.moveaxis(self.wrench, 1, 0), strict=True):
-            point, torque = point_and_torque(wrench)
+            point, torque = split_wrench(wrench)
             for i, axis in enumerate("xyz"):
                 columns[f"ground_force_{side}_v{axis}"] = wrench[:, i]
                 columns[f"ground_force_{side}_p{axis}"] = point[:, i]
@@ -213,7 +213,7 @@ def ground_reactions_on_feet(
         raw = np.nan_to_num(resample_wrench(plate, time))
         filtered = (
             plate
-            if cutoff is None or not filterable(plate, cutoff)
+            if cutoff is None or not is_filterable(plate, cutoff)
             else filter_plate(plate, cutoff)
         )
         smooth = resample_wrench(filtered, time)
@@ -359,7 +359,7 @@ def reactions_of_motion(
 
 def _filter_words(recording: Recording, hz: float | None) -> str:
     plain = [
-        plate.name for plate in recording.plates if hz is not None and not filterable(plate, hz)
+        plate.name for plate in recording.plates if hz is not None and not is_filterable(plate, hz)
     ]
     if hz is None or len(plain) == len(recording.plates):
         return "forces not filtered" + (
@@ -392,7 +392,7 @@ def _seated(missing: Array, lying: BoolArray) -> BoolArray:
     """
     usual = float(np.median(missing[~lying])) if not lying.all() else 0.0
     out = np.zeros_like(lying)
-    for run in runs(missing > min(usual, SEAT)):
+    for run in find_runs(missing > min(usual, SEAT)):
         out[run] = (lying[run] & (missing[run] > SEAT)).any() and missing[run].max() > CONTRADICTION
     return out
 
@@ -400,7 +400,7 @@ def _seated(missing: Array, lying: BoolArray) -> BoolArray:
 def _seat(seated: BoolArray, time: Array) -> list[Finding]:
     """That a seat bears part of the body, and when."""
     found = (
-        f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less "
+        f"{format_spans(time, find_runs(seated))}: both thighs lie, and the plates under the feet carry less "
         "than the "
     )
     found += "body weighs; where the seat pushes is not known, so that torques are not valid then"
@@ -417,8 +417,8 @@ def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Findi
     """
     gap = np.abs(missing)
     apart = np.zeros_like(valid)
-    for run in runs(valid & (gap > CONTRADICTION), 2):
-        apart[run] = duration(time, run) >= CONTRADICTION_S
+    for run in find_runs(valid & (gap > CONTRADICTION), 2):
+        apart[run] = measure_duration(time, run) >= CONTRADICTION_S
     if not apart.any():
         return []
     most = 100 * float(gap[apart].max())
@@ -427,7 +427,7 @@ def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Findi
             severity=Severity.WARNING,
             topic="forces",
             cause=CONTRADICTED,
-            found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % "
+            found=f"{format_spans(time, find_runs(apart), most=len(apart))}: it differs by up to {most:.0f} % "
             "of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
             weight=most / (100 * CONTRADICTION),
@@ -503,7 +503,7 @@ def _unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Fi
         if whole:
             found = f"no torque{' of this leg' if leg else ''} is valid"
         else:
-            found = f"{spans(motion.time, runs(lost))}: {int(lost.sum())} frames are not valid"
+            found = f"{format_spans(motion.time, find_runs(lost))}: {int(lost.sum())} frames are not valid"
             found += " for this leg" if leg else ""
         findings.append(
             Finding(

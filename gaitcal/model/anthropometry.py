@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model.linkage import SEGMENT_TABLE, SIDES, segment_kind
 from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.model.subject_model import Subject
@@ -56,7 +56,7 @@ UNSIDED = tuple(name.replace("_r.", ".").replace("_l.", ".") for name in IP_NAME
 
 @functools.cache
 def _tables(name: str) -> dict[str, Any]:
-    data: dict[str, Any] = json.loads((models_path() / name).read_text(encoding="utf-8"))
+    data: dict[str, Any] = json.loads((find_models_folder() / name).read_text(encoding="utf-8"))
     return data
 
 

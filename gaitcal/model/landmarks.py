@@ -25,7 +25,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.recording import Recording, seen_means
+from gaitcal.io.recording import Recording, average_visible
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, instead_of
 
@@ -76,7 +76,7 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
     do instead.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
-    markers = seen_means(
+    markers = average_visible(
         {m: recording.markers[window, column[m]] for m in marker_set.labels if m in column}
     )
     landmarks: dict[str, Array] = {}
@@ -167,7 +167,7 @@ def _hips(
         } | tracks
     places, names = {}, {}
     labels = labelled_hips(tracks)
-    for side, mean in seen_means(
+    for side, mean in average_visible(
         {side: tracks[label][window] for side, label in labels.items()}
     ).items():
         by = "" if labels[side] in recording.labels else " (computed by another program)"

@@ -32,12 +32,12 @@ from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import (
     Table,
-    models_path,
+    find_models_folder,
+    format_toml_table,
+    format_toml_value,
+    format_value,
     read_validated,
     require_known,
-    shown,
-    toml_table,
-    toml_value,
 )
 from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, of_side
 from gaitcal.model.subject_model import PointNoise
@@ -365,7 +365,7 @@ class _FirstOf(Table):
 def _as_options(value: object) -> object:
     if not isinstance(value, dict | list | str):
         raise ValueError(
-            f"found {shown(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
+            f"found {format_value(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
         )
     return value if isinstance(value, dict) else {"first_of": [value]}
 
@@ -408,7 +408,7 @@ class _File(Table):
 
 def built_in_sets() -> tuple[str, ...]:
     """Names of the marker sets that come with the package."""
-    return tuple(sorted(path.stem for path in (models_path() / "markersets").glob("*.toml")))
+    return tuple(sorted(path.stem for path in (find_models_folder() / "markersets").glob("*.toml")))
 
 
 def load_marker_set(name_or_path: str | Path) -> MarkerSet:
@@ -421,14 +421,14 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     """
     text, known = str(name_or_path), built_in_sets()
     if text in known:
-        return _read(models_path() / "markersets" / f"{text}.toml", text)
+        return _read(find_models_folder() / "markersets" / f"{text}.toml", text)
     if (
         not isinstance(name_or_path, Path)
         and not text.lower().endswith(".toml")
         and "/" not in text
     ):
         message = (
-            f"found {shown(text)}; allowed: {', '.join(known)}, or the path of a TOML "
+            f"found {format_value(text)}; allowed: {', '.join(known)}, or the path of a TOML "
             f"file{nearest(text, known)}"
         )
         raise InputError(message, field="marker set", code=Code.MARKER_SET)
@@ -454,7 +454,7 @@ def _read(path: Path, name: str) -> MarkerSet:
             field="extends",
             listed=True,
         )
-        if path == models_path() / "markersets" / f"{file.extends}.toml":
+        if path == find_models_folder() / "markersets" / f"{file.extends}.toml":
             raise fault("found the set itself; allowed: another built-in set", "extends")
         base = load_marker_set(file.extends)
 
@@ -553,9 +553,9 @@ def marker_set_text(marker_set: MarkerSet) -> str:
 
     def table(name: str, content: Mapping[str, object]) -> str:
         entries = {
-            toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()
+            format_toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()
         }
-        return toml_table(f"[{name}]", entries)
+        return format_toml_table(f"[{name}]", entries)
 
     options = {
         name: [list(group) for group in marker_set.options(name)] for name in marker_set.landmarks
@@ -566,7 +566,7 @@ def marker_set_text(marker_set: MarkerSet) -> str:
         if label in marker_set.tracked
     }
     tables = [
-        toml_table("", {"description": marker_set.description}).lstrip(),
+        format_toml_table("", {"description": marker_set.description}).lstrip(),
         table(
             "landmarks",
             {name: of[0] if len(of) == 1 else {"first_of": of} for name, of in options.items()},

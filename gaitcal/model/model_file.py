@@ -16,8 +16,15 @@ from pydantic import BeforeValidator, Field
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.atomic import atomic_file
-from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_table, toml_value
+from gaitcal.io.atomic import write_atomically
+from gaitcal.io.toml import (
+    Table,
+    format_toml_table,
+    format_toml_value,
+    format_value,
+    read_validated,
+    require_known,
+)
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
 from gaitcal.model.subject_model import (
@@ -71,7 +78,9 @@ def _decimal(value: object) -> object:
     if isinstance(value, int) and not isinstance(value, bool):
         value = Decimal(value)
     if isinstance(value, Decimal) and value.is_finite() and value and value.adjusted() > LARGEST:
-        raise ValueError(f"found {shown(str(value))}; allowed: a number that a person can have")
+        raise ValueError(
+            f"found {format_value(str(value))}; allowed: a number that a person can have"
+        )
     return value
 
 
@@ -140,7 +149,7 @@ def save_model(model: SubjectModel, path: Path | str) -> None:
     InputError
         The file cannot be written.
     """
-    with atomic_file(path) as sibling:
+    with write_atomically(path) as sibling:
         sibling.write_text(model_text(model), encoding="utf-8")
 
 
@@ -151,19 +160,19 @@ def model_text(model: SubjectModel) -> str:
     lines = [
         _HEADER,
         f"format = {FORMAT}",
-        f"frozen = {toml_value(model.frozen)} # coordinates that no marker shows",
+        f"frozen = {format_toml_value(model.frozen)} # coordinates that no marker shows",
         "notes = [",
-        *(f"  {toml_value(note)}," for note in model.notes),
+        *(f"  {format_toml_value(note)}," for note in model.notes),
         "]",
         "",
         "[posture_deg] # coordinates of the static posture",
         *(f"{name} = {_text(angle, 'deg')}" for name, angle in model.posture.items()),
         "",
         "[subject]",
-        f"name = {toml_value(s.name)}",
+        f"name = {format_toml_value(s.name)}",
         f"mass_kg = {_text(s.mass, 'kg')}",
         f"height_m = {_text(s.height, 'm')}",
-        f"sex = {toml_value(s.sex)}",
+        f"sex = {format_toml_value(s.sex)}",
         *([f"height_error_m = {_text(s.height_error, 'm')}"] if s.height_error else []),
         *(
             f"{name} = {_text(value, unit)}"
@@ -176,28 +185,28 @@ def model_text(model: SubjectModel) -> str:
             f"{side} = {_text(length, 'mm')}" for side, length in getattr(s, field).items()
         )
         lines += [f"{field}_mm = {{ {inner} }}"] if inner else []
-    lines += [f"session = {toml_value(s.session)}"] if s.session else []
-    lines += [f"record = {toml_value(s.record.known)}"] if s.record.known else []
+    lines += [f"session = {format_toml_value(s.session)}"] if s.session else []
+    lines += [f"record = {format_toml_value(s.record.known)}"] if s.record.known else []
     for table, (names, units, words) in _TABLES.items():
         lines += ["", f"[{table}] # {words}"]
         width = max(map(len, names)) + 2
         values, nominal = (getattr(p, _ARRAYS[table]) for p in (model.parameters, model.nominal))
         for name, unit, v, n in zip(names, units, values, nominal, strict=True):
             both = f"value = {_text(float(v), unit)}, nominal = {_text(float(n), unit)}"
-            lines.append(f"{toml_value(name):{width}} = {{ {both} }}")
+            lines.append(f"{format_toml_value(name):{width}} = {{ {both} }}")
     lines += ["", "[landmarks]"]
     for name, (segment, position) in model.landmarks.items():
-        place = f"segment = {toml_value(segment)}, position_mm = {_point(position)}"
-        lines.append(f"{toml_value(name)} = {{ {place} }}")
+        place = f"segment = {format_toml_value(segment)}, position_mm = {_point(position)}"
+        lines.append(f"{format_toml_value(name)} = {{ {place} }}")
     if model.noise is not None:
-        lines.append(toml_table("[noise]", model.noise.model_dump()))
+        lines.append(format_toml_table("[noise]", model.noise.model_dump()))
     m = model.markers
     for label, segment, local, weight in zip(m.labels, m.segments, m.local, m.weight, strict=True):
         lines += [
             "",
             "[[marker]]",
-            f"label = {toml_value(label)}",
-            f"segment = {toml_value(segment)}",
+            f"label = {format_toml_value(label)}",
+            f"segment = {format_toml_value(segment)}",
             f"position_mm = {_point(local)}",
             f"weight = {_text(float(weight), 'kg')}",
         ]
@@ -266,7 +275,7 @@ def load_model(path: Path | str) -> SubjectModel:
     s = file.subject
     if s.sex not in ("male", "female", ""):
         raise fault(
-            f"found {shown(s.sex)}; allowed: 'male', 'female', '' where nobody says it",
+            f"found {format_value(s.sex)}; allowed: 'male', 'female', '' where nobody says it",
             "subject.sex",
         )
     require_known(

@@ -26,8 +26,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.recording import Recording, still_window
-from gaitcal.io.toml import models_path
+from gaitcal.io.recording import Recording, find_still_window
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model import anthropometry, coordinates, linkage, rotations, trunk
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
@@ -103,7 +103,7 @@ def nominal_model(
     marker_set = present_markers(marker_set, static)
     scatter = ""
     if window is None:
-        found = still_window(static, marker_set.labels)
+        found = find_still_window(static, marker_set.labels)
         window, scatter = found.frames, f", markers {1e3 * found.scatter:.1f} mm RMS from it"
     frames_used = range(*window.indices(len(static.time)))
     posture = static_posture(static, marker_set, window)
@@ -349,7 +349,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     With `static_only`, the medial and lateral knee and ankle markers of the static trial are there
     too.
     """
-    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    data = json.loads((find_models_folder() / "nominal_subject.json").read_text(encoding="utf-8"))
     placed: dict[str, tuple[str, Array]] = {}
     bodies = {name.replace("_", ""): name for name in linkage.SEGMENT_TABLE}
     for body, listed in data["markers_local_mm_right_side"].items():

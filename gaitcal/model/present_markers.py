@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, find_visible
 from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet
@@ -245,7 +245,7 @@ def _groups(
 
 def _seen(recording: Recording) -> set[str]:
     """Labels of markers with a position in some frame."""
-    seen = seen_mask(recording.markers)
+    seen = find_visible(recording.markers)
     return {label for i, label in enumerate(recording.labels) if seen[:, i].any()}
 
 

@@ -39,7 +39,14 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, runs, seen_mask, seen_means, spans, still_window
+from gaitcal.io.recording import (
+    Recording,
+    average_visible,
+    find_runs,
+    find_still_window,
+    find_visible,
+    format_spans,
+)
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import path_of
@@ -134,11 +141,11 @@ def rebuild_lost(
     show a marker at another time.
     """
     try:
-        window = still_window(static, marker_set.labels).frames
+        window = find_still_window(static, marker_set.labels).frames
     except InputError:
         return Rebuilding(static=static)  # told where the model is made
     sources = [(name, static), *others]
-    standing = seen_means(
+    standing = average_visible(
         {label: static.markers[window, k] for k, label in enumerate(static.labels)}
     )
     known = set(marker_set.labels)
@@ -394,14 +401,14 @@ def without_outliers(
     found, away = _outliers(recording, segment_of)
     if not found.any():
         return recording, ()
-    visible = seen_mask(recording.markers)
+    visible = find_visible(recording.markers)
     outliers = tuple(
         Outlier(
             label=recording.labels[k],
             frames=int(found[:, k].sum()),
             of=int(visible[:, k].sum()),
             farthest=float(away[found[:, k], k].max()),
-            when=spans(recording.time, runs(found[:, k])),
+            when=format_spans(recording.time, find_runs(found[:, k])),
         )
         for k in np.flatnonzero(found.any(axis=0))
     )
@@ -423,7 +430,7 @@ def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[Bool
     """(nf, nm) where a marker is out of reach, and how far (m) each is from the median of the
     markers around it.
     """
-    x, visible = recording.markers, seen_mask(recording.markers)
+    x, visible = recording.markers, find_visible(recording.markers)
     out, away = np.zeros_like(visible), np.full(visible.shape, np.nan)
     of_marker = np.array([segment_of.get(label, "") for label in recording.labels])
     known = np.flatnonzero(of_marker != "")
@@ -507,7 +514,7 @@ def without_spikes(
     goes_on = np.linalg.norm(one - before - after, axis=2) <= limit
     out = np.zeros(x.shape[:2], dtype=bool)
     out[2:-2] = (away > limit) & goes_on
-    rare = out.sum(axis=0) <= MOST_SPIKES * seen_mask(x).sum(axis=0)
+    rare = out.sum(axis=0) <= MOST_SPIKES * find_visible(x).sum(axis=0)
     out &= rare
     if not out.any():
         return recording, {}

@@ -16,7 +16,7 @@ from gaitcal.export.opensim import osim_writer
 from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
 from gaitcal.gait.profile_score import profile_scores
 from gaitcal.io import opensim_files, toml
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
+from gaitcal.io.result_folder import MANIFEST, ResultKind, write_result_folder
 from gaitcal.model import model_file, parameters
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.subject_model import SubjectModel
@@ -63,7 +63,7 @@ def write_results(
         files that are not ours.
     """
     folder = Path(folder)
-    with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
+    with write_result_folder(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
@@ -120,8 +120,8 @@ def manifest(
     subject, prior = calibration.model.subject, calibration.study.joint_prior
     leaning = {} if prior is None else {"priors_sha256": prior.sha256}
     return {
-        "gaitcal": toml.package_version("gaitcal"),
-        "versions": {name: toml.package_version(name) for name in VERSIONED}
+        "gaitcal": toml.get_package_version("gaitcal"),
+        "versions": {name: toml.get_package_version(name) for name in VERSIONED}
         | {"python": platform.python_version()},
         "subject": subject_summary(subject),
         "marker_set": calibration.study.marker_set.name,

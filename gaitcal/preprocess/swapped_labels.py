@@ -24,7 +24,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, Severity, listed
-from gaitcal.io.recording import Recording, duration, runs, spans
+from gaitcal.io.recording import Recording, find_runs, format_spans, measure_duration
 from gaitcal.model import linkage, rebuilt_markers
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.runtime import remembered
@@ -77,7 +77,7 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
             else "are confused: the first is where the second should be"
         )
         message = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
-        message += spans(trial.recording.time, runs(found.frames))
+        message += format_spans(trial.recording.time, find_runs(found.frames))
         severity, cure = (
             Severity.ERROR,
             "label that part again, or leave it out with time = [start, end]",
@@ -119,7 +119,7 @@ def _harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
     of_legs = {
         label for s in linkage.LOWER_BODY if s in trial.templates for label in trial.templates[s][0]
     }
-    longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
+    longest = max(measure_duration(trial.recording.time, run) for run in find_runs(found.frames))
     return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
@@ -259,7 +259,7 @@ def by_lengths(trial: TrialEvidence) -> Iterator[SwappedLabels]:
 def _long_enough(marked: BoolArray) -> BoolArray:
     """(nf,) the marked frames without stretches shorter than SHORTEST."""
     out = np.zeros_like(marked)
-    for run in runs(marked, SHORTEST):
+    for run in find_runs(marked, SHORTEST):
         out[run] = True
     return out
 
@@ -350,14 +350,14 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
             away = -float(np.median(lateral[bad]))
             wrong.append(f"'{name}' and '{other}' by {1e3 * away:.0f} mm")
             farthest = max(farthest, away)
-            when = runs(bad)
+            when = find_runs(bad)
     if wrong:
         crossed = trial.is_isolated and farthest < CROSSED_M
         yield trial.finding(
             Severity.WARNING if crossed else Severity.ERROR,
             "sides",
             f"right markers lie to the left of their left ones: {listed(wrong)} "
-            f"({spans(trial.recording.time, when)})",
+            f"({format_spans(trial.recording.time, when)})",
             "exchange the labels of right and left in the file",
             cause="" if crossed else "right and left are exchanged in the labels",
             weight=10.0,

@@ -25,9 +25,15 @@ from gaitcal.dynamics.off_sole import (
     places_of,
 )
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.io.axes import PROGRESSION_M
-from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
-from gaitcal.io.recording import duration, runs, spans
+from gaitcal.io.axes import LEAST_PROGRESSION_M
+from gaitcal.io.force_plate import (
+    BODY_N,
+    LOADED_N,
+    compute_centre_on_ground,
+    find_covered_frames,
+    resample_wrench,
+)
+from gaitcal.io.recording import find_runs, format_spans, measure_duration
 from gaitcal.model.linkage import SIDES
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.runtime import remembered
@@ -118,7 +124,7 @@ class PlateContact(foot_contact.Loading):
 
     def is_whole(self, time: Array) -> bool:
         """Whether it begins and ends while the plate is recorded, at frames of `time` (nf,) s."""
-        inner = covered([self.plate], time)
+        inner = find_covered_frames([self.plate], time)
         return self.frames.start > inner.start and self.frames.stop < inner.stop
 
 
@@ -139,7 +145,7 @@ def walked(trial: TrialEvidence) -> Array:
     way, feet = trial.way, feet_of(trial) if trial.on_the_spot else None
     if feet is not None:
         way = way - np.ptp(trial.recording.time) * feet.belts.mean(axis=0)[[0, 2]]
-    if np.linalg.norm(way) >= PROGRESSION_M or trial.facing is None:
+    if np.linalg.norm(way) >= LEAST_PROGRESSION_M or trial.facing is None:
         return np.asarray(way)
     return np.asarray(trial.facing / max(float(np.linalg.norm(trial.facing)), 1e-12))
 
@@ -157,7 +163,7 @@ def steps_of(trial: TrialEvidence) -> tuple[PlateContact, ...]:
     one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
     for plate, wrench in zip(trial.recording.plates, wrenches, strict=True):
         loadings = list[slice]()
-        for whole in runs(wrench[:, 1] > LOADED_N, 2):
+        for whole in find_runs(wrench[:, 1] > LOADED_N, 2):
             turns = (
                 foot_contact.taken_in_turn(wrench, whole, feet.time, points)
                 if one_loaded[whole].all()
@@ -165,14 +171,17 @@ def steps_of(trial: TrialEvidence) -> tuple[PlateContact, ...]:
             )
             loadings += [part for part, _ in turns] or [whole]
         for run in loadings:
-            if duration(feet.time, run) < foot_contact.SHORTEST or wrench[run, 1].max() < BODY_N:
+            if (
+                measure_duration(feet.time, run) < foot_contact.SHORTEST
+                or wrench[run, 1].max() < BODY_N
+            ):
                 continue
             height = (
                 float(np.nanmedian(plate.point[:, 1]))
                 if np.isfinite(plate.point[:, 1]).any()
                 else 0.0
             )
-            point, load = centre_on_ground(wrench[run], height), wrench[run, 1]
+            point, load = compute_centre_on_ground(wrench[run], height), wrench[run, 1]
             away = [feet.distance(k, point, run, load) for k in range(len(FEET))]
             foot = int(np.argmin(away))
             step = PlateContact(
@@ -219,7 +228,7 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _words(trial: TrialEvidence, step: PlateContact) -> str:
-    return f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}"
+    return f"plate {step.plate.name}, {format_spans(trial.recording.time, [step.frames])}"
 
 
 def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
@@ -305,9 +314,11 @@ def _no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Finding:
         on_plate = sole.share_of_halves(sole.beside(outlined)).max(axis=1) <= MOST_BESIDE
         stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
         if long := [
-            run for run in runs(stands, 2) if duration(feet.time, run) > foot_contact.SHORTEST
+            run
+            for run in find_runs(stands, 2)
+            if measure_duration(feet.time, run) > foot_contact.SHORTEST
         ]:
-            found += f", though the {name} foot stands on them ({spans(feet.time, long)})"
+            found += f", though the {name} foot stands on them ({format_spans(feet.time, long)})"
             severity = Severity.WARNING
     cure = (
         "no stance will have torques, only the swing; are these the forces of this trial, and were "
@@ -352,12 +363,12 @@ def _clocks(trial: TrialEvidence, feet: Feet, steps: Sequence[PlateContact]) -> 
     late: list[float] = []
     for step in steps:
         loaded, frames = step.frames, len(feet.time)
-        down = runs(feet.resting[:, step.foot])
+        down = find_runs(feet.resting[:, step.foot])
         common = [min(run.stop, loaded.stop) - max(run.start, loaded.start) for run in down]
         if max(common, default=0) <= 0:
             continue
         start, stop = (run := down[int(np.argmax(common))]).start, run.stop
-        inner = covered([step.plate], feet.time)
+        inner = find_covered_frames([step.plate], feet.time)
         if start > 0 and loaded.start > inner.start:
             late.append(float(feet.time[loaded.start] - feet.time[start]))
         if stop < frames and loaded.stop < inner.stop:
@@ -464,7 +475,7 @@ def _outside(
     return _Outside(
         plate=plate,
         foot=foot,
-        words=f"plate {plate}, {FEET[foot]} foot, {spans(feet.time, runs(frames))}: "
+        words=f"plate {plate}, {FEET[foot]} foot, {format_spans(feet.time, find_runs(frames))}: "
         f"{1e3 * np.median(away):.0f} mm (at "
         f"most {1e3 * away.max():.0f} mm) {where}, in {100 * float(chosen.mean()):.0f} % of the "
         "loaded frames "
@@ -538,7 +549,7 @@ def _divided(
     both: BoolArray = np.asarray(divided.any(axis=0))
     share = divided.sum() / sum(len(one.load) for one, *_ in shared)
     found = (
-        f"{spans(trial.recording.time, runs(both))}{how_far}, in {100 * share:.0f} % of the loaded "
+        f"{format_spans(trial.recording.time, find_runs(both))}{how_far}, in {100 * share:.0f} % of the loaded "
         "frames"
     )
     cure = (

@@ -17,7 +17,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, Severity, listed
-from gaitcal.io.recording import runs, spans
+from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
 from gaitcal.preprocess.trial_evidence import TrialEvidence, side_of
 from gaitcal.runtime import remembered
@@ -114,7 +114,7 @@ def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
             "left its place",
             f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} "
             "frames, "
-            f"{spans(time, frames)}",
+            f"{format_spans(time, frames)}",
             f"leave that part out with time = [start, end], {cure}",
             cause=what,
             leg=side_of(part),
@@ -157,7 +157,7 @@ def strayed(trial: TrialEvidence, cluster: MarkerCluster) -> Iterator[DisplacedI
     baseline = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
     limit = baseline + np.maximum(cluster.size * AWAY_M[cluster.part], TIMES_BASELINE * baseline)
     beyond: BoolArray = np.any(distance > limit, axis=1)
-    for run in runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * trial.recording.rate))):
+    for run in find_runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * trial.recording.rate))):
         k = _culprit(trial, cluster, run)
         yield DisplacedInterval(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
 
@@ -282,11 +282,12 @@ def made_up(trial: TrialEvidence, cluster: MarkerCluster) -> Iterator[DisplacedI
     for k, label in enumerate(cluster.labels[: cluster.own]):
         baseline = float(np.nanmedian(cluster.strayed[:, k]))
         drawn = [
-            slice(run.start, run.stop + 2) for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)
+            slice(run.start, run.stop + 2)
+            for run in find_runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)
         ]
         drawn = [frames for frames in drawn if bend(x[frames, k]) <= STRAIGHT_M]
         smooth = fourth[:, k] < CUBIC_SHARE * np.median(np.delete(fourth, k, axis=1), axis=1)
-        drawn += [slice(run.start, run.stop + 4) for run in runs(smooth, STRAIGHT_FRAMES)]
+        drawn += [slice(run.start, run.stop + 4) for run in find_runs(smooth, STRAIGHT_FRAMES)]
         for frames in drawn:
             if float(np.nan_to_num(cluster.strayed[frames, k]).max()) < baseline + WRONG_M:
                 continue
@@ -311,7 +312,9 @@ def frozen(trial: TrialEvidence) -> Iterator[Finding]:
     shortest = max(4, round(FROZEN_S * trial.recording.rate))
     labels, when = [], []
     for label in trial.as_fitted.present:
-        held = [run for run in runs(same[:, trial.place[label]], shortest) if _others_move(x, run)]
+        held = [
+            run for run in find_runs(same[:, trial.place[label]], shortest) if _others_move(x, run)
+        ]
         if held:
             labels.append(label)
             when += held
@@ -319,7 +322,7 @@ def frozen(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning(
             "frozen",
             f"positions repeated bit for bit while others move: {listed(labels)} "
-            f"({spans(trial.recording.time, when)})",
+            f"({format_spans(trial.recording.time, when)})",
             "software held the last value over a gap: export gaps as gaps, or give the marker no "
             "weight",
             code=Code.FROZEN_MARKER,

@@ -38,7 +38,7 @@ from gaitcal.quality import (
 from gaitcal.quality.verdict import SPOILS_BODY, without_consequences
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, cleaned, completed_static, marker_set_of, nominal_of
+from gaitcal.study.study import Study, cleaned, completed_static, nominal_of, read_marker_set
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
@@ -121,7 +121,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     path = Path(path)
     try:
         file = load_study_file(path)
-        marker_set = marker_set_of(file, path)
+        marker_set = read_marker_set(file, path)
         trials, unreadable = _read(file, marker_set)
         if unreadable:
             return unreadable

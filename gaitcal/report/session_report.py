@@ -12,9 +12,15 @@ from gaitcal.analysis.trial_result import axis_deviations
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.errors import Code, InputError
 from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
+from gaitcal.io.result_folder import (
+    MANIFEST,
+    ResultKind,
+    compute_sha256,
+    read_json_object,
+    write_result_folder,
+)
 from gaitcal.io.snapshot import Snapshot, read_whole
-from gaitcal.io.toml import package_version
+from gaitcal.io.toml import get_package_version
 from gaitcal.model import coordinates, linkage, model_file
 from gaitcal.report import gait_report
 from gaitcal.report.figures import document, report_sheets
@@ -47,17 +53,17 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
     comparison.
     """
     told = tuple(one_line(f"warning: {text}") for text in comparison.warnings)
-    with atomic_directory(
+    with write_result_folder(
         folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]
     ) as out:
         names = tuple(map(one_line, comparison.names))
         sessions = {f"session_{key}": name for key, name in zip("ab", names, strict=True)}
         hashes = {
-            f"manifest_{key}_sha256": sha256_of(path / MANIFEST)
+            f"manifest_{key}_sha256": compute_sha256(path / MANIFEST)
             for key, path in zip("ab", results, strict=True)
         }
         content: dict[str, Json] = {
-            "gaitcal": package_version("gaitcal"),
+            "gaitcal": get_package_version("gaitcal"),
             **sessions,
             **hashes,
             "common": comparison.common.name.lower(),
@@ -124,7 +130,7 @@ def comparison_content(
             for title, variables in SHEETS.items()
         ),
         comments=comments,
-        footer=f"gaitcal {package_version('gaitcal')}: gaitcal compare has every figure and its "
+        footer=f"gaitcal {get_package_version('gaitcal')}: gaitcal compare has every figure and its "
         "error",
     )
 
@@ -136,7 +142,7 @@ def _people(
     result.
     """
     verdicts = [
-        str(read_object(result / SUMMARY).get("verdict") or "not told") for result in results
+        str(read_json_object(result / SUMMARY).get("verdict") or "not told") for result in results
     ]
     return [
         (*person_facts(p), ("Verdict", v))
@@ -148,7 +154,7 @@ def _scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, 
     """Whom both results are held against, and the rows of scores; without a difference where these
     are not the same.
     """
-    summaries = [read_object(result / SUMMARY) for result in results]
+    summaries = [read_json_object(result / SUMMARY) for result in results]
     norms = tuple(
         str(table_of(summary, "norm").get("words") or "not told whom") for summary in summaries
     )
@@ -229,7 +235,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
 
     Raises InputError: It is none, or damaged.
     """
-    manifest = read_object(folder / MANIFEST)
+    manifest = read_json_object(folder / MANIFEST)
     if not manifest:
         message = (
             "is no result of 'gaitcal calibrate': found no manifest.json in it"
@@ -243,7 +249,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
     (strides, measures, summary), read = read_whole(
         folder,
         tables,
-        lambda: (read_cycles(folder), _measures(folder), read_object(folder / SUMMARY)),
+        lambda: (read_cycles(folder), _measures(folder), read_json_object(folder / SUMMARY)),
     )
     needed = (MODEL, UNCERTAINTY, SUMMARY)
     (model, uncertainty), of_model = read_whole(
@@ -315,7 +321,7 @@ def _measures(folder: Path) -> pd.DataFrame:
 def _recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
     """SHA-256 of the files of the trials that its summary tells of, or of the others: static ones."""
     told, hashes = (
-        table_of(read_object(folder / n), key)
+        table_of(read_json_object(folder / n), key)
         for n, key in ((SUMMARY, "trials"), (MANIFEST, "inputs_sha256"))
     )
     files = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from gaitcal.export.opensim.motion_comparison import OurMotion
 from gaitcal.export.opensim.osim_writer import safe_name
-from gaitcal.io.result_folder import read_object
+from gaitcal.io.result_folder import read_json_object
 from gaitcal.results.saved_result import load_trial, moving_trials
 from gaitcal.results.summary import SUMMARY, table_of
 from gaitcal.study.study_trial import Role
@@ -18,7 +18,7 @@ def our_trials(folder: Path) -> list[OurMotion]:
     moves, only where there are no others.
     """
     out = []
-    entries = table_of(read_object(folder / SUMMARY), "trials")
+    entries = table_of(read_json_object(folder / SUMMARY), "trials")
     names = moving_trials(folder)
     isolated = {name for name in names if table_of(entries, name).get("role") == Role.JOINT.value}
     for k, name in enumerate(names):

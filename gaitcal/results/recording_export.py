@@ -19,19 +19,19 @@ from gaitcal.errors import Code, InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.gait import event_clock, moments
 from gaitcal.io import formats, result_folder, segment_poses, toml
-from gaitcal.io.axes import Turn
+from gaitcal.io.axes import AxisPermutation
 from gaitcal.io.c3d.reader import PER_METRE
 from gaitcal.io.c3d.writer import (
     AddedPoint,
     C3DOriginal,
     PointKind,
-    c3d_original,
+    open_c3d_original,
     supplement_c3d,
     write_c3d,
 )
-from gaitcal.io.csv_recordings import EVENTS
+from gaitcal.io.csv_recordings import EVENT_FILE
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, find_visible
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.quality.verdict import Judgement
 from gaitcal.results.cycles_export import find_original, trial_files
@@ -86,7 +86,7 @@ def write_recordings(
             trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead
         )
         source = files[trial.name]["file"]
-        written[trial.name] = source, result_folder.sha256_of(paths["file"]) or "", notes
+        written[trial.name] = source, result_folder.compute_sha256(paths["file"]) or "", notes
     return written, snapshot
 
 
@@ -98,7 +98,7 @@ def _write(
     """
     recording = formats.read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
-    made = segment_poses.holds_poses(recording.labels)
+    made = segment_poses.has_poses(recording.labels)
     if made and paths["file"].suffix.lower() == ".c3d":
         notes = (
             "written anew: without poses and events of the file, with the points that stand for "
@@ -109,7 +109,7 @@ def _write(
     else:
         notes += _as_c3d(recording, between)
         source, same = between, formats.read_recording(between)
-    original = c3d_original(source, len(recording.time))
+    original = open_c3d_original(source, len(recording.time))
     rows = _rows(recording.time, trial.motion.time, paths["file"])
     per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
     turn = _turn_to_file(trial.markers, original.places()[rows] / per_metre, paths["file"])
@@ -117,7 +117,7 @@ def _write(
     points, named = _points(trial, original, rows, turn, per_metre, kept)
     events, event_notes = _new_events(trial, recording, corrected="events" in paths)
     group = {
-        "VERSION": [f"gaitcal {toml.package_version('gaitcal')}"],
+        "VERSION": [f"gaitcal {toml.get_package_version('gaitcal')}"],
         "TRIAL": [trial.name],
         **{key.upper(): [value] for key, value in trial.facts.items()},
         "REASONS": [text[:255] for text in trial.reasons[:255]],
@@ -197,14 +197,14 @@ def _rows(file: Array, trial: Array, source: Path) -> IntArray:
     return np.asarray(rows, dtype=np.intp)
 
 
-def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
+def _turn_to_file(markers: Recording, places: Array, source: Path) -> AxisPermutation:
     """The turn by quarters from the result's axes to those of the file, of which `places` (nf, np,
     3) m are the points.
 
     Told by the markers themselves: each has the same numbers in both, in another order and with
     other signs.
     """
-    visible = seen_mask(markers.markers)
+    visible = find_visible(markers.markers)
     frames = np.flatnonzero(visible.sum(axis=1) >= min(3, visible.sum(axis=1).max()))
     frames = frames[:: max(1, len(frames) // 5)]
     for order in itertools.permutations(range(3)):
@@ -213,7 +213,7 @@ def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
             matrix[range(3), order] = signs
             if np.linalg.det(matrix) < 0:
                 continue
-            turn = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
+            turn = AxisPermutation((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
             if len(frames) and all(
                 _found(turn.apply(markers.markers[i, visible[i]]), places[i]) for i in frames
             ):
@@ -233,7 +233,7 @@ def _points(
     trial: SavedWalk,
     original: C3DOriginal,
     rows: IntArray,
-    turn: Turn,
+    turn: AxisPermutation,
     per_metre: float,
     kept: set[str],
 ) -> tuple[list[AddedPoint], str]:
@@ -277,7 +277,7 @@ def _new_events(
     if corrected and recording.events:
         return [], (
             f"{len(recording.events)} events of the file kept; those that were corrected stand in "
-            f"{EVENTS}",
+            f"{EVENT_FILE}",
         )
 
     def known(event: FootEvent) -> bool:

@@ -18,7 +18,7 @@ from gaitcal.errors import Code, Finding, InputError
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.opensim_files import parse_trc, read_table
 from gaitcal.io.recording import Recording
-from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_json_object
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -70,7 +70,7 @@ def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Findi
     """
 
     def read() -> tuple[SubjectModel, tuple[Finding, ...]]:
-        return load_model(folder / MODEL), of_the_model(read_object(folder / SUMMARY))
+        return load_model(folder / MODEL), of_the_model(read_json_object(folder / SUMMARY))
 
     (model, doubts), files = read_whole(folder, (MODEL, SUMMARY), read, (MODEL,))
     return model, files, doubts
@@ -81,7 +81,7 @@ def settings_of(folder: Path) -> CalibrationSettings:
 
     Raises InputError: It is no result.
     """
-    settings = table_of(read_object(folder / MANIFEST), "settings")
+    settings = table_of(read_json_object(folder / MANIFEST), "settings")
     if not settings:
         message = "no result of 'gaitcal calibrate': its manifest.json cannot be read"
         raise InputError(message, source=folder, code=Code.NO_RESULT)
@@ -91,8 +91,8 @@ def settings_of(folder: Path) -> CalibrationSettings:
 
 def _read(folder: Path) -> SavedResult:
     model = load_model(folder / MODEL)
-    manifest = read_object(folder / MANIFEST)
-    summary, settings = read_object(folder / SUMMARY), settings_of(folder)
+    manifest = read_json_object(folder / MANIFEST)
+    summary, settings = read_json_object(folder / SUMMARY), settings_of(folder)
     return SavedResult(
         model=model,
         files=Snapshot(folder, {}),
@@ -242,7 +242,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
         errors=MarkerErrors((), (), np.zeros(0), np.zeros((len(time), 0))),
         converged=True,
     )
-    summary = read_object(folder / SUMMARY)
+    summary = read_json_object(folder / SUMMARY)
     of_trial = table_of(table_of(summary, "trials"), name)
     facts: dict[str, str] = {
         key: str(of_trial[key]) for key in ("verdict", "verdict_r", "verdict_l") if key in of_trial
@@ -313,5 +313,5 @@ def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[st
     """Those of these trials in a folder of further trials that were made with another model than
     that of `digest`.
     """
-    digests = table_of(read_object(folder / MANIFEST), "model_sha256")
+    digests = table_of(read_json_object(folder / MANIFEST), "model_sha256")
     return tuple(name for name in trials if digests.get(name) != digest)

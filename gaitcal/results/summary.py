@@ -18,14 +18,14 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.gait.moments import moment_of
-from gaitcal.io.result_folder import read_object
+from gaitcal.io.result_folder import read_json_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict, touches_model
 from gaitcal.results.stride_files import means_summary
 from gaitcal.results.table_files import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.trial_tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
-from gaitcal.study.declared_truth import MOMENTS, MOTION
+from gaitcal.study.declared_truth import MOMENTS_SUFFIX, MOTION_SUFFIX
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,8 +72,8 @@ def write_truth(truth: TruthErrors | None, out: Path) -> None:
     write_csv(columns_of(rows), folder / "parameters.csv", PARAMETERS_HEADER)
     for name, trial in truth.trials.items():
         for curves, time, ending, header in (
-            (trial.coordinates, trial.time, MOTION, MOTION_HEADER),
-            (trial.forces, trial.time, MOMENTS, MOMENTS_HEADER),
+            (trial.coordinates, trial.time, MOTION_SUFFIX, MOTION_HEADER),
+            (trial.forces, trial.time, MOMENTS_SUFFIX, MOMENTS_HEADER),
         ):
             if curves:
                 write_csv(_curve_table(time, curves), folder / (name + ending), header)
@@ -445,7 +445,7 @@ def walk_summary(verdict: Verdict, walk: str) -> dict[str, Json]:
 
 def require_not_refused(folder: Path) -> None:
     """InputError where the calibration in a result folder is refused, with the first reason."""
-    summary = read_object(folder / SUMMARY)
+    summary = read_json_object(folder / SUMMARY)
     if summary.get("verdict") != Judgement.REFUSED.value:
         return
     first = next(iter(entries_of(summary, "reasons")), {})

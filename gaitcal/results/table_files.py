@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gaitcal.analysis.result import TrialResult
 from gaitcal.gait import moments
-from gaitcal.io.text_file import number_cells
+from gaitcal.io.text_file import format_number_cells
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -92,7 +92,7 @@ def _cells(column: Column) -> list[str]:
     value.
     """
     if isinstance(column, np.ndarray) and column.dtype.kind in "iuf":
-        return number_cells(column)
+        return format_number_cells(column)
     text_of = {
         value: "" if value is None or value != value else _cell(value) for value in set(column)
     }

@@ -8,12 +8,12 @@ from typing import Annotated, Final, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from gaitcal.errors import Code, InputError
-from gaitcal.io.toml import Table, shown
+from gaitcal.io.toml import Table, format_value
 
 AUTOMATIC: Final = "auto"
 
 
-def frequency(*words: str) -> BeforeValidator:
+def allow_frequency(*words: str) -> BeforeValidator:
     """A cut-off frequency in Hz, or one of `words`."""
 
     def check(value: object) -> float | str:
@@ -22,7 +22,7 @@ def frequency(*words: str) -> BeforeValidator:
         if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e6:
             return float(value)
         raise ValueError(
-            f"found {shown(value)}; allowed: a frequency in Hz, or "
+            f"found {format_value(value)}; allowed: a frequency in Hz, or "
             + " or ".join(f"'{w}'" for w in words)
         )
 
@@ -200,7 +200,7 @@ class CalibrationSettings(Table):
         "body weight (force) "
         "and of body weight times height (torque); smaller trusts the force plates more",
     )
-    bandwidth_hz: Annotated[float | Literal["auto"], frequency(AUTOMATIC)] = Field(
+    bandwidth_hz: Annotated[float | Literal["auto"], allow_frequency(AUTOMATIC)] = Field(
         default=AUTOMATIC,
         description="how fast a motion may change: half of an oscillation at so many Hz is kept; "
         "'auto': the markers "
@@ -224,15 +224,15 @@ class CalibrationSettings(Table):
         default="none",
         description="loss of marker residuals: least squares, or one that outliers move less",
     )
-    force_filter_hz: Annotated[float | Literal["matched", "none"], frequency("matched", "none")] = (
-        Field(
-            default=50.0,
-            description="low-pass cut-off of ground reactions in Hz (plates sampled at 100 Hz or "
-            "less are not filtered at "
-            "50); 'matched': that of the motion, which on truths makes leg torques 2.1 instead of "
-            "1.5 N·m wrong without "
-            "impacts, 4 to 10 instead of 2 to 4 with them; 'none': not filtered",
-        )
+    force_filter_hz: Annotated[
+        float | Literal["matched", "none"], allow_frequency("matched", "none")
+    ] = Field(
+        default=50.0,
+        description="low-pass cut-off of ground reactions in Hz (plates sampled at 100 Hz or "
+        "less are not filtered at "
+        "50); 'matched': that of the motion, which on truths makes leg torques 2.1 instead of "
+        "1.5 N·m wrong without "
+        "impacts, 4 to 10 instead of 2 to 4 with them; 'none': not filtered",
     )
 
     plate_error: PlateErrorTable = Field(
@@ -258,7 +258,7 @@ class CalibrationSettings(Table):
         given = info.data.get("bandwidth_hz", AUTOMATIC)
         if count is not None and given != AUTOMATIC:
             raise ValueError(
-                f"found {shown(count)}; allowed only without bandwidth_hz, which is {shown(given)}"
+                f"found {format_value(count)}; allowed only without bandwidth_hz, which is {format_value(given)}"
             )
         return count
 
@@ -298,7 +298,7 @@ class CalibrationSettings(Table):
             return self
         if not self.takes_priors:
             message = (
-                f"found {shown(str(self.priors))}; allowed only with protocol = 'evidence' and jp "
+                f"found {format_value(str(self.priors))}; allowed only with protocol = 'evidence' and jp "
                 "= true"
             )
             raise InputError(message, source=source, field="calibration.priors", code=Code.PRIORS)

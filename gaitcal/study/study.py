@@ -7,11 +7,11 @@ from pathlib import Path
 
 from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.csv_recordings import events_beside
-from gaitcal.io.labels import OLDEST, Facts, years_between
-from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording, still_window
-from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.csv_recordings import find_event_tables
+from gaitcal.io.labels import GREATEST_AGE, Facts, compute_age
+from gaitcal.io.opensim_files import find_loads_tables
+from gaitcal.io.recording import Recording, find_still_window
+from gaitcal.io.result_folder import compute_sha256
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.model import body_plan, landmarks, nominal, rebuilt_markers
 from gaitcal.model.ankle_zero import AnkleZero
@@ -24,17 +24,22 @@ from gaitcal.study.cohort_prior import (
     CohortPriors,
     JointPrior,
     Person,
-    name_hash,
-    prior_of_person,
+    hash_name,
+    predict_prior,
     read_cohort_priors,
     require_joint_prior,
 )
-from gaitcal.study.declared_truth import Truth, other_landmarks, read_truth, truth_files
+from gaitcal.study.declared_truth import (
+    Truth,
+    describe_landmark_mismatch,
+    list_truth_files,
+    read_truth,
+)
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
-from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
+from gaitcal.study.study_trial import Role, Trial, build_model_with_trunk, cleaned_trial, read_trial
 
-AGES_DIFFER = 1.0
+AGE_TOLERANCE_YEARS = 1.0
 """Years, from which an age and the dates contradict each other."""
 
 
@@ -53,13 +58,13 @@ def completed_static(study: "Study") -> rebuilt_markers.Rebuilding:
     )
 
 
-def _with_height(
+def _add_height(
     table: SubjectTable, marker_set: MarkerSet, recordings: Sequence[Recording], path: Path
 ) -> tuple[SubjectTable, str]:
     """The person with a height, and a note where neither the study at `path` nor a file says one:
     then it is that of people with legs as long, as uncertain as that is.
     """
-    said = table.height_m or next((f.height for f in _facts(recordings) if f.height), None)
+    said = table.height_m or next((f.height for f in _collect_facts(recordings) if f.height), None)
     if said is not None:
         return table.model_copy(update={"height_m": said}), ""
     fault = InputError(
@@ -69,7 +74,7 @@ def _with_height(
         code=Code.MISSING_FIELD,
     )
     try:
-        standing = still_window(recordings[0], marker_set.labels).frames
+        standing = find_still_window(recordings[0], marker_set.labels).frames
         told = body_plan.likely_height(
             landmarks.static_posture(recordings[0], marker_set, standing).landmarks
         )
@@ -82,13 +87,13 @@ def _with_height(
     return table.model_copy(update={"height_m": height, "height_error_m": error}), note
 
 
-def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
+def build_subject(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
     """The person as the study says, and, of what it does not say, as the files do: the first
     recording's before others.
 
     A file that names another person than the first one is not asked. `table` has a height.
     """
-    facts = _facts(recordings)
+    facts = _collect_facts(recordings)
     knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
     for one in reversed(facts):
         knees |= one.knee_width
@@ -102,7 +107,7 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         table.height_m or 0.0,
         table.sex or "",
         height_error=table.height_error_m,
-        age=_age(table, facts)[0],
+        age=_determine_age(table, facts)[0],
         knee_width=knees | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
         ankle_width=ankles | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
         leg_length=legs | {side: 1e-3 * length for side, length in table.leg_length_mm.items()},
@@ -111,40 +116,40 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         if table.marker_diameter_mm is None
         else 1e-3 * table.marker_diameter_mm,
         session=table.session,
-        record=_record(table, facts),
+        record=_build_record(table, facts),
     )
 
 
-def _facts(recordings: Sequence[Recording]) -> list[Facts]:
+def _collect_facts(recordings: Sequence[Recording]) -> list[Facts]:
     return [r.facts for r in recordings if r.facts.name == recordings[0].facts.name]
 
 
-def _record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
+def _build_record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
     """As the study says; the day of the session also as the files do. A date of birth only where
     the study has it.
     """
     said = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
-    return PatientRecord(**{"session_date": _session_date(table, facts), **said})
+    return PatientRecord(**{"session_date": _find_session_date(table, facts), **said})
 
 
-def _session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
+def _find_session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
     return table.session_date or next((f.session_date for f in facts if f.session_date), "")
 
 
-def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str]:
+def _determine_age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str]:
     """Years, as said, else by the dates, of files in tenths: nobody's birthday is to be told; None:
     not known.
 
     With it a note where a file's date makes an age that nobody has, or another than is said: then
     it is not used. Only the study's own dates are refused (InputError).
     """
-    said, then = table.age_years, _session_date(table, facts)
-    age = years_between(
+    said, then = table.age_years, _find_session_date(table, facts)
+    age = compute_age(
         table.birth_date or next((f.birth_date for f in facts if f.birth_date), None), then
     )
     if age is None:
         return said, ""
-    agrees = said is None or abs(said - age) <= AGES_DIFFER
+    agrees = said is None or abs(said - age) <= AGE_TOLERANCE_YEARS
     if table.birth_date and table.session_date:
         if age < 0.0 or not agrees:
             words = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
@@ -153,7 +158,7 @@ def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str
                 "that agree"
             )
             raise InputError(message, field="subject.birth_date", code=Code.BAD_VALUE)
-    elif not (agrees and 0.0 <= age <= OLDEST):
+    elif not (agrees and 0.0 <= age <= GREATEST_AGE):
         counts = "no age is known" if said is None else f"age_years = {said:g} counts"
         return (
             said,
@@ -205,10 +210,10 @@ class Study(Displayed):
             One line: file, field, what was found, what is allowed.
         """
         path = Path(path)
-        of_study = sha256_of(path)
+        of_study = compute_sha256(path)
         file = load_study_file(path)
-        before = {f: sha256_of(f) for f in input_files(file, path)} | {path: of_study}
-        marker_set = marker_set_of(file, path)
+        before = {f: compute_sha256(f) for f in list_input_files(file, path)} | {path: of_study}
+        marker_set = read_marker_set(file, path)
         trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
         study = cls.assemble(file, marker_set, trials, path)
         for name, f in study._named_files.items():
@@ -225,25 +230,27 @@ class Study(Displayed):
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for
         labels nobody has.
         """
-        files = input_files(file, path)
+        files = list_input_files(file, path)
         _require_labels(file, marker_set, trials, path)
         require_joint_prior(file.calibration, path)
-        marker_set, trials = _worn(marker_set, trials)
+        marker_set, trials = _adapt_marker_set(marker_set, trials)
         recordings = [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
-        person, height = _with_height(file.subject, marker_set, recordings, path)
-        if notes := [note for note in (_age(person, _facts(recordings))[1], height) if note]:
+        person, height = _add_height(file.subject, marker_set, recordings, path)
+        if notes := [
+            note for note in (_determine_age(person, _collect_facts(recordings))[1], height) if note
+        ]:
             first = recordings[0].with_notes(*notes)
             trials = tuple(
                 replace(t, recording=first) if t.recording is recordings[0] else t for t in trials
             )
         study = cls(
-            subject=subject_of(person, recordings),
+            subject=build_subject(person, recordings),
             marker_set=marker_set,
             trials=trials,
             settings=file.calibration,
             weights=dict(file.markers.weights),
             inputs={
-                name: sha256_of(f) or "" for name, f in _file_words(files, path.parent).items()
+                name: compute_sha256(f) or "" for name, f in _name_files(files, path.parent).items()
             },
             source=str(path),
             files=files,
@@ -262,7 +269,7 @@ class Study(Displayed):
         return (
             study
             if file.calibration.priors is None
-            else with_cohort_priors(study, file.calibration.priors)
+            else add_cohort_priors(study, file.calibration.priors)
         )
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
@@ -288,7 +295,9 @@ class Study(Displayed):
         """
         if self.truth is None or not any(trial.role is Role.STATIC for trial in self.trials):
             return None
-        return other_landmarks(self.truth.landmarks, self.static.recording, self.marker_set)
+        return describe_landmark_mismatch(
+            self.truth.landmarks, self.static.recording, self.marker_set
+        )
 
     @property
     def hip_centre(self) -> HipCentre:
@@ -323,7 +332,7 @@ class Study(Displayed):
 
     @property
     def _named_files(self) -> dict[str, Path]:
-        return _file_words(self.files, Path(self.source).parent)
+        return _name_files(self.files, Path(self.source).parent)
 
     @property
     def as_read(self) -> Snapshot:
@@ -347,11 +356,15 @@ class Study(Displayed):
     def changed_inputs(self) -> tuple[str, ...]:
         """Inputs that are no longer what was read, as `inputs` names them."""
         return tuple(
-            name for name, f in self._named_files.items() if self.inputs.get(name) != sha256_of(f)
+            name
+            for name, f in self._named_files.items()
+            if self.inputs.get(name) != compute_sha256(f)
         )
 
 
-def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, tuple[Trial, ...]]:
+def _adapt_marker_set(
+    marker_set: MarkerSet, trials: tuple[Trial, ...]
+) -> tuple[MarkerSet, tuple[Trial, ...]]:
     """The marker set as the first static trial shows it worn, and the trials, the static ones
     completed.
     """
@@ -368,7 +381,7 @@ def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, 
     return present_markers(marker_set, static.recording, elsewhere), whole
 
 
-def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
+def list_input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     """The study file at `path`, its recordings and forces, a marker set of one's own, priors, and a
     known truth.
     """
@@ -376,12 +389,12 @@ def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
         f
         for trial in file.trials
         if trial.forces
-        for f in (trial.forces, *loads_tables(trial.forces))
+        for f in (trial.forces, *find_loads_tables(trial.forces))
     )
-    events = (table for trial in file.trials for table in events_beside(trial.file))
+    events = (table for trial in file.trials for table in find_event_tables(trial.file))
     marker_set = [file.markers.set_path] if file.markers.set_path else []
     priors = [file.calibration.priors] if file.calibration.priors else []
-    truth = truth_files(file.truth, [trial.name for trial in file.trials])
+    truth = list_truth_files(file.truth, [trial.name for trial in file.trials])
     return (
         path,
         *(trial.file for trial in file.trials),
@@ -393,7 +406,7 @@ def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     )
 
 
-def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
+def _name_files(files: Iterable[Path], folder: Path) -> dict[str, Path]:
     """Files by the names that the manifest gives them: below the study's folder from there,
     elsewhere by their own.
 
@@ -412,7 +425,7 @@ def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
     return out
 
 
-def marker_set_of(file: StudyFile, path: Path, *, proposed: bool = False) -> MarkerSet:
+def read_marker_set(file: StudyFile, path: Path, *, proposed: bool = False) -> MarkerSet:
     """The marker set of the study file at `path`, with its further markers; InputError where labels
     are proposed that nobody confirmed, unless `proposed` ones will do, or as of `load_marker_set`.
     """
@@ -473,24 +486,24 @@ def nominal_of(study: Study, completed: rebuilt_markers.Rebuilding | None = None
     )
     walks = [trial.recording for trial in study.trials if trial.role is Role.GAIT]
     try:
-        return model_with_trunk(model_of, completed.static, study.marker_set, walks)
+        return build_model_with_trunk(model_of, completed.static, study.marker_set, walks)
     except InputError as fault:
         raise InputError(f"{fault}{completed.why_not(str(fault))}", code=fault.code) from fault
 
 
-def with_cohort_priors(study: Study, path: Path) -> Study:
+def add_cohort_priors(study: Study, path: Path) -> Study:
     """A study whose joint parameters lean on a cohort; the file counts among its inputs.
 
     Raises InputError: The file is no such file, or was learnt with another marker set, other
     nominal joints, or for another protocol.
     """
-    sha256 = sha256_of(path) or ""
-    prior = replace(cohort_prior(read_cohort_priors(path), study, path), sha256=sha256)
+    sha256 = compute_sha256(path) or ""
+    prior = replace(build_cohort_prior(read_cohort_priors(path), study, path), sha256=sha256)
     settings = study.settings.model_copy(update={"priors": Path(path.name)})
     return replace(study.with_input(path, sha256), settings=settings, joint_prior=prior)
 
 
-def cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
+def build_cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
     """What the cohort says of the person of a study, without the fold of the people that the person
     is among.
     """
@@ -510,12 +523,12 @@ def cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
                 "others"
             )
             raise InputError(message, source=path, field=rule, code=Code.PRIORS)
-    name, recordings = name_hash(priors.cohort, subject.name), set(study.inputs.values())
+    name, recordings = hash_name(priors.cohort, subject.name), set(study.inputs.values())
     folds = (
         p.fold
         for p in priors.people
         if p.name_sha256 == name or recordings & set(p.recordings_sha256)
     )
-    return prior_of_person(
+    return predict_prior(
         priors, Person(height=subject.height, sex=subject.sex), path, next(folds, None)
     )

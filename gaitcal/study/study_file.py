@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.io.toml import Table, read_validated, require_file, shown, toml_table
-from gaitcal.study.settings import CalibrationSettings, frequency
+from gaitcal.io.toml import Table, format_toml_table, format_value, read_validated, require_file
+from gaitcal.study.settings import CalibrationSettings, allow_frequency
 
 __all__ = [
     "CalibrationSettings",
@@ -34,36 +34,36 @@ Side: TypeAlias = Literal["r", "l", "none"]
 
 RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
 FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
-MAX_LINE = 200  # Characters in what is said of a person or a session
-MAX_NAME = 80  # Characters in a trial's name, which becomes a file name
-_DEVICES = re.compile(
+MAX_LINE_CHARACTERS = 200  # Characters in what is said of a person or a session
+MAX_NAME_CHARACTERS = 80  # Characters in a trial's name, which becomes a file name
+_WINDOWS_DEVICES = re.compile(
     r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE
 )  # no file names on Windows
 
 
-def _with_suffix(allowed: tuple[str, ...]) -> AfterValidator:
+def _require_suffix(allowed: tuple[str, ...]) -> AfterValidator:
     def check(path: Path) -> Path:
         if path.suffix.lower() not in allowed:
             raise ValueError(
-                f"found {shown(str(path))}; allowed: a file ending in {' '.join(allowed)}"
+                f"found {format_value(str(path))}; allowed: a file ending in {' '.join(allowed)}"
             )
         return path
 
     return AfterValidator(check)
 
 
-def _interval(value: object) -> tuple[float, float]:
+def _parse_interval(value: object) -> tuple[float, float]:
     numbers = (
         [v for v in value if isinstance(v, int | float)] if isinstance(value, list | tuple) else []
     )
     if len(numbers) != 2 or len(numbers) != len(value) or not -1e9 < numbers[0] < numbers[1] < 1e9:  # type: ignore[arg-type]
         raise ValueError(
-            f"found {shown(value)}; allowed: two increasing numbers, [start, end] in seconds"
+            f"found {format_value(value)}; allowed: two increasing numbers, [start, end] in seconds"
         )
     return float(numbers[0]), float(numbers[1])
 
 
-def _millimetres(low: float, high: float) -> Callable[[object], float]:
+def _check_millimetres(low: float, high: float) -> Callable[[object], float]:
     """A length of a body in mm, with a word for one that was given in another unit."""
 
     def check(value: object) -> float:
@@ -77,51 +77,53 @@ def _millimetres(low: float, high: float) -> Callable[[object], float]:
         units = (("centimetres", 10.0), ("metres", 1000.0))
         fits = [f"{unit}: {mm * number:g} mm" for unit, mm in units if low <= mm * number <= high]
         hint = f"; this looks like {fits[0]}" if fits else ""
-        raise ValueError(f"found {shown(value)}; allowed: {low:g} to {high:g} mm{hint}")
+        raise ValueError(f"found {format_value(value)}; allowed: {low:g} to {high:g} mm{hint}")
 
     return check
 
 
-def _sided(low: float, high: float) -> BeforeValidator:
+def _check_sides(low: float, high: float) -> BeforeValidator:
     """A length in mm of either side, or of each."""
-    of_one = _millimetres(low, high)
+    of_one = _check_millimetres(low, high)
 
     def check(value: object) -> object:
         if isinstance(value, int | float) and not isinstance(value, bool):
             value = {"r": value, "l": value}
         if not isinstance(value, dict) or not set(value) <= {"r", "l"}:
             raise ValueError(
-                f"found {shown(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}"
+                f"found {format_value(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}"
             )
         return {side: of_one(length) for side, length in value.items()}
 
     return BeforeValidator(check)
 
 
-_WIDTHS = _sided(20, 300)
+_WIDTHS = _check_sides(20, 300)
 
 
-def _day(value: object) -> str:
+def _parse_date(value: object) -> str:
     """A date of TOML, or its text, as text."""
     try:
         found = (
             value if isinstance(value, datetime.date) else datetime.date.fromisoformat(str(value))
         )
     except ValueError:
-        raise ValueError(f"found {shown(value)}; allowed: a date as 2016-03-09") from None
+        raise ValueError(f"found {format_value(value)}; allowed: a date as 2016-03-09") from None
     return found.isoformat()[:10]
 
 
-_Day: TypeAlias = Annotated[str, BeforeValidator(_day)]
+_Date: TypeAlias = Annotated[str, BeforeValidator(_parse_date)]
 
 
-def _line(value: str) -> str:
-    if len(value) > MAX_LINE or not value.isprintable():
-        raise ValueError(f"found {shown(value)}; allowed: up to {MAX_LINE} printable characters")
+def _check_line(value: str) -> str:
+    if len(value) > MAX_LINE_CHARACTERS or not value.isprintable():
+        raise ValueError(
+            f"found {format_value(value)}; allowed: up to {MAX_LINE_CHARACTERS} printable characters"
+        )
     return value
 
 
-_Line: TypeAlias = Annotated[str, AfterValidator(_line)]
+_Line: TypeAlias = Annotated[str, AfterValidator(_check_line)]
 
 
 class SubjectTable(Table):
@@ -157,26 +159,26 @@ class SubjectTable(Table):
         default={},
         description="width of the ankle across the malleoli, mm: one number, or { r = 70, l = 72 }",
     )
-    leg_length_mm: Annotated[dict[str, float], _sided(150, 1500)] = Field(
+    leg_length_mm: Annotated[dict[str, float], _check_sides(150, 1500)] = Field(
         default={},
         description="anterior superior iliac spine to medial malleolus, mm: one number, or { r = "
         "..., l = }",
     )
-    asis_distance_mm: Annotated[float, BeforeValidator(_millimetres(80, 500))] | None = Field(
+    asis_distance_mm: Annotated[float, BeforeValidator(_check_millimetres(80, 500))] | None = Field(
         default=None,
         description="distance between the two anterior superior iliac spines as measured by hand, "
         "mm",
     )
-    marker_diameter_mm: Annotated[float, BeforeValidator(_millimetres(3, 40))] | None = Field(
+    marker_diameter_mm: Annotated[float, BeforeValidator(_check_millimetres(3, 40))] | None = Field(
         default=None, description="diameter of the markers, mm"
     )
     session: _Line = Field(
         default="", description="the day of the recordings, a date or a label, as tables show it"
     )
-    session_date: _Day | None = Field(
+    session_date: _Date | None = Field(
         default=None, description="the day of the recordings, as 2016-03-09"
     )
-    birth_date: _Day | None = Field(
+    birth_date: _Date | None = Field(
         default=None,
         description="as 2008-11-30; with session_date it gives the age. Stands in the results",
     )
@@ -193,8 +195,10 @@ class SubjectTable(Table):
     @field_validator("name")
     @classmethod
     def _name(cls, name: str) -> str:
-        if not name.strip() or len(name) > MAX_LINE or not name.isprintable():
-            raise ValueError(f"found {shown(name)}; allowed: 1 to {MAX_LINE} printable characters")
+        if not name.strip() or len(name) > MAX_LINE_CHARACTERS or not name.isprintable():
+            raise ValueError(
+                f"found {format_value(name)}; allowed: 1 to {MAX_LINE_CHARACTERS} printable characters"
+            )
         return name
 
     @field_validator("height_m")
@@ -253,7 +257,7 @@ class Markers(Table):
         for old, new in rename.items():
             if new in seen:
                 message = (
-                    f"{shown(seen[new])} and {shown(old)} both become {shown(new)}; a label names "
+                    f"{format_value(seen[new])} and {format_value(old)} both become {format_value(new)}; a label names "
                     "one marker"
                 )
                 raise ValueError(message)
@@ -276,10 +280,10 @@ class TrialTable(Table):
         validate_default=True,
         description="the joint that a trial with role = 'joint' moves",
     )
-    file: Annotated[Path, _with_suffix(RECORDING_SUFFIXES)] = Field(
+    file: Annotated[Path, _require_suffix(RECORDING_SUFFIXES)] = Field(
         strict=False, description="the recording, .c3d .trc or .csv"
     )
-    forces: Annotated[Path, _with_suffix(FORCES_SUFFIXES)] | None = Field(
+    forces: Annotated[Path, _require_suffix(FORCES_SUFFIXES)] | None = Field(
         default=None,
         strict=False,
         description="ground reactions, .mot .sto .csv or ExternalLoads .xml; a C3D brings its own",
@@ -289,10 +293,10 @@ class TrialTable(Table):
         description="force plate -> foot on it: 'r', 'l' or 'none'; else found from the centre of "
         "pressure",
     )
-    time: Annotated[tuple[float, float], BeforeValidator(_interval)] | None = Field(
+    time: Annotated[tuple[float, float], BeforeValidator(_parse_interval)] | None = Field(
         default=None, description="[start, end] in s of the part to use; else all of it"
     )
-    filter_hz: Annotated[float | Literal["none"], frequency("none")] | None = Field(
+    filter_hz: Annotated[float | Literal["none"], allow_frequency("none")] | None = Field(
         default=None,
         description="low-pass cut-off of this trial's forces in Hz, or 'none'; else as in "
         "[calibration]",
@@ -303,10 +307,10 @@ class TrialTable(Table):
     def _safe_file_name(cls, name: str) -> str:
         safe = re.fullmatch(
             r"[A-Za-z0-9_-]([A-Za-z0-9 _.-]*[A-Za-z0-9_-])?", name
-        ) and not _DEVICES.fullmatch(name)
-        if not safe or len(name) > MAX_NAME:
+        ) and not _WINDOWS_DEVICES.fullmatch(name)
+        if not safe or len(name) > MAX_NAME_CHARACTERS:
             raise ValueError(
-                f"found {shown(name)}; allowed, as it names files: 1 to {MAX_NAME} of A-Z a-z 0-9 "
+                f"found {format_value(name)}; allowed, as it names files: 1 to {MAX_NAME_CHARACTERS} of A-Z a-z 0-9 "
                 "_ - and, inside, "
                 "space and dot; no name that Windows reserves"
             )
@@ -324,7 +328,7 @@ class TrialTable(Table):
             )
         if role != "joint" and joint is not None:
             raise ValueError(
-                f"found {shown(joint)} with role = '{role}'; allowed only with role = 'joint'"
+                f"found {format_value(joint)} with role = '{role}'; allowed only with role = 'joint'"
             )
         return joint
 
@@ -401,7 +405,7 @@ class StudyFile(Table):
             # Some file systems do not tell Walk from walk.
             if (other := seen.setdefault(trial.name.lower(), number)) != number:
                 message = (
-                    f"trials {other} and {number} are both named {shown(trial.name)}; every name "
+                    f"trials {other} and {number} are both named {format_value(trial.name)}; every name "
                     "occurs once "
                 )
                 message += "(capitals make no difference)"
@@ -426,30 +430,35 @@ class StudyFile(Table):
         def content(table: Table) -> dict[str, object]:
             values = {key: getattr(table, key) for key in type(table).model_fields}
             written = table.model_dump(exclude_defaults=True)
-            return {key: _plain(value, folder) for key, value in values.items() if key in written}
+            return {
+                key: _make_plain(value, folder) for key, value in values.items() if key in written
+            }
 
         markers = content(self.markers)
         if self.markers.set_path:
-            markers["set"] = _relative(self.markers.set_path, folder)
-        tables = [toml_table("[subject]", content(self.subject)), toml_table("[markers]", markers)]
-        tables += [toml_table("[[trial]]", content(trial)) for trial in self.trials]
+            markers["set"] = _make_relative(self.markers.set_path, folder)
+        tables = [
+            format_toml_table("[subject]", content(self.subject)),
+            format_toml_table("[markers]", markers),
+        ]
+        tables += [format_toml_table("[[trial]]", content(trial)) for trial in self.trials]
         if settings := content(self.calibration):
-            tables.append(toml_table("[calibration]", settings))
+            tables.append(format_toml_table("[calibration]", settings))
         if self.truth:
-            tables.append(toml_table("[truth]", content(self.truth)))
+            tables.append(format_toml_table("[truth]", content(self.truth)))
         return "\n".join(tables)
 
 
-def _plain(value: object, folder: Path | None) -> object:
+def _make_plain(value: object, folder: Path | None) -> object:
     """A value as TOML can hold it: paths from `folder`, tables within a table as mappings."""
     if isinstance(value, dict):
-        return {key: _plain(inner, folder) for key, inner in value.items()}
+        return {key: _make_plain(inner, folder) for key, inner in value.items()}
     if isinstance(value, Table):
         return value.model_dump(exclude_none=True)
-    return _relative(value, folder) if isinstance(value, Path) else value
+    return _make_relative(value, folder) if isinstance(value, Path) else value
 
 
-def _relative(path: Path, folder: Path | None) -> Path:
+def _make_relative(path: Path, folder: Path | None) -> Path:
     return Path(os.path.relpath(path, folder)) if folder and path.is_absolute() else path
 
 

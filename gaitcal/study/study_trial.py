@@ -18,18 +18,25 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import Code, InputError
-from gaitcal.io.csv_recordings import events_beside, with_corrected_events
+from gaitcal.io.csv_recordings import apply_corrected_events, find_event_tables
 from gaitcal.io.force_plate import STANCE_S
 from gaitcal.io.formats import read_recording
-from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans, still_window
-from gaitcal.io.segment_poses import upright
+from gaitcal.io.opensim_files import find_loads_tables
+from gaitcal.io.recording import (
+    Recording,
+    find_runs,
+    find_still_window,
+    find_visible,
+    format_spans,
+    measure_duration,
+)
+from gaitcal.io.segment_poses import make_upright_posture
 from gaitcal.model import linkage, rebuilt_markers, segment_frames, trunk
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.study.study_file import TrialTable
 
-OTHER_UNIT = 100.0
+OTHER_UNIT_RATIO = 100.0
 """Forces that last so many times longer than whole markers have their time in ms: laboratories crop
 markers, to a tenth or a twentieth of the forces."""
 
@@ -101,8 +108,8 @@ def cleaned_trial(
     if linkage.carrier_of(trial.joint) not in ("", "pelvis"):
         return trial
     pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
-    lost = seen_mask(recording.markers[:, pelvis]).sum(axis=1) < 3
-    lasting = [run for run in runs(lost) if duration(time, run) > BRIDGED_S]
+    lost = find_visible(recording.markers[:, pelvis]).sum(axis=1) < 3
+    lasting = [run for run in find_runs(lost) if measure_duration(time, run) > BRIDGED_S]
     if not lasting or lost.all():
         return trial
     edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
@@ -110,7 +117,7 @@ def cleaned_trial(
     frames = np.arange(len(time))
     words = (
         f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames "
-        f"({spans(time, lasting)}): "
+        f"({format_spans(time, lasting)}): "
     )
     words += (
         f"the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, the longest part that "
@@ -128,13 +135,13 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
 
     Raises InputError: One line: file, field, what was found, what is allowed.
     """
-    whole = with_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
-    recording = marker_set.renamed(_rename(whole, rename))
+    whole = apply_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
+    recording = marker_set.renamed(_rename_labels(whole, rename))
     known = [plate.name for plate in recording.plates]
     for name in trial.plates:
         if name not in known:
             message = f"found plate '{name}'; the recording has {', '.join(known) or 'none'}"
-            raise _fault(message, trial.file, f"trial '{trial.name}'.plates")
+            raise _make_fault(message, trial.file, f"trial '{trial.name}'.plates")
     if trial.time is not None:
         time, (low, high) = recording.time, trial.time
         inside = (time >= low - 1e-9) & (time <= high + 1e-9)
@@ -142,18 +149,18 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
             message = (
                 f"found [{low:g}, {high:g}]; the recording runs from {time[0]:g} to {time[-1]:g} s"
             )
-            raise _fault(message, trial.file, f"trial '{trial.name}'.time")
+            raise _make_fault(message, trial.file, f"trial '{trial.name}'.time")
         recording = recording.frames(inside)
     if trial.role == Role.STATIC.value:
-        recording = upright(recording)
-    recording = _with_forces_in_part(recording, trial)
+        recording = make_upright_posture(recording)
+    recording = _note_partial_forces(recording, trial)
     files = {"file": trial.file}
     if trial.forces is not None:
         files |= {"forces": trial.forces} | {
-            f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))
+            f"table{k}": path for k, path in enumerate(find_loads_tables(trial.forces))
         }
     if recording.corrected:
-        files["events"] = events_beside(trial.file)[0]
+        files["events"] = find_event_tables(trial.file)[0]
     return Trial(
         name=trial.name,
         role=Role(trial.role),
@@ -166,11 +173,11 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     )
 
 
-def _fault(message: str, source: object, field: str) -> InputError:
+def _make_fault(message: str, source: object, field: str) -> InputError:
     return InputError(message, source=source, field=field, code=Code.PART_OF_TRIAL)
 
 
-def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
+def _rename_labels(recording: Recording, rename: Mapping[str, str]) -> Recording:
     labels = tuple(rename.get(label, label) for label in recording.labels)
     changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
     doubled = sorted({label for label in labels if labels.count(label) > 1}) if changed else ()
@@ -183,7 +190,7 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
     return renamed.with_notes(f"markers renamed: {', '.join(changed)}") if changed else renamed
 
 
-def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
+def _note_partial_forces(recording: Recording, trial: TrialTable) -> Recording:
     """The recording with a note where its forces cover a part of it; InputError where they cover
     less than a step.
     """
@@ -193,12 +200,12 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
     step, whole = float(np.median(np.diff(time))), float(np.ptp(time))
     for plate in recording.plates:
         lasts = float(np.ptp(plate.time))
-        if lasts > OTHER_UNIT * whole and trial.time is None:
+        if lasts > OTHER_UNIT_RATIO * whole and trial.time is None:
             message = (
                 f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the "
                 "two times is in "
             )
-            raise _fault(
+            raise _make_fault(
                 message + "another unit (ms?); both must be in s", source, f"plate {plate.name}"
             )
         start, stop = max(plate.time[0], time[0]), min(plate.time[-1], time[-1])
@@ -209,7 +216,7 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
                 f"{time[-1]:g} s; both must last for a step together: are these the forces of this "
                 "trial?"
             )
-            raise _fault(message, source, f"plate {plate.name}")
+            raise _make_fault(message, source, f"plate {plate.name}")
         if start > time[0] + step or stop < time[-1] - step:
             note = (
                 f"Plate {plate.name}: forces from {start:.2f} to {stop:.2f} s only; no torques "
@@ -219,17 +226,17 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
     return recording
 
 
-FEWEST_FRAMES = 20
+FEWEST_TRUNK_FRAMES = 20
 """In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a
 habit.
 """
-SINGULAR = 1e-2
+SINGULAR_M = 1e-2
 """m, RMS distance of pelvis markers from a line below which they do not tell how the pelvis is
 turned.
 """
 
 
-def model_with_trunk(
+def build_model_with_trunk(
     model_of: Callable[[Recording], SubjectModel],
     static: Recording,
     marker_set: MarkerSet,
@@ -254,7 +261,7 @@ def model_with_trunk(
     ]
     found: dict[str, list[Array]] = {label: [] for label in wanted}
     for walk in (marker_set.renamed(walk) for walk in walks):
-        at, axes, origins = _standing_axes(model, walk)
+        at, axes, origins = _compute_standing_axes(model, walk)
         for label in set(wanted) & set(walk.labels):
             path = walk.markers[at, walk.labels.index(label)]
             here = np.isfinite(path).all(axis=1)
@@ -262,14 +269,14 @@ def model_with_trunk(
     places = {
         label: np.concatenate(parts).mean(axis=0)
         for label, parts in found.items()
-        if sum(map(len, parts)) >= FEWEST_FRAMES
+        if sum(map(len, parts)) >= FEWEST_TRUNK_FRAMES
     }
     if not places:
         return model
     window = np.zeros(len(static.time), dtype=bool)
-    window[still_window(static, model.markers.labels).frames] = True
-    _, axes, origins = _standing_axes(model, static.frames(window))
-    origin, upright = origins.mean(axis=0), _upright(axes[:, :, 2].mean(axis=0))
+    window[find_still_window(static, model.markers.labels).frames] = True
+    _, axes, origins = _compute_standing_axes(model, static.frames(window))
+    origin, upright = origins.mean(axis=0), _build_upright_axes(axes[:, :, 2].mean(axis=0))
     points = np.array([origin + upright @ place for place in places.values()])
     kept = [
         i for i, label in enumerate(static.labels) if label not in places
@@ -290,7 +297,7 @@ def model_with_trunk(
     )
 
 
-def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
+def _compute_standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
     """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m
     lumbar joint.
     """
@@ -298,20 +305,22 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     pelvis = model.markers.on("pelvis", column)
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
-    known = np.flatnonzero(seen_mask(measured).all(axis=1))
+    known = np.flatnonzero(find_visible(measured).all(axis=1))
     if (
         len(pelvis) < trunk.IN_A_PLANE
-        or segment_frames.off_line(local) < SINGULAR
+        or segment_frames.off_line(local) < SINGULAR_M
         or not len(known)
     ):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
-    turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
+    turns = _fit_rotations(
+        (measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre)
+    )
     origins: Array = middle + turns @ (model.landmarks["lumbar"][1] - centre)
-    return known, np.array([_upright(lateral) for lateral in turns[:, :, 2]]), origins
+    return known, np.array([_build_upright_axes(lateral) for lateral in turns[:, :, 2]]), origins
 
 
-def _rotations(moments: Array) -> Array:
+def _fit_rotations(moments: Array) -> Array:
     """(k, 3, 3) rotations nearest to sums of measured times local positions (k, 3, 3) (Kabsch
     1976).
     """
@@ -321,7 +330,7 @@ def _rotations(moments: Array) -> Array:
     return out
 
 
-def _upright(lateral: Array) -> Array:
+def _build_upright_axes(lateral: Array) -> Array:
     """(3, 3) axes in columns, z along a (3,) direction made horizontal."""
     up = np.array([0.0, 1.0, 0.0])
     z = segment_frames.unit(lateral - (lateral @ up) * up)

@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.export.other_formats import write_external_loads, write_mot, write_sto_moments
-from gaitcal.io.force_plate import LOADED_N, point_and_torque
+from gaitcal.io.force_plate import LOADED_N, split_wrench
 from gaitcal.io.opensim_files import read_mot_forces, read_table
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, is_translation
 
@@ -103,7 +103,7 @@ def walking_wrenches(seed: int = 5) -> np.ndarray:
 
 def test_point_and_torque_are_the_same_wrench() -> None:
     for wrench in np.moveaxis(walking_wrenches(), 1, 0):
-        point, torque = point_and_torque(wrench)
+        point, torque = split_wrench(wrench)
         np.testing.assert_allclose(
             np.cross(point, wrench[:, :3]) + torque, wrench[:, 3:], atol=1e-10
         )
@@ -118,7 +118,7 @@ def test_point_and_torque_are_the_same_wrench() -> None:
 
 def test_never_loaded() -> None:
     wrench = np.full((4, 6), 0.5)
-    point, torque = point_and_torque(wrench)
+    point, torque = split_wrench(wrench)
     assert (point == 0).all()
     np.testing.assert_array_equal(torque, wrench[:, 3:])
 

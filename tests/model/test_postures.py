@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gaitcal.arrays import Array
 from gaitcal.io.formats import read_recording
-from gaitcal.io.recording import still_window
+from gaitcal.io.recording import find_still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -219,7 +219,9 @@ def test_standing_ankles_as_the_laboratory_has_them(
     file, marker_set = data_dir / folder / "static.c3d", load_marker_set("plug-in-gait")
     static = complete_static(marker_set.renamed(read_recording(file)), marker_set)
     marker_set = present_markers(marker_set, static)
-    posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
+    posture = static_posture(
+        static, marker_set, find_still_window(static, marker_set.labels).frames
+    )
     legs = lower_body(posture, height, HipCentre.HARRINGTON)
     found = degrees(
         standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO)
@@ -369,7 +371,9 @@ def test_derived_shoulders_of_real_people_are_near_the_measured(name: str, data_
     found = []
     for marker_set in (person.markers, without_acromia(person.markers)):
         static = marker_set.renamed(person.static(data_dir))
-        posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
+        posture = static_posture(
+            static, marker_set, find_still_window(static, marker_set.labels).frames
+        )
         legs = lower_body(posture, person.subject.height, HipCentre.BELL)
         found.append(
             trunk_of(

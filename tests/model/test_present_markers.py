@@ -17,7 +17,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Severity
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import ComputedPoints
-from gaitcal.io.recording import Recording, still_window
+from gaitcal.io.recording import Recording, find_still_window
 from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model
@@ -404,7 +404,7 @@ def subject01(real_study: Callable[[str], Study]) -> Study:
 def test_a_real_marker_is_rebuilt_as_well_as_is_said(subject01: Study, label: str) -> None:
     """Median 2.3, at most 7.8 mm over 23 markers of this person; said are 4 to 12 mm."""
     recorded = subject01.static.recording
-    still = still_window(recorded, subject01.marker_set.labels).frames
+    still = find_still_window(recorded, subject01.marker_set.labels).frames
     truth = np.nanmean(recorded.markers[still, recorded.labels.index(label)], axis=0)
     done: Rebuilding = completed_static(that_lost(subject01, label))
     (marker,) = done.markers

@@ -28,7 +28,7 @@ from reportlab.platypus import (
 )
 
 from gaitcal.gait.profile_score import Score
-from gaitcal.io.atomic import atomic_bytes
+from gaitcal.io.atomic import write_bytes_atomically
 from gaitcal.report.figures.report_sheets import (
     BOLD,
     FAINT,
@@ -157,7 +157,7 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
         else _story(content, *size)
     )
     document.build([*story, total])
-    atomic_bytes(path, out.getvalue())
+    write_bytes_atomically(path, out.getvalue())
     return total.pages
 
 
