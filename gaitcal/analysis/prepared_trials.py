@@ -180,7 +180,7 @@ def session_of(of: Examined, checked: Sequence[Finding] = ()) -> CalibrationStat
         parameters=model.parameters,
         trials=tuple(trials),
         static=of.completed.static,
-        prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves, study.moving)),
+        prior=replace(prior.widen(study.loosened), doubted=_doubted(moves, study.moving)),
         possible_moves=moves,
         checked=tuple(checked),
     )

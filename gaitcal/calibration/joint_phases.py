@@ -347,7 +347,7 @@ def calibrate_in_phases(
             mean = present.joint[index] - nominal.joint[index]
             covariance = estimate.whole_covariance[: len(free), : len(free)]
             posterior = JointPrior(names=free, mean=mean, covariance=covariance)
-            following = replace(following, prior=following.prior.updated(posterior))
+            following = replace(following, prior=following.prior.update(posterior))
         done.append(found)
     problems = [problem for plan in phases for task in plan.tasks.values() for problem in task]
     whole = _calibration_of(done, nominal, how.prior, how.search, known, problems)
@@ -521,7 +521,7 @@ def _calibration_of(
         )
         kept = (
             "held near "
-            f"{prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
+            f"{prior.describe_fallback([n for n in unseen if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
         )
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(

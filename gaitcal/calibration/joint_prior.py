@@ -215,7 +215,7 @@ def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Arr
     """
     at, whole = (
         [JP_INDEX[name] for name in names],
-        ANATOMY if prior is None else ANATOMY.updated(prior),
+        ANATOMY if prior is None else ANATOMY.update(prior),
     )
     return whole.mean[at], whole.covariance[np.ix_(at, at)]
 
@@ -264,7 +264,7 @@ def prior_of_study(
     prior = replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes)
     if learnt is None:
         return prior
-    return replace(prior.updated(learnt), of_cohort=learnt.names, notes=(*notes, *learnt.notes))
+    return replace(prior.update(learnt), of_cohort=learnt.names, notes=(*notes, *learnt.notes))
 
 
 UNCORRELATED = 0.05  # Autocorrelation below which the sum ends

@@ -83,7 +83,7 @@ def calibrate_study(
     print_calibration(console, calibration)
     for note in run.study.joint_prior.notes if run.study.joint_prior else ():
         console.line(f"priors: {note}")
-    _tell_changed(console, run.study.changed_inputs())
+    _tell_changed(console, run.study.find_changed_inputs())
     tell_kept(console, run.kept)
     if run.drafted:
         console.line(

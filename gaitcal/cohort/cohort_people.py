@@ -202,7 +202,7 @@ def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
             )
         )
     require_joint_prior(content.calibration, file)
-    settings = content.calibration.found(
+    settings = content.calibration.resolve_paths(
         lambda named: require_file(folder / named, source=file, field="calibration.priors"), file
     )
     return Cohort(file.parent, _in_order(people, file)), settings

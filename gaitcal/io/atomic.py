@@ -126,7 +126,7 @@ def _handle_signals_with(handler: Callable[[int, FrameType | None], Any]) -> Ite
             signal.signal(number, former)
 
 
-# -------------------------------------------------------------------------------------------------- single files
+# ------------------------------------------------------------------------------------- single files
 
 
 def resolve_path(target: Path | str) -> Path:

@@ -110,13 +110,15 @@ def read_markers_csv(path: Path) -> Recording:
             )
     if not places:
         raise text_file.FileFault("found no marker columns; NAME_x, NAME_y and NAME_z are needed")
-    of_models = {
+    computed_columns = {
         name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED_PREFIX)
     }
-    places = {key: columns for key, columns in places.items() if key[0] not in of_models}
+    places = {key: columns for key, columns in places.items() if key[0] not in computed_columns}
     labels, repetition_notes = number_repetitions(clean_label(name) or "?" for name, _ in places)
     markers, gap_notes = replace_zeros(_gather_points(table, places.values()))
-    modelled = tuple(clean_label(name.removeprefix(COMPUTED_PREFIX)) or "?" for name in of_models)
+    computed_labels = tuple(
+        clean_label(name.removeprefix(COMPUTED_PREFIX)) or "?" for name in computed_columns
+    )
     recording = Recording(
         source=str(path),
         time=np.ascontiguousarray(table.values[:, 0]),
@@ -125,8 +127,8 @@ def read_markers_csv(path: Path) -> Recording:
         notes=repetition_notes + gap_notes,
         events=events,
         facts=facts,
-        computed=ComputedPoints(modelled, _gather_points(table, of_models.values()))
-        if of_models
+        computed=ComputedPoints(computed_labels, _gather_points(table, computed_columns.values()))
+        if computed_columns
         else None,
     )
     vertical = find_body_vertical(markers)
@@ -139,7 +141,7 @@ def read_markers_csv(path: Path) -> Recording:
 
 def _gather_points(table: text_file.NumberTable, columns: Collection[dict[int, int]]) -> Array:
     """Gather (nf, np, 3) m of points from their columns (axis -> column after time)."""
-    order = [of_point[axis] for of_point in columns for axis in range(3)]
+    order = [point_columns[axis] for point_columns in columns for axis in range(3)]
     return table.values[:, 1:][:, order].reshape(len(table.values), len(columns), 3)
 
 
@@ -308,7 +310,7 @@ def _find_header(lines: list[str]) -> tuple[list[str], int]:
     return [cell.strip() for cell in cells[1:]], start + 1
 
 
-# --------------------------------------------------------------------------------------------- corners of the plates
+# ---------------------------------------------------------------------------- corners of the plates
 
 
 def locate_plates_file(forces: Path) -> Path:
@@ -367,8 +369,8 @@ def add_corners(forces: Forces, path: Path) -> Forces:
         return forces
     names = [plate.name for plate in forces.plates]
     corners = {
-        name: forces.turn.apply(of_plate)
-        for name, of_plate in _read_corners(table, path.name, names).items()
+        name: forces.turn.apply(plate_corners)
+        for name, plate_corners in _read_corners(table, path.name, names).items()
     }
     placed = tuple(
         replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in forces.plates
@@ -405,13 +407,13 @@ def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, 
                 f"found '{text}'; a corner of 1 to {CORNER_COUNT} and three numbers are needed",
                 field,
             )
-        of_plate = corners.setdefault(name, np.full((CORNER_COUNT, 3), np.nan))
-        if not np.isnan(of_plate[corner - 1, 0]):
+        plate_corners = corners.setdefault(name, np.full((CORNER_COUNT, 3), np.nan))
+        if not np.isnan(plate_corners[corner - 1, 0]):
             raise text_file.FileFault(f"found corner {corner} of plate '{name[:20]}' twice", field)
-        of_plate[corner - 1] = values
-    for name, of_plate in corners.items():
-        if np.isnan(of_plate).any():
-            missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(of_plate[:, 0])))
+        plate_corners[corner - 1] = values
+    for name, plate_corners in corners.items():
+        if np.isnan(plate_corners).any():
+            missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(plate_corners[:, 0])))
             raise text_file.FileFault(
                 f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed"
             )
@@ -422,7 +424,7 @@ def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, 
     return corners
 
 
-# ------------------------------------------------------------------------------ what a C3D file says beside its samples
+# ------------------------------------------------------------ subject data and events of a C3D file
 
 FACT_HEADER: Final = ["fact", "value"]
 COMPUTED_PREFIX: Final = "computed:"
@@ -580,42 +582,47 @@ def read_events(path: Path) -> dict[str, dict[FootEvent, int]]:
             f"found '{','.join(head)[:60]}'; a header '{','.join(EVENT_HEADER)}' is needed",
             "line 1",
         )
-    kinds, sides = {moment.value: moment for moment in FootMoment}, ("right", "left")
     events: dict[str, dict[FootEvent, int]] = {}
     for number, row in enumerate(rows, start=2):
+        # A spreadsheet may add empty rows
         if not any(row):
             continue
-        if len(row) != len(EVENT_HEADER):
-            raise text_file.FileFault(
-                f"found {len(row)} cells; {len(EVENT_HEADER)} are needed: {', '.join(EVENT_HEADER)}",
-                f"line {number}",
-            )
-        name, time, side, kind = row
-
-        def fault(
-            found: str, allowed: str, field: str, number: int = number
-        ) -> text_file.FileFault:
-            return text_file.FileFault(
-                f"found '{found[:60]}'; allowed: {allowed}", f"line {number}, {field}"
-            )
-
-        if not name or Path(name).name != name or not (path.parent / name).is_file():
-            raise fault(name, "the name of a recording in this folder", "file")
-        try:
-            seconds = float(time)
-        except ValueError:
-            seconds = math.nan
-        if not math.isfinite(seconds):
-            raise fault(time, "a number, in s", "time")
-        if side.lower() not in sides:
-            raise fault(side, ", ".join(sides), "side")
-        if kind.lower() not in kinds:
-            raise fault(kind, ", ".join(kinds), "event")
-        event = FootEvent(kinds[kind.lower()], SIDES[side.lower()], seconds)
+        name, event = _parse_event(row, number, path.parent)
         if event in events.setdefault(name, {}):
-            raise fault(time, f"each {kind} of a foot once", "time")
+            message = f"found '{row[1][:60]}'; allowed: each {row[3]} of a foot once"
+            raise text_file.FileFault(message, f"line {number}, time")
         events[name][event] = number
     return events
+
+
+def _parse_event(row: list[str], number: int, folder: Path) -> tuple[str, FootEvent]:
+    """Parse a row of an event table: file of a recording in `folder`, and the event."""
+    if len(row) != len(EVENT_HEADER):
+        raise text_file.FileFault(
+            f"found {len(row)} cells; {len(EVENT_HEADER)} are needed: {', '.join(EVENT_HEADER)}",
+            f"line {number}",
+        )
+    kinds, sides = {moment.value: moment for moment in FootMoment}, ("right", "left")
+    name, time, side, kind = row
+
+    def fault(found: str, allowed: str, field: str) -> text_file.FileFault:
+        return text_file.FileFault(
+            f"found '{found[:60]}'; allowed: {allowed}", f"line {number}, {field}"
+        )
+
+    if not name or Path(name).name != name or not (folder / name).is_file():
+        raise fault(name, "the name of a recording in this folder", "file")
+    try:
+        seconds = float(time)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise fault(time, "a number, in s", "time")
+    if side.lower() not in sides:
+        raise fault(side, ", ".join(sides), "side")
+    if kind.lower() not in kinds:
+        raise fault(kind, ", ".join(kinds), "event")
+    return name, FootEvent(kinds[kind.lower()], SIDES[side.lower()], seconds)
 
 
 def _trim_cells(row: list[str]) -> list[str]:
@@ -661,8 +668,8 @@ def _replace_events(table: Path, recording: Recording, events: dict[FootEvent, i
                 f"found {event.time:g}; allowed: {first:g} to {last:g} s", f"line {line}, time"
             )
     note = (
-        f"{len(events)} foot events are those of {EVENT_FILE}; others of the file, plates and motion "
-        "are not used"
+        f"{len(events)} foot events are those of {EVENT_FILE}; others of the file, plates and "
+        "motion are not used"
     )
     ordered = tuple(sorted(events, key=lambda e: e.time))
     return replace(recording, events=ordered, corrected=True).with_notes(note)

@@ -49,7 +49,7 @@ class RemoteFile(Table):
 
     @field_validator("name")
     @classmethod
-    def _inside(cls, name: str) -> str:
+    def _require_inside(cls, name: str) -> str:
         path = PurePosixPath(name)
         if path.is_absolute() or ".." in path.parts or "\\" in name or not path.parts:
             raise ValueError(f"found '{name}'; allowed: a name inside the folder")
@@ -57,7 +57,7 @@ class RemoteFile(Table):
 
     @field_validator("url")
     @classmethod
-    def _encrypted(cls, url: str) -> str:
+    def _require_encrypted(cls, url: str) -> str:
         if urlsplit(url).scheme != "https":
             raise ValueError(f"found '{url}'; allowed: an address that begins with https://")
         return url
@@ -159,7 +159,7 @@ class Connection:
             allowed = "an address that begins with https://, http:// or file:///"
             raise UsageError(f"found '{self.mirror[:100]}'; allowed: {allowed}", field="--mirror")
 
-    def address(self, file: RemoteFile) -> str:
+    def resolve_address(self, file: RemoteFile) -> str:
         """Return the address from which a file is requested."""
         if self.mirror is None:
             return file.url
@@ -210,7 +210,7 @@ def download(
     InputError
         There is no network, no such file, or its size or SHA-256 differs from the registry.
     """
-    address = connection.address(file)
+    address = connection.resolve_address(file)
 
     def fetch(url: str, output: str, files: pooch.Pooch) -> None:
         if urlsplit(url).scheme == "file":
@@ -271,7 +271,7 @@ def _describe_failed_request(error: requests.RequestException, host: str, tries:
     return f"the connection broke off ({type(error).__name__}); tried {tries} times"
 
 
-# ------------------------------------------------------------------------------------------------------ the folder
+# --------------------------------------------------------------------------------------- the folder
 
 SOURCE, STUDY = "SOURCE.txt", "study.toml"
 

@@ -117,8 +117,8 @@ def build_plate_frame(corners: Array) -> PlateFrame:
     sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     if not (np.all(sides > SIDE_RANGE_M[0]) and np.all(sides < SIDE_RANGE_M[1])):
         raise ValueError(
-            f"its sides measure {sides.min():.3g} to {sides.max():.3g} m; allowed are {SIDE_RANGE_M[0]} "
-            f"to {SIDE_RANGE_M[1]} m"
+            f"its sides measure {sides.min():.3g} to {sides.max():.3g} m; allowed are "
+            f"{SIDE_RANGE_M[0]} to {SIDE_RANGE_M[1]} m"
         )
     gap = float(np.linalg.norm(corners[0] - corners[1] + corners[2] - corners[3]))
     x, y = corners[0] - corners[1], corners[0] - corners[3]
@@ -399,7 +399,7 @@ def reverse_wrench(plate: ForcePlate) -> ForcePlate:
     return replace(plate, force=-plate.force, moment=-plate.moment)
 
 
-# ------------------------------------------------------------------------------ low-pass filter, values at other times
+# ----------------------------------------------------------- low-pass filter, values at other times
 
 
 def filter_low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:

@@ -65,7 +65,7 @@ class PlateColumns:
     """Quantity -> axis 0..2 -> column."""
     names: list[str] = field(default_factory=list)
 
-    def take(self, quantity: str, values: Array) -> Array | None:
+    def get_values(self, quantity: str, values: Array) -> Array | None:
         """Get the (ns, 3) values of a quantity; None if the table lacks one of its columns."""
         columns = self.columns[quantity]
         return values[:, [columns[axis] for axis in range(3)]] if len(columns) == 3 else None
@@ -150,7 +150,7 @@ def build_plate(
     """
     field, names = f"plate {name}", ", ".join(found.names)
     force, point, moment = (
-        found.take(quantity, values) for quantity in ("force", "point", "moment")
+        found.get_values(quantity, values) for quantity in ("force", "point", "moment")
     )
     free = found.columns["moment"]
     vertical = None
@@ -176,7 +176,7 @@ def build_plate(
         )
     known = np.flatnonzero(np.isfinite(force).all(axis=1))
     if not len(known):
-        raise FileFault("found no numbers in its force columns", field, Code.BAD_NUMBER)
+        raise FileFault("its force columns hold no numbers", field, Code.BAD_NUMBER)
     notes: tuple[str, ...] = ()
     if moment is None:
         moment = np.zeros((len(values), 3))

@@ -270,7 +270,7 @@ class ComputedPoints:
     """(nf, np, 3) m, at the frames of the recording and in its axes; NaN where not known."""
 
 
-# ------------------------------------------------------------------------- facts and events of a C3D file's parameters
+# ------------------------------------------------------ facts and events of a C3D file's parameters
 
 SIDES: Final = {"right": "r", "left": "l"}
 EVENT_MOMENTS: Final = {

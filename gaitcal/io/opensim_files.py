@@ -42,9 +42,9 @@ from gaitcal.io.recording import ForcePlate, Recording, replace_zeros, require_p
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
 AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)  # X1 Y1 Z1 X2 ..., or nothing
-USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not tell")
+USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not show it")
 
-# ------------------------------------------------------------------------------------------------------------- TRC
+# ---------------------------------------------------------------------------------------------- TRC
 
 
 def read_trc(path: Path) -> Recording:
@@ -113,7 +113,7 @@ def parse_trc(path: Path) -> Recording:
             f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",
         )
     if facts.get("numframes", str(frames)) not in (str(frames), f"{frames}.0"):
-        notes += (f"Header says {facts['numframes'][:20]} frames; {frames} found.",)
+        notes += (f"Header declares {facts['numframes'][:20]} frames; {frames} found.",)
     keep = [i for i, name in enumerate(names) if not is_unlabelled(name)]
     if len(keep) < len(names):
         notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
@@ -184,8 +184,8 @@ def _read_header_values(lines: Sequence[str]) -> dict[str, str]:
         if "units" in keys.lower():
             separator = "\t" if "\t" in keys else None
             given = [keys.lower().split(separator), values.split(separator)]
-            filled = [[cell for cell in cells if cell.strip()] for cells in given]
             # Tabs may be doubled in one of the two lines
+            filled = [list(filter(str.strip, cells)) for cells in given]
             names, entries = filled if len(filled[0]) == len(filled[1]) else given
             return {key.strip(): entry.strip() for key, entry in zip(names, entries, strict=False)}
     return {}
@@ -220,7 +220,7 @@ def _parse_marker_names(line: str, separator: str | None, width: int) -> list[st
     return [cells[2 + i] for i in filled]
 
 
-# -------------------------------------------------------------------------------------------------------- MOT, STO
+# ----------------------------------------------------------------------------------------- MOT, STO
 
 MOT_LONGEST_HEADER = 500
 
@@ -232,7 +232,7 @@ class StorageTable:
     time: Array  # (rows,) s, as written
     names: tuple[str, ...]  # Columns after time
     values: Array  # (rows, columns), in the units of the file
-    in_degrees: bool | None  # What the header says of angles; None where it does not
+    in_degrees: bool | None  # Unit of angles by the header; None if not given
 
     def column(self, name: str) -> Array:
         """Get the values (rows,) of one column."""
@@ -374,7 +374,7 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     )
 
 
-# --------------------------------------------------------------------------------------------------- ExternalLoads
+# ------------------------------------------------------------------------------------ ExternalLoads
 
 FOOT_BODY = re.compile(
     r"calc|foot|toe|talus|heel|mtp|forefoot|hindfoot|rearfoot|midfoot", re.IGNORECASE
@@ -419,10 +419,7 @@ def read_external_loads(path: Path) -> Forces:
     notes = tuple(f"The force '{name}' is switched off in the file and left out." for name in off)
     if not forces:
         raise text_file.FileFault("found no ExternalForce that is switched on")
-    tables = {
-        name: read_table(_locate_table(path, name))
-        for name in dict.fromkeys(f.table for f in forces)
-    }
+    tables = {name: read_table(_locate_table(path, name)) for name in _name_tables(forces)}
     names, _ = number_repetitions(clean_label(force.name) or "force" for force in forces)
     plates, feet = [], {}
     for name, force in zip(names, forces, strict=True):
@@ -481,10 +478,13 @@ def find_loads_tables(path: Path) -> tuple[Path, ...]:
     """
     if path.suffix.lower() != ".xml":
         return ()
-    return tuple(
-        _locate_table(path, name)
-        for name in dict.fromkeys(force.table for force in _read_forces(path)[0])
-    )
+    forces, _ = _read_forces(path)
+    return tuple(_locate_table(path, name) for name in _name_tables(forces))
+
+
+def _name_tables(forces: Sequence[ExternalForce]) -> list[str]:
+    """Name each table once, in order of first use."""
+    return list(dict.fromkeys(force.table for force in forces))
 
 
 def find_existing_tables(path: Path) -> tuple[Path, ...]:

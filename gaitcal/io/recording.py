@@ -291,7 +291,7 @@ class MarkerGaps:
     """Visibility and longest gap of one marker."""
 
     label: str
-    seen: float  # Share of the frames in which it was seen, 0 to 1
+    visible_share: float  # Share of the frames in which it was visible, 0 to 1
     longest_gap: float
     """s, from the last frame before to the first frame after the longest gap.
 
@@ -327,7 +327,7 @@ def measure_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
     return tuple(gaps)
 
 
-# ------------------------------------------------------------------------------------- the still part of a trial
+# ------------------------------------------------------------------------ the still part of a trial
 
 
 @dataclass(frozen=True)
@@ -382,7 +382,7 @@ def find_still_window(recording: Recording, labels: Iterable[str]) -> StillWindo
     time, markers = recording.time, recording.markers[:, places]
     if not places or not find_visible(markers).any():
         some = ", ".join(wanted[:6]) + ("..." if len(wanted) > 6 else "")
-        raise fault(f"none of the markers {some} is seen", Code.TOO_LITTLE_SEEN)
+        raise fault(f"none of the markers {some} is visible", Code.TOO_LITTLE_SEEN)
     frames = len(time)
     if time[-1] - time[0] < LAG_S:
         speed = _estimate_speed_of_few(time, markers)
@@ -412,7 +412,7 @@ def find_still_window(recording: Recording, labels: Iterable[str]) -> StillWindo
             f"{np.nanmin([*smooth, np.inf]):.3g} m/s RMS"
         )
         if np.isnan(smooth).all():
-            reason = "no marker is seen twice within a window"
+            reason = "no marker is visible in two frames of a window"
         raise fault(f"no still window: {reason}; at most {RESTLESS_M_S:g} m/s is allowed")
     coverage = (_sum_moving(find_visible(markers).astype(np.float64), length) > 0.5).sum(axis=1)
     start = int(np.argmin(np.where(slow & (coverage == coverage[slow].max()), ranking, np.inf)))

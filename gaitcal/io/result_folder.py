@@ -43,13 +43,11 @@ MANIFEST = "manifest.json"  # The file that marks a folder as a result of gaitca
 FILES, HASHES, SELF_HASH = "files", "sha256", "own_sha256"
 """Entries of a manifest: names of files, file -> SHA-256, and SHA-256 of all other entries."""
 OLD_PREFIX, LOCK_PREFIX = ".gaitcal-old-", ".gaitcal-lock-"
-"""Beginnings of hidden names beside or in a folder: what is being replaced, and that somebody
-writes now.
-"""
-_LITTER = frozenset(
-    {".DS_Store", "Thumbs.db", "desktop.ini"}
-)  # written by file browsers, into any folder they show
-LOCK_WAIT_S = 60.0  # A result of many trials with all its figures is written in less
+"""First parts of hidden names beside or in a folder: of a result being replaced, and of a lock."""
+# Files that file browsers write into any folder they show
+_LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+# Longest wait (s) for another writer; a result of many trials with figures is written in less
+LOCK_WAIT_S = 60.0
 WAIT_NOTICE_S = 1.0  # Waiting for longer is logged
 POLL_S = 0.05
 _NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS})
@@ -80,7 +78,7 @@ KEPT_FOLDERS: dict[ResultKind, tuple[str, ...]] = dict.fromkeys(ResultKind, ()) 
 PART_FOLDERS = frozenset(name for names in KEPT_FOLDERS.values() for name in names)
 
 
-# -------------------------------------------------------------------------------------------- manifest and hashes
+# ------------------------------------------------------------------------------ manifest and hashes
 
 
 def read_json_object(path: Path) -> dict[str, object]:
@@ -266,7 +264,7 @@ def check_replaceable(
     return kept
 
 
-# ------------------------------------------------------------------------------------------------ one writer at a time
+# ----------------------------------------------------------------------------- one writer at a time
 
 
 @contextmanager
@@ -298,17 +296,18 @@ def lock_result(folder: Path, purpose: str = "", *, wait_s: float | None = None)
     place = result.with_name(name)
     if result.is_dir() and not place.exists() and not os.access(result.parent, os.W_OK):
         place = result / name
-    os.close(
-        os.open(place, os.O_RDWR | os.O_CREAT, 0o644)
-    )  # filelock waits in vain where no file can be made
+    # Without permission to create the file, filelock would wait in vain
+    os.close(os.open(place, os.O_RDWR | os.O_CREAT, 0o644))
     lock = FileLock(place, is_singleton=True)
     _take_lock(lock, folder, LOCK_WAIT_S if wait_s is None else wait_s)
     try:
         yield
     finally:
         if lock.lock_counter <= 1:
-            with suppress(OSError):  # on Windows, where another one has it open
-                os.unlink(lock.lock_file)  # noqa: PTH108  who waits for the removed file begins again
+            # A process that waits for the removed file begins again. On Windows the file cannot
+            # be removed while another process has it open.
+            with suppress(OSError):
+                os.unlink(lock.lock_file)  # noqa: PTH108
         lock.release()
 
 
@@ -351,13 +350,13 @@ def _restore_old_result(target: Path) -> None:
 def _keep_added_folders(place: Path, old: Path) -> None:
     """Move folders that later commands added from the old result to the new one; remove the old."""
     kind = read_json_object(old / MANIFEST).get("kind")
-    for name in next((names for of, names in KEPT_FOLDERS.items() if of.value == kind), ()):
+    for name in next((names for k, names in KEPT_FOLDERS.items() if k.value == kind), ()):
         if (old / name).is_dir() and not (place / name).exists():
             (old / name).rename(place / name)
     shutil.rmtree(old, ignore_errors=True)
 
 
-# --------------------------------------------------------------------------------------------------------- writing
+# ------------------------------------------------------------------------------------------ writing
 
 
 @contextmanager

@@ -1,43 +1,44 @@
-"""What a recording without markers shows of a body: segment poses as points, or key points.
+"""Derive markers of a body from recordings without markers: segment poses or key points.
 
 Segment poses: markerless programs (Theia) write a C3D group ROTATION, a 4x4 matrix per segment and
-frame: for segment s and frame f its axes R (columns, laboratory) and its origin o. A pose that errs
-by dp (m, each axis) and by a small turn dt (rad, about each axis) moves the four corners
+frame: for segment s and frame f its axes R (columns, laboratory) and its origin o. A pose with the
+error dp (m, each axis) and a small rotation dt (rad, about each axis) moves the four corners
 
     p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),      L = sqrt(3/2) sigma_p/sigma_t
 
-of a regular tetrahedron about its origin, for which  sum d_k = 0  and  sum d_k d_k^T = (4 L^2 / 3) 1, so that
+of a regular tetrahedron about its origin, for which  sum d_k = 0  and  sum d_k d_k^T = (4 L^2 / 3)
+1, so that
 
     sum_k |dp_k|^2 = 4 |dp|^2 + (8 L^2 / 3) |dt|^2 = 4 (|dp|^2 + (sigma_p / sigma_t)^2 |dt|^2):
 
-the sum of squares of four points is the residual of position and turn, each weighed by its own
-deviation; four points whose coordinates err by 2 sigma_p are the pose. So a pose is tracked as four
-markers are, exactly, and nothing after this module knows of matrices. sigma_p / sigma_t is
-`LENGTH_PER_TURN` for all segments.
+the sum of squares of four points is the residual of position and rotation, each weighted by its
+standard deviation. Four points with coordinate errors of 2 sigma_p are therefore equivalent to the
+pose. A pose is tracked exactly as four markers, and no later module uses matrices.
+sigma_p / sigma_t is `LENGTH_PER_TURN` for all segments.
 
-Axes: programs differ in which axis points up. Hips, knees, ankles and toes of the file tell: up is
-from knee to hip in the thighs, right from the left hip to the right one in the pelvis, each the
-nearest axis; the points have x forward, y up, z right. The origin of thigh, shank, foot, upper arm,
-forearm and hand is its joint, as markerless programs have it; that of the toes their joint with the
-foot. All else that makes a body follows from there (`_LANDMARKS`): points beside the joints show
-the axes of the segments; ASIS and sacrum lie where Harrington 2007 has them for these hips.
+Axes: programs differ in which axis points up. Hips, knees, ankles and toes of the file determine
+it: up is from knee to hip in the thighs, right from the left hip to the right one in the pelvis,
+each the nearest axis. The points have x forward, y up, z right. The origin of thigh, shank, foot,
+upper arm, forearm and hand is its joint; that of the toes their joint with the foot. All other
+landmarks follow (`_place_landmarks`). Points beside the joints show the axes of the segments; ASIS
+and sacrum are where Harrington 2007 has them for these hips.
 
-A standing posture is none of the recording's (`upright`): the segments of the file with their axes
-in line, each on the one before it where it is on average. All trials of a person give the same one,
+The standing posture is built (`make_upright_posture`): the segments of the file with their axes
+aligned, each at its mean position on its parent. All trials of a person give the same posture, and
 standing is not needed.
 
-Key points: programs that find a body in video (OpenPose's BODY_25 and HALPE_26, which OpenCap and
-Pose2Sim use) write hips, knees, ankles, heels, toes, shoulders, elbows and wrists under the labels
-below. No point shows how thigh and shank turn about their length, and none but the hips is on the
-pelvis. Axes of segments, x forward, y up, z right, as far as the points show them:
+Key points: programs that find a body in video (OpenPose's BODY_25 and HALPE_26, used by OpenCap and
+Pose2Sim) write hips, knees, ankles, heels, toes, shoulders, elbows and wrists under the labels
+below. No point shows the axial rotation of thigh and shank, and only the hips are on the pelvis.
+Axes of segments, x forward, y up, z right, as far as the points show them:
 
     pelvis      z from the left hip to the right one; y upwards across z, so that it has no tilt; trunk alike
     thigh       y from knee to hip, shank from ankle to knee; z the pelvis's across y
     foot        x from the heel to the middle of the toes; z across x, along the line of the toes
 
-They make a standing posture as segment poses do, and the frame of the pelvis. All else is followed
-by the key points themselves: how a leg turns about its length is then told by knee, ankle and foot
-together.
+They define a standing posture as segment poses do, and the frame of the pelvis. All other segments
+are tracked by the key points themselves: knee, ankle and foot together show the axial rotation of a
+leg.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -72,7 +73,7 @@ PARENT: Mapping[str, str] = {
         )
     },
 }
-"""Segment, as Theia calls it (`r_thigh_4X4`), -> the one before it; parents come first."""
+"""Segment by Theia's name (`r_thigh_4X4`) -> its parent; parents come first."""
 NEEDED_SEGMENTS = tuple(
     name for name in PARENT if name == "pelvis" or name[2:] in ("thigh", "shank", "foot", "toes")
 )
@@ -87,23 +88,22 @@ VISUAL3D: dict[str, str] = {
     "thorax/ab": "torso",
     "trunk": "torso",
 }
-"""Segment as Visual3D calls it, or as its table of names does (RTH, Right Thigh), -> as Theia does.
+"""Segment by Visual3D's name, or that of its table (RTH, Right Thigh) -> Theia's name.
 
-Qualisys takes Theia's files through Visual3D, so that they have its names."""
+Qualisys passes Theia's files through Visual3D, so that they have its names.
+"""
 VISUAL3D |= {"rhe": "head", "lab": "worldbody", "vlb": "worldbody"}
 for _code, _word, _segment in map(str.split, _BY_CODE.split(",")):
     for _side, _sided in (("r", "right"), ("l", "left")):
         VISUAL3D |= dict.fromkeys((f"{_side}{_code}", f"{_sided} {_word}"), f"{_side}_{_segment}")
-IGNORED_SEGMENTS = (
-    "worldbody",
-    "head",
-    "neck",
-    "r_clavicle",
-    "l_clavicle",
-)  # Segments that the model does not have
+# Segments that the model does not have
+IGNORED_SEGMENTS = ("worldbody", "head", "neck", "r_clavicle", "l_clavicle")
 END_SEGMENTS = ("toes", "uarm", "larm", "hand")
-"""Of these only the origin, their joint, is used: toes bend against the foot, and how an arm turns
-about its length is what markerless programs tell worst and what the model has no coordinate for."""
+"""Segments of which only the origin, their joint, is used.
+
+Toes bend against the foot. The axial rotation of an arm is the least certain output of markerless
+programs, and the model has no coordinate for it.
+"""
 # Share of its length by which a direction must lie along an axis of its segment: within 37 degrees
 ALIGNED_SHARE = 0.8
 THIGH_RANGE_M = 0.1, 0.8  # From hip to knee, of anybody
@@ -118,9 +118,7 @@ ACROMION_RATIO = 0.17
 _NOT_OF_KEY_POINTS = (*(f"{side}_" for side in "rl"), "torso", "heel", "toe")
 """Corners of other segments than the pelvis, and landmarks that key points are themselves."""
 _SHARED = ("r_thigh", "l_thigh", "r_shank", "l_shank", "r_foot", "l_foot")
-"""Of key points: a joint is a point of both its segments, so that it stays where the points have
-it.
-"""
+"""Of key points: joints that are points of both their segments."""
 POSTURE_FRAMES, POSTURE_RATE_HZ = 60, 100.0
 FLOOR_CLEARANCE_M = 0.03  # m, height of the lowest point of the upright body
 _JOINTS = {
@@ -136,33 +134,42 @@ _BOTH = tuple((side, side.lower()) for side in "RL")
 KEY_POINTS = tuple(
     f"{side}{name}" for side, _ in _BOTH for name in ("Hip", "Knee", "Ankle", *_FOOT)
 )
-"""Labels without which a recording is none of key points."""
+"""Labels that a recording of key points must have."""
 AUGMENTED_SUFFIX = "_study"
-"""How labels of markers end that OpenCap and Pose2Sim make of key points, which they leave in the
-same file.
-"""
+"""Ending of labels of markers that OpenCap and Pose2Sim derive from key points in the same file."""
 SEGMENT_OF_KEY_POINT: Mapping[str, str] = {
     **{f"{side}{name}": f"{s}_{segment}" for side, s in _BOTH for segment, name in _JOINTS.items()},
     **{f"{side}{name}": f"{s}_foot" for side, s in _BOTH for name in _FOOT},
 }
-"""Key point -> the segment at whose origin, or on which, it lies."""
+"""Key point -> the segment at whose origin, or on which, it is located."""
 
 
 def has_poses(labels: Collection[str]) -> bool:
-    """Whether a recording with these labels holds the points of segment poses, or of the pelvis of
-    key points.
-    """
+    """Return whether labels include the points of segment poses, or of a key point pelvis."""
     return "pelvis_pose1" in labels
 
 
 def compute_pose_points(
     labels: Sequence[str], poses: Array
 ) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
-    """Labels, (nf, np, 3) m points, and notes, of segments `labels` with poses (nf, ns, 4, 4), m;
-    NaN where unknown.
+    """Compute the points that represent segment poses.
 
-    Raises FileFault: Segments of the legs are not there, or twice, or their lengths or axes are not
-    those of a body.
+    Parameters
+    ----------
+    labels
+        Names of ns segments.
+    poses : (nf, ns, 4, 4)
+        Poses, m; NaN where unknown.
+
+    Returns
+    -------
+    labels, points, notes
+        Names of np points, (nf, np, 3) m, and notes.
+
+    Raises
+    ------
+    FileFault
+        Segments of the legs are missing or repeated, or lengths or axes are not those of a body.
     """
     stems = [label.strip().lower().removesuffix("_4x4") for label in labels]
     theirs = [VISUAL3D.get(stem, stem) for stem in stems]
@@ -223,20 +230,24 @@ def compute_pose_points(
 
 
 def refuse_origins(labels: Collection[str]) -> None:
-    """FileFault where points are called as the segments of a body, of which nothing shows how they
-    turn.
+    """Refuse points named as the segments of a body, as they do not show rotations.
+
+    Raises
+    ------
+    FileFault
+        All labels are names of segments.
     """
     segments = [VISUAL3D.get(label.lower(), "") for label in labels]
     if set(NEEDED_SEGMENTS) <= set(segments) and all(segments):
         found = (
             "its points are the origins of Visual3D's segments, which do not show how these turn"
         )
-        cure = "export the poses (group ROTATION), or take Theia's file pose_*.c3d"
-        raise FileFault(f"{found}; {cure}", "POINT:LABELS", Code.TOO_LITTLE_SEEN)
+        remedy = "export the poses (group ROTATION), or take Theia's file pose_*.c3d"
+        raise FileFault(f"{found}; {remedy}", "POINT:LABELS", Code.TOO_LITTLE_SEEN)
 
 
 def _find_axes(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> Array:
-    """(3, 3) columns: forward, up and right in the segments' own axes."""
+    """Find (3, 3) columns: forward, up and right in the axes of the segments."""
 
     def along(what: str, segment: str, start: str, end: str) -> Array:
         way = _average_known(_express_in(rotation[segment], origin[end] - origin[start]))
@@ -280,12 +291,12 @@ def _find_axes(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> Ar
 
 
 def _express_in(rotation: Array, vectors: Array) -> Array:
-    """(nf, 3) vectors of the laboratory in axes (nf, 3, 3)."""
+    """Express (nf, 3) vectors of the laboratory in axes (nf, 3, 3)."""
     return np.asarray(np.einsum("fji,fj->fi", rotation, vectors))
 
 
 def _average_known(vectors: Array) -> Array:
-    """(3,) of (nf, 3) where they are known."""
+    """Average (nf, 3) vectors over the frames in which they are known."""
     known = vectors[np.isfinite(vectors).all(axis=1)]
     return np.asarray(known.mean(axis=0) if len(known) else np.full(3, np.nan))
 
@@ -293,9 +304,7 @@ def _average_known(vectors: Array) -> Array:
 def _compute_offsets(
     rotation: Mapping[str, Array], origin: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Segment -> (3,) m, its origin in the axes of the one before it, on average; straight below a
-    joint of an arm.
-    """
+    """Compute segment -> (3,) m mean position of its origin in its parent; below an arm joint."""
     out: dict[str, Array] = {}
     for name, parent in PARENT.items():
         if name in origin and parent in origin:
@@ -308,9 +317,7 @@ def _compute_offsets(
 
 
 def _compute_points(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> dict[str, Array]:
-    """Label -> (nf, 3) m: corners, ends and landmarks of segments whose axes are forward, up and
-    right.
-    """
+    """Compute label -> (nf, 3) m: corners, ends and landmarks of segments with x forward, y up."""
     out: dict[str, Array] = {}
     for name in origin:
         if name.endswith(END_SEGMENTS):
@@ -326,8 +333,9 @@ def _compute_points(rotation: Mapping[str, Array], origin: Mapping[str, Array]) 
 
 
 def _place_landmarks(offset: Mapping[str, Array]) -> dict[str, tuple[str, Array]]:
-    """Landmark -> the segment from whose origin it lies (3,) m forward, up and right in its axes;
-    an arm's in those of the torso.
+    """Place landmarks: landmark -> segment and (3,) m from its origin, forward, up and right.
+
+    Landmarks of an arm are in the axes of the torso.
     """
     hips = offset["r_thigh"], offset["l_thigh"]
     width = max((0.5 * float(np.linalg.norm(hips[0] - hips[1])) - 0.0073) / 0.33, 0.0)
@@ -354,8 +362,17 @@ def _place_landmarks(offset: Mapping[str, Array]) -> dict[str, tuple[str, Array]
 
 
 def add_landmarks(recording: Recording) -> Recording:
-    """A recording of key points with the pelvis's corners and landmarks, which follow from them;
-    any other as it is.
+    """Add the pelvis's corners and landmarks to a recording of key points.
+
+    Parameters
+    ----------
+    recording
+        Any recording.
+
+    Returns
+    -------
+    Recording
+        With the added points and a note; the same one if it has no key points.
     """
     if has_poses(recording.labels) or not has_key_points(recording.labels):
         return recording
@@ -377,12 +394,12 @@ def add_landmarks(recording: Recording) -> Recording:
 
 
 def _collect_paths(recording: Recording) -> dict[str, Array]:
-    """Label -> (nf, 3) m."""
+    """Collect label -> (nf, 3) m."""
     return {label: recording.markers[:, i] for i, label in enumerate(recording.labels)}
 
 
 def _recover_poses(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Axes (nf, 3, 3) and origins (nf, 3) m of the segments whose corners are there."""
+    """Recover axes (nf, 3, 3) and origins (nf, 3) m of the segments from their corners."""
     rotation, origin = dict[str, Array](), dict[str, Array]()
     for name in PARENT:
         corners = [at[label] for k in range(1, 5) if (label := f"{name}_pose{k}") in at]
@@ -398,8 +415,17 @@ def _recover_poses(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str,
 
 
 def make_upright_posture(recording: Recording) -> Recording:
-    """The standing posture of a recording of poses or key points, whatever the person does; any
-    other as it is.
+    """Build the standing posture of a recording of poses or key points.
+
+    Parameters
+    ----------
+    recording
+        Any recording.
+
+    Returns
+    -------
+    Recording
+        A still recording of the posture, with a note; the same one if it has markers.
     """
     if not has_poses(recording.labels):
         return recording
@@ -440,21 +466,28 @@ def make_upright_posture(recording: Recording) -> Recording:
     )
 
 
-# --------------------------------------------------------------------------------------------------- key points
+# --------------------------------------------------------------------------------------- key points
 
 
 def has_key_points(labels: Collection[str]) -> bool:
-    """Whether a recording with these labels is one of key points, without markers that were made of
-    them.
-    """
+    """Return whether labels are those of key points, without markers derived from them."""
     return set(KEY_POINTS) <= set(labels) and not any(
         label.endswith(AUGMENTED_SUFFIX) for label in labels
     )
 
 
 def build_segments(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Axes (nf, 3, 3) and origins (nf, 3) m of segments, called as those of poses; `at`: key point
-    -> (nf, 3) m.
+    """Build the segments of key points.
+
+    Parameters
+    ----------
+    at
+        Key point -> (nf, 3) m.
+
+    Returns
+    -------
+    rotation, origin
+        Segment, named as those of poses -> axes (nf, 3, 3), and origin (nf, 3) m.
     """
     joints = {
         f"{s}_{segment}": f"{side}{name}" for side, s in _BOTH for segment, name in _JOINTS.items()
@@ -484,8 +517,9 @@ def build_segments(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str,
 
 
 def _build_axes(up: Array, right: Array, keeps: Array | None = None) -> Array:
-    """(nf, 3, 3) columns x, y, z with y along `up` and z near `right`; or with z as it `keeps` it,
-    and y near `up`.
+    """Build (nf, 3, 3) columns x, y, z with y along `up` and z near `right`, or the reverse.
+
+    With `keeps`, z is exactly `right` and y near `up`.
     """
     y = (
         _normalise(up)

@@ -37,9 +37,8 @@ MISSING = frozenset(
 """Texts that writers use for a missing number."""
 MOST_DECIMALS = 6  # Times given more finely than this are as good as exact
 EXACT_TOLERANCE_S = 1e-9  # A grid closer than this to the times given changes nothing
-UNEVEN_STEP_SHARE = (
-    0.2  # Relative departure of a time step from the median above which the user is told
-)
+# Relative deviation of a time step from the median above which a note is given
+UNEVEN_STEP_SHARE = 0.2
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -140,9 +139,8 @@ def format_number_cells(values: NDArray[Any]) -> list[str]:
 
 def _format_numbers(values: NDArray[Any], missing: str) -> str:
     """Format numbers with pydantic, which takes a quarter of the time of `repr`."""
-    from pydantic_core import (
-        to_json,
-    )  # the process that parses C3D files does without: it is ready sooner
+    # Imported here, as the process that parses C3D files does not need it and starts sooner
+    from pydantic_core import to_json
 
     return to_json(values.tolist()).decode().replace("NaN", missing).replace("Infinity", "inf")
 
@@ -198,7 +196,7 @@ def read_lines(path: Path) -> list[str]:
 class NumberTable:
     """Numbers as read, before they are interpreted."""
 
-    values: Array  # (rows, columns); NaN where a cell is empty or says so
+    values: Array  # (rows, columns); NaN where a number is missing
     lines: tuple[int, ...]  # (rows,) line in the file of each row, from 1, for messages
     filled_rows: int
     """Number of rows that ended before their last columns."""

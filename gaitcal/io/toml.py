@@ -191,7 +191,7 @@ def format_toml_table(header: str, content: Mapping[str, object]) -> str:
     )
 
 
-# ------------------------------------------------------------------------------- tables checked by pydantic
+# ----------------------------------------------------------------------- tables checked by pydantic
 
 # pydantic's name of an error -> what is allowed instead; the names in braces are entries of the
 # error's context
@@ -223,10 +223,8 @@ def format_value(value: object) -> str:
     """Format a value for a message: text quoted, in one line, cut if long."""
     try:
         text = repr(value)
-    except (
-        ValueError,
-        RecursionError,
-    ):  # an integer of thousands of digits, a table nested as deeply
+    except (ValueError, RecursionError):
+        # An integer of thousands of digits, or a table nested as deeply
         text = f"a {type(value).__name__} too large to show"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -430,7 +428,7 @@ def _list_keys(table: type[BaseModel]) -> list[str]:
     return [field.alias or name for name, field in table.model_fields.items()]
 
 
-# ----------------------------------------------------------------------------------------- what is installed
+# -------------------------------------------------------------------------------- what is installed
 
 
 def find_models_folder() -> Path:

@@ -293,7 +293,11 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
     used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
-    rare = {g.label: f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF}
+    rare = {
+        g.label: f"{g.label} {100 * g.visible_share:.0f} %"
+        for g in markers
+        if g.visible_share < HALF
+    }
     kept = Counter(
         segment
         for segment in trial.templates
@@ -319,7 +323,7 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
                 )
             yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
     long = sorted(
-        (g for g in markers if g.seen >= HALF and g.longest_gap > BRIDGED_S),
+        (g for g in markers if g.visible_share >= HALF and g.longest_gap > BRIDGED_S),
         key=lambda g: -g.longest_gap,
     )
     if long:

@@ -142,7 +142,9 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
 def _kept(calibration: Calibration, names: Sequence[str]) -> str:
     """What becomes of joint parameters that the trials cannot see."""
     several, study = len(names) > 1, calibration.study
-    if near := prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(names):
+    if near := prior_of_study(study.settings.joint_prior, study.joint_prior).describe_fallback(
+        names
+    ):
         return f"{'they stay' if several else 'it stays'} near {near}"
     if study.settings.decided_by is Protocol.EVIDENCE:
         return (
@@ -195,7 +197,7 @@ def counts_sentence(calibration: Calibration) -> str:
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
-        near = prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(
+        near = prior_of_study(study.settings.joint_prior, study.joint_prior).describe_fallback(
             calibration.unidentifiable
         )
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"

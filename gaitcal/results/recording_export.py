@@ -111,8 +111,8 @@ def _write(
         source, same = between, formats.read_recording(between)
     original = open_c3d_original(source, len(recording.time))
     rows = _rows(recording.time, trial.motion.time, paths["file"])
-    per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
-    turn = _turn_to_file(trial.markers, original.places()[rows] / per_metre, paths["file"])
+    per_metre = PER_METRE.get(original.get_unit("UNITS").strip().lower(), 1e3)
+    turn = _turn_to_file(trial.markers, original.get_positions()[rows] / per_metre, paths["file"])
     kept = set(same.labels) if instead else set(original.labels)
     points, named = _points(trial, original, rows, turn, per_metre, kept)
     events, event_notes = _new_events(trial, recording, corrected="events" in paths)
@@ -250,8 +250,10 @@ def _points(
         reactions=trial.reactions,
         frozen=tuple(trial.model.frozen),
     )
-    angle = ANGLE_UNITS.get(original.unit("ANGLE_UNITS").strip().lower(), ANGLE_UNITS["deg"])
-    moment = MOMENT_UNITS.get(original.unit("MOMENT_UNITS").strip().lower(), MOMENT_UNITS["nmm"])
+    angle = ANGLE_UNITS.get(original.get_unit("ANGLE_UNITS").strip().lower(), ANGLE_UNITS["deg"])
+    moment = MOMENT_UNITS.get(
+        original.get_unit("MOMENT_UNITS").strip().lower(), MOMENT_UNITS["nmm"]
+    )
     points = plug_in_gait_points(motion, angle, moment)
     heads = {label.partition(":")[0] for label in original.labels if ":" in label}
     head = f"{heads.pop()}:" if len(heads) == 1 else ""
@@ -260,7 +262,7 @@ def _points(
     out = []
     for point in points:
         values = np.full((original.frames, 3), np.nan)
-        places = point.kind is PointKind.PLACE
+        places = point.kind is PointKind.POSITION
         values[rows] = turn.apply(point.values) * per_metre if places else point.values
         out.append(replace(point, name=f"{head}{start}{point.name}", values=values))
     return out, start
@@ -313,7 +315,7 @@ def _said(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
         f"{sum(p.kind is kind for p in points)} {words}"
         for kind, words in (
             (PointKind.ANGLE, "angles"),
-            (PointKind.PLACE, "joint centres"),
+            (PointKind.POSITION, "joint centres"),
             (PointKind.MOMENT, "moments"),
             (PointKind.POWER, "powers"),
             (PointKind.FORCE, "ground reactions"),

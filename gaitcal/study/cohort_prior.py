@@ -62,7 +62,7 @@ class JointPrior:
     doubted: Mapping[str, float] = field(default_factory=dict)
     """Parameter -> m, rad of further error, from causes that no fit models."""
 
-    def updated(self, other: "JointPrior") -> "JointPrior":
+    def update(self, other: "JointPrior") -> "JointPrior":
         """Replace the prior of some parameters by another, independent of the rest.
 
         Parameters
@@ -81,7 +81,7 @@ class JointPrior:
         mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
         return replace(self, mean=mean, covariance=covariance)
 
-    def loosened(self, more: Mapping[str, float]) -> "JointPrior":
+    def widen(self, more: Mapping[str, float]) -> "JointPrior":
         """Add independent errors (m, rad; standard deviations) to some parameters.
 
         Parameters
@@ -97,7 +97,7 @@ class JointPrior:
         variance = np.array([more.get(name, 0.0) for name in self.names]) ** 2
         return replace(self, covariance=self.covariance + np.diag(variance))
 
-    def held_near(self, names: Sequence[str]) -> str:
+    def describe_fallback(self, names: Sequence[str]) -> str:
         """Describe what unobservable joint parameters stay near; empty for their nominal values."""
         if set(names) & set(self.of_cohort):
             return "what the cohort has"
@@ -408,7 +408,7 @@ def predict_prior(
     return JointPrior(
         names=names,
         mean=np.concatenate([np.zeros(0), *(mean for mean, _ in found)]),
-        covariance=block_diag(np.zeros((0, 0)), *(own for _, own in found)),
+        covariance=block_diag(np.zeros((0, 0)), *(covariance for _, covariance in found)),
         file=path.name,
         people=len(priors.people) - left_out,
         left_out=left_out,
@@ -445,12 +445,12 @@ def compute_expected_deviations(
     stored = part.populations[number]
     matrix = build_design(part.parameters, person, heights, by_size=part.by_size)
     count, effects = matrix.shape
-    own, spread = (
+    uncertainty, spread = (
         build_symmetric(values, n)
         for values, n in ((stored.effect_covariance, effects), (stored.spread, count))
     )
     unit = np.tril(build_symmetric(part.unit, count))
-    covariance = part.wider * (unit @ (spread + matrix @ own @ matrix.T) @ unit.T)
+    covariance = part.wider * (unit @ (spread + matrix @ uncertainty @ matrix.T) @ unit.T)
     np.linalg.cholesky(covariance)
     mean = np.array(part.origin) + unit @ matrix @ np.array(stored.effects)
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):

@@ -75,14 +75,14 @@ class TrueCurves:
     values: Mapping[str, Array]
     """Name -> (nf,): m and rad of coordinates, N and N·m of generalised forces."""
 
-    def covers(self, time: Array) -> BoolArray:
+    def find_covered(self, time: Array) -> BoolArray:
         """Return which instants (n,) s are within the curves."""
         out: BoolArray = (time >= self.time[0] - TIME_TOLERANCE_S) & (
             time <= self.time[-1] + TIME_TOLERANCE_S
         )
         return out
 
-    def at(self, time: Array) -> dict[str, Array]:
+    def interpolate(self, time: Array) -> dict[str, Array]:
         """Interpolate the curves linearly; NaN beyond their ends.
 
         Parameters
@@ -95,7 +95,7 @@ class TrueCurves:
         dict
             Name -> (n,) m and rad, or N and N·m.
         """
-        inside = self.covers(time)
+        inside = self.find_covered(time)
         return {
             n: np.where(inside, np.interp(time, self.time, v), np.nan)
             for n, v in self.values.items()
@@ -360,9 +360,9 @@ def _read_landmarks(path: Path) -> dict[str, Array]:
     names, rows = _read_rows(path)
     if names != LANDMARK_COLUMNS or not rows:
         raise _make_fault(f"found columns {names}; allowed: name,x,y,z and a landmark a row", path)
-    out = {name: np.array([_parse_number(cell) for cell in place]) for name, *place in rows}
-    if not all(np.isfinite(place).all() for place in out.values()):
-        raise _make_fault("found a place that is no finite number; allowed: m", path, "x,y,z")
+    out = {name: np.array(list(map(_parse_number, cells))) for name, *cells in rows}
+    if not all(np.isfinite(position).all() for position in out.values()):
+        raise _make_fault("found a position that is no finite number; allowed: m", path, "x,y,z")
     return out
 
 

@@ -1,4 +1,4 @@
-"""A study: one person's recordings, read and checked, ready to be calibrated."""
+"""Read and check a study: subject, marker set, trials and settings of one calibration."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -61,37 +61,50 @@ def completed_static(study: "Study") -> rebuilt_markers.Rebuilding:
 def _add_height(
     table: SubjectTable, marker_set: MarkerSet, recordings: Sequence[Recording], path: Path
 ) -> tuple[SubjectTable, str]:
-    """The person with a height, and a note where neither the study at `path` nor a file says one:
-    then it is that of people with legs as long, as uncertain as that is.
+    """Add a height to the subject, with a note if neither the study nor a file gives one.
+
+    It is then the mean of people with legs of that length, with their standard deviation.
     """
     said = table.height_m or next((f.height for f in _collect_facts(recordings) if f.height), None)
     if said is not None:
         return table.model_copy(update={"height_m": said}), ""
     fault = InputError(
-        "missing, and the markers tell none; give [subject] height_m",
+        "missing, and the markers do not show it; give [subject] height_m",
         source=path,
         field="subject.height_m",
         code=Code.MISSING_FIELD,
     )
     try:
         standing = find_still_window(recordings[0], marker_set.labels).frames
-        told = body_plan.likely_height(
+        estimate = body_plan.likely_height(
             landmarks.static_posture(recordings[0], marker_set, standing).landmarks
         )
     except InputError as cause:
         raise fault from cause
-    if told is None:
+    if estimate is None:
         raise fault
-    height, error = round(told[0], 2), round(told[1], 3)
-    note = f"no height is given: {height:g} m, SD {error:g}, as people with legs as long have it"
+    height, error = round(estimate[0], 2), round(estimate[1], 3)
+    note = f"height not given: {height:g} m, SD {error:g} m, estimated from the length of the legs"
     return table.model_copy(update={"height_m": height, "height_error_m": error}), note
 
 
 def build_subject(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
-    """The person as the study says, and, of what it does not say, as the files do: the first
-    recording's before others.
+    """Build the subject from the study file; missing values are those of the recordings.
 
-    A file that names another person than the first one is not asked. `table` has a height.
+    The first recording that has a value precedes others. Files that name another person than the
+    first recording are not used.
+
+    Parameters
+    ----------
+    table
+        Table `[subject]`, with a height.
+    recordings
+        Recordings, the static one first.
+
+    Returns
+    -------
+    Subject
+        SI units.
     """
     facts = _collect_facts(recordings)
     knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
@@ -125,9 +138,7 @@ def _collect_facts(recordings: Sequence[Recording]) -> list[Facts]:
 
 
 def _build_record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
-    """As the study says; the day of the session also as the files do. A date of birth only where
-    the study has it.
-    """
+    """Build the patient record; the date of birth is only that of the study file."""
     said = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
     return PatientRecord(**{"session_date": _find_session_date(table, facts), **said})
 
@@ -137,11 +148,10 @@ def _find_session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
 
 
 def _determine_age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str]:
-    """Years, as said, else by the dates, of files in tenths: nobody's birthday is to be told; None:
-    not known.
+    """Determine the age (years) from the study or the dates, and a note on contradicting dates.
 
-    With it a note where a file's date makes an age that nobody has, or another than is said: then
-    it is not used. Only the study's own dates are refused (InputError).
+    Dates of files give tenths of a year, so that no birthday is disclosed. An impossible age from
+    dates of files is not used; contradicting dates of the study raise InputError.
     """
     said, then = table.age_years, _find_session_date(table, facts)
     age = compute_age(
@@ -152,9 +162,9 @@ def _determine_age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float |
     agrees = said is None or abs(said - age) <= AGE_TOLERANCE_YEARS
     if table.birth_date and table.session_date:
         if age < 0.0 or not agrees:
-            words = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
+            detail = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
             message = (
-                f"found {table.birth_date} before session_date = {then}{words}; allowed: dates "
+                f"found {table.birth_date} before session_date = {then}{detail}; allowed: dates "
                 "that agree"
             )
             raise InputError(message, field="subject.birth_date", code=Code.BAD_VALUE)
@@ -170,16 +180,16 @@ def _determine_age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float |
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Study(Displayed):
-    """Who, which markers mean what, which trials, and how to calibrate."""
+    """Subject, marker set, trials and settings of one calibration."""
 
     subject: Subject
     """The person."""
     marker_set: MarkerSet
-    """Which marker is which landmark, and which segment it follows."""
+    """Meaning of the labels: landmarks and segments."""
     trials: tuple[Trial, ...]
     """The static trials and all others, in the order of the study file."""
     settings: CalibrationSettings
-    """The study file's table `[calibration]`, defaults filled in; `priors` by its name alone."""
+    """Table `[calibration]` of the study file with defaults; `priors` by its name alone."""
     weights: Mapping[str, float]
     """Marker label -> weight, where the study overrides the marker set."""
     inputs: Mapping[str, str]
@@ -187,22 +197,32 @@ class Study(Displayed):
     source: str = "study"
     """The study file, for messages."""
     files: tuple[Path, ...] = ()
-    """Paths of every input: a result must not take their place."""
+    """Paths of every input; a result must not replace them."""
     rename: Mapping[str, str] = field(default_factory=dict)
     """Label in the files -> label in the marker set."""
     truth: Truth | None = None
-    """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
+    """Known truth of a synthetic subject, if the study file names it (`[truth]`)."""
     joint_prior: JointPrior | None = None
-    """What a cohort says of the joint parameters (`priors.json`), if one is asked."""
+    """Prior of the joint parameters from a cohort (`priors.json`), if there is one."""
     loosened: Mapping[str, float] = field(default_factory=dict)
-    """Joint parameter -> m, rad by which more it is uncertain, as a cluster of its segment was put
-    back.
+    """Joint parameter -> m, rad of further error, after a displaced cluster of its segment was
+    restored.
     """
 
     @classmethod
     @with_one_blas_thread
     def load(cls, path: Path | str) -> "Study":
         """Read a study file and all its recordings.
+
+        Parameters
+        ----------
+        path
+            The file `study.toml`.
+
+        Returns
+        -------
+        Study
+            The study as declared; trials are not cleaned.
 
         Raises
         ------
@@ -227,8 +247,28 @@ class Study(Displayed):
     def assemble(
         cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[Trial, ...], path: Path
     ) -> "Study":
-        """A study from its file at `path` and its trials, read by `read_trial`; InputError for
-        labels nobody has.
+        """Assemble a study from its file and its trials.
+
+        Parameters
+        ----------
+        file
+            Content of the study file.
+        marker_set
+            Its marker set.
+        trials
+            Trials from `read_trial`.
+        path
+            Path of the study file.
+
+        Returns
+        -------
+        Study
+            The study.
+
+        Raises
+        ------
+        InputError
+            The file names labels that no trial has, or values that contradict each other.
         """
         files = list_input_files(file, path)
         _require_labels(file, marker_set, trials, path)
@@ -263,7 +303,7 @@ class Study(Displayed):
                 path,
             ),
         )
-        if (other := study.other_truth()) is not None:
+        if (other := study.describe_truth_mismatch()) is not None:
             message = f"{other}; allowed: the same, or no [truth]"
             raise InputError(message, source=path, field="truth.landmarks", code=Code.TRUTH)
         return (
@@ -289,9 +329,9 @@ class Study(Displayed):
         ]
         return f"Study {Path(self.source).name}", rows
 
-    def other_truth(self) -> str | None:
-        """Why its truth is told in the frames of another static trial than its first; None: it is
-        not, or none is.
+    def describe_truth_mismatch(self) -> str | None:
+        """Describe why the truth belongs to another static trial; None if it agrees or there is
+        none.
         """
         if self.truth is None or not any(trial.role is Role.STATIC for trial in self.trials):
             return None
@@ -301,7 +341,7 @@ class Study(Displayed):
 
     @property
     def hip_centre(self) -> HipCentre:
-        """Where hip centres come from: where nothing is chosen, segment poses have them."""
+        """Rule of the hip centres; with `auto`, segment poses give them."""
         if (
             self.settings.hip_centre == AUTOMATIC
             and self.marker_set.noise
@@ -312,7 +352,7 @@ class Study(Displayed):
 
     @property
     def static(self) -> Trial:
-        """The static trial that the model is made of: the first."""
+        """Static trial of which the model is made: the first."""
         return next(trial for trial in self.trials if trial.role is Role.STATIC)
 
     @property
@@ -336,25 +376,25 @@ class Study(Displayed):
 
     @property
     def as_read(self) -> Snapshot:
-        """The inputs as they were when they were read."""
+        """Hashes of the inputs at the time they were read."""
         hashes = {str(f.resolve()): self.inputs[name] for name, f in self._named_files.items()}
         return Snapshot(Path(self.source).parent, hashes)
 
     def with_input(self, path: Path, sha256: str) -> "Study":
-        """The same with one more file among its inputs, if it is not there already."""
+        """Return the study with one more input file, unless it is already one."""
         if path in self.files:
             return self
         more = replace(self, files=(*self.files, path))
         names = [name for name, f in more._named_files.items() if f == path]
         return replace(more, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
 
-    def input_names(self, trial: Trial) -> dict[str, str]:
-        """The files of a trial (`file`, `forces`), as `inputs` names them."""
-        words = {f: name for name, f in self._named_files.items()}
-        return {kind: words[f] for kind, f in trial.files.items() if f in words}
+    def get_input_names(self, trial: Trial) -> dict[str, str]:
+        """Return the files of a trial (`file`, `forces`) by their names in `inputs`."""
+        names = {f: name for name, f in self._named_files.items()}
+        return {kind: names[f] for kind, f in trial.files.items() if f in names}
 
-    def changed_inputs(self) -> tuple[str, ...]:
-        """Inputs that are no longer what was read, as `inputs` names them."""
+    def find_changed_inputs(self) -> tuple[str, ...]:
+        """Find inputs that have changed since they were read, by their names in `inputs`."""
         return tuple(
             name
             for name, f in self._named_files.items()
@@ -365,9 +405,7 @@ class Study(Displayed):
 def _adapt_marker_set(
     marker_set: MarkerSet, trials: tuple[Trial, ...]
 ) -> tuple[MarkerSet, tuple[Trial, ...]]:
-    """The marker set as the first static trial shows it worn, and the trials, the static ones
-    completed.
-    """
+    """Adapt the marker set to the first static trial, and complete the static trials."""
     whole = tuple(
         replace(t, recording=complete_static(t.recording, marker_set))
         if t.role is Role.STATIC
@@ -382,8 +420,19 @@ def _adapt_marker_set(
 
 
 def list_input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
-    """The study file at `path`, its recordings and forces, a marker set of one's own, priors, and a
-    known truth.
+    """List all input files of a study.
+
+    Parameters
+    ----------
+    file
+        Content of the study file.
+    path
+        Path of the study file.
+
+    Returns
+    -------
+    tuple of Path
+        Study file, recordings, forces, events, individual marker set, priors and truth.
     """
     forces = (
         f
@@ -407,11 +456,10 @@ def list_input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
 
 
 def _name_files(files: Iterable[Path], folder: Path) -> dict[str, Path]:
-    """Files by the names that the manifest gives them: below the study's folder from there,
-    elsewhere by their own.
+    """Name files for the manifest: relative to the study's folder, or by file name elsewhere.
 
-    Where two elsewhere have one name, the second has as much of its path before it as tells them
-    apart; no more of it belongs in a result that may be given away.
+    If two files elsewhere have one name, the second has as much of its path as is needed. More of a
+    path does not belong in a result that may be shared.
     """
     out: dict[str, Path] = {}
     for file in dict.fromkeys(files):
@@ -426,8 +474,26 @@ def _name_files(files: Iterable[Path], folder: Path) -> dict[str, Path]:
 
 
 def read_marker_set(file: StudyFile, path: Path, *, proposed: bool = False) -> MarkerSet:
-    """The marker set of the study file at `path`, with its further markers; InputError where labels
-    are proposed that nobody confirmed, unless `proposed` ones will do, or as of `load_marker_set`.
+    """Read the marker set of a study file with its further markers.
+
+    Parameters
+    ----------
+    file
+        Content of the study file.
+    path
+        Path of the study file.
+    proposed
+        Whether proposed labels that nobody confirmed are accepted.
+
+    Returns
+    -------
+    MarkerSet
+        The marker set.
+
+    Raises
+    ------
+    InputError
+        Labels are not confirmed, or the marker set cannot be read.
     """
     if not (file.markers.confirmed or proposed):
         raise InputError(
@@ -444,9 +510,7 @@ def read_marker_set(file: StudyFile, path: Path, *, proposed: bool = False) -> M
 def _require_labels(
     file: StudyFile, marker_set: MarkerSet, trials: Sequence[Trial], path: Path
 ) -> None:
-    """InputError for weights of labels that the set does not know, and for labels to be renamed
-    that no trial has.
-    """
+    """Require weights of labels in the set, and renamed labels in the trials; else InputError."""
 
     def fault(message: str, field: str) -> InputError:
         return InputError(message, source=path, field=f"markers.{field}", code=Code.UNKNOWN_LABEL)
@@ -492,10 +556,24 @@ def nominal_of(study: Study, completed: rebuilt_markers.Rebuilding | None = None
 
 
 def add_cohort_priors(study: Study, path: Path) -> Study:
-    """A study whose joint parameters lean on a cohort; the file counts among its inputs.
+    """Add the priors of a cohort to a study, and their file to its inputs.
 
-    Raises InputError: The file is no such file, or was learnt with another marker set, other
-    nominal joints, or for another protocol.
+    Parameters
+    ----------
+    study
+        The study.
+    path
+        The file `priors.json`.
+
+    Returns
+    -------
+    Study
+        The study with `joint_prior`.
+
+    Raises
+    ------
+    InputError
+        The file holds no priors, or those of another marker set, nominal model or protocol.
     """
     sha256 = compute_sha256(path) or ""
     prior = replace(build_cohort_prior(read_cohort_priors(path), study, path), sha256=sha256)
@@ -504,8 +582,26 @@ def add_cohort_priors(study: Study, path: Path) -> Study:
 
 
 def build_cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
-    """What the cohort says of the person of a study, without the fold of the people that the person
-    is among.
+    """Build the prior of a study's subject from a cohort, without the fold of this person.
+
+    Parameters
+    ----------
+    priors
+        Content of `priors.json`.
+    study
+        The study.
+    path
+        Its file, for messages.
+
+    Returns
+    -------
+    JointPrior
+        Prior of the parameters that were learnt.
+
+    Raises
+    ------
+    InputError
+        The priors are those of another marker set, nominal model or protocol.
     """
     settings, subject = study.settings, study.subject
     if not settings.takes_priors:

@@ -1,9 +1,8 @@
-"""The study file `study.toml`: subject, marker set, trials, settings. Read once, checked once,
-trusted inside.
+"""Read and check the study file `study.toml`: subject, marker set, trials and settings.
 
-Everything a user can get wrong in it ends in one `InputError`, one line: the file, the field as
-`trial[2].file` (trials count from 1, in the order of the file), what was found, what is allowed.
-Only the first mistake is told.
+Every error of a user is one `InputError` in one line: the file, the field such as `trial[2].file`
+(trials count from 1, in the order of the file), what was found and what is allowed. Only the first
+error is reported.
 """
 
 import datetime
@@ -36,9 +35,8 @@ RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
 FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
 MAX_LINE_CHARACTERS = 200  # Characters in what is said of a person or a session
 MAX_NAME_CHARACTERS = 80  # Characters in a trial's name, which becomes a file name
-_WINDOWS_DEVICES = re.compile(
-    r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE
-)  # no file names on Windows
+# Names that are no file names on Windows
+_WINDOWS_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
 def _require_suffix(allowed: tuple[str, ...]) -> AfterValidator:
@@ -64,7 +62,7 @@ def _parse_interval(value: object) -> tuple[float, float]:
 
 
 def _check_millimetres(low: float, high: float) -> Callable[[object], float]:
-    """A length of a body in mm, with a word for one that was given in another unit."""
+    """Check a length of the body in mm; the message recognises other units."""
 
     def check(value: object) -> float:
         number = (
@@ -83,8 +81,8 @@ def _check_millimetres(low: float, high: float) -> Callable[[object], float]:
 
 
 def _check_sides(low: float, high: float) -> BeforeValidator:
-    """A length in mm of either side, or of each."""
-    of_one = _check_millimetres(low, high)
+    """Check a length in mm of both sides together, or of each."""
+    check_side = _check_millimetres(low, high)
 
     def check(value: object) -> object:
         if isinstance(value, int | float) and not isinstance(value, bool):
@@ -93,7 +91,7 @@ def _check_sides(low: float, high: float) -> BeforeValidator:
             raise ValueError(
                 f"found {format_value(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}"
             )
-        return {side: of_one(length) for side, length in value.items()}
+        return {side: check_side(length) for side, length in value.items()}
 
     return BeforeValidator(check)
 
@@ -102,7 +100,7 @@ _WIDTHS = _check_sides(20, 300)
 
 
 def _parse_date(value: object) -> str:
-    """A date of TOML, or its text, as text."""
+    """Convert a date of TOML, or its text, to text."""
     try:
         found = (
             value if isinstance(value, datetime.date) else datetime.date.fromisoformat(str(value))
@@ -127,13 +125,13 @@ _Line: TypeAlias = Annotated[str, AfterValidator(_check_line)]
 
 
 class SubjectTable(Table):
-    """`[subject]`: the person."""
+    """Table `[subject]`: the person."""
 
     name: str = Field(description="the subject's name as reports show it")
     mass_kg: float = Field(gt=0, description="body mass in kg")
     height_m: float | None = Field(
         default=None,
-        description="body height in m; without it as a file says, or as people with legs as long "
+        description="body height in m; if not given, that of a file, or as people with legs as long "
         "have it: their "
         "standard deviation counts in the errors then",
     )
@@ -194,7 +192,7 @@ class SubjectTable(Table):
 
     @field_validator("name")
     @classmethod
-    def _name(cls, name: str) -> str:
+    def _check_name(cls, name: str) -> str:
         if not name.strip() or len(name) > MAX_LINE_CHARACTERS or not name.isprintable():
             raise ValueError(
                 f"found {format_value(name)}; allowed: 1 to {MAX_LINE_CHARACTERS} printable characters"
@@ -203,7 +201,7 @@ class SubjectTable(Table):
 
     @field_validator("height_m")
     @classmethod
-    def _height(cls, height: float | None) -> float | None:
+    def _check_height(cls, height: float | None) -> float | None:
         if height is None or 0.3 <= height <= 2.6:
             return height
         unit = {
@@ -215,7 +213,7 @@ class SubjectTable(Table):
 
 
 class Markers(Table):
-    """`[markers]`: what the labels in the files mean."""
+    """Table `[markers]`: what the labels in the files mean."""
 
     set: str = Field(
         min_length=1, description="a built-in marker set, or the path of a TOML file of your own"
@@ -237,13 +235,12 @@ class Markers(Table):
     )
     confirmed: bool = Field(
         default=True,
-        description="false where the meaning of labels was proposed, and nobody has looked at it "
-        "yet",
+        description="false where the meaning of labels was proposed and has not been checked yet",
     )
 
     @property
     def set_path(self) -> Path | None:
-        """The file of a marker set of the user's own; None for a built-in set."""
+        """File of an individual marker set; None for a built-in set."""
         return (
             Path(self.set)
             if self.set.lower().endswith(".toml") or re.search(r"[/\\]", self.set)
@@ -252,21 +249,19 @@ class Markers(Table):
 
     @field_validator("rename")
     @classmethod
-    def _one_to_one(cls, rename: dict[str, str]) -> dict[str, str]:
-        seen: dict[str, str] = {}
+    def _require_one_to_one(cls, rename: dict[str, str]) -> dict[str, str]:
+        first_use: dict[str, str] = {}
         for old, new in rename.items():
-            if new in seen:
-                message = (
-                    f"{format_value(seen[new])} and {format_value(old)} both become {format_value(new)}; a label names "
-                    "one marker"
-                )
+            if new in first_use:
+                first, second, label = map(format_value, (first_use[new], old, new))
+                message = f"{first} and {second} both become {label}; a label names one marker"
                 raise ValueError(message)
-            seen[new] = old
+            first_use[new] = old
         return rename
 
 
 class TrialTable(Table):
-    """`[[trial]]`: one recording and what it is for."""
+    """Table `[[trial]]`: one recording and its role."""
 
     name: str = Field(description="the trial's name, which also names its result files")
     role: Literal["static", "joint", "gait", "motion"] = Field(
@@ -304,7 +299,7 @@ class TrialTable(Table):
 
     @field_validator("name")
     @classmethod
-    def _safe_file_name(cls, name: str) -> str:
+    def _require_safe_file_name(cls, name: str) -> str:
         safe = re.fullmatch(
             r"[A-Za-z0-9_-]([A-Za-z0-9 _.-]*[A-Za-z0-9_-])?", name
         ) and not _WINDOWS_DEVICES.fullmatch(name)
@@ -318,10 +313,9 @@ class TrialTable(Table):
 
     @field_validator("joint")
     @classmethod
-    def _joint_where_needed(cls, joint: str | None, info: ValidationInfo) -> str | None:
-        role = info.data.get(
-            "role", "joint" if joint else "gait"
-        )  # role itself at fault: that is told first
+    def _require_joint(cls, joint: str | None, info: ValidationInfo) -> str | None:
+        # Without a valid role, its own error is reported
+        role = info.data.get("role", "joint" if joint else "gait")
         if role == "joint" and joint is None:
             raise ValueError(
                 "missing: role = 'joint' needs the joint: hip_r knee_r ankle_r hip_l knee_l ankle_l"
@@ -334,7 +328,7 @@ class TrialTable(Table):
 
 
 class TruthTable(Table):
-    """`[truth]`: only where somebody knows it, as the program that made the recordings does."""
+    """Table `[truth]`: known truth of a synthetic subject, written by its program."""
 
     parameters: Path = Field(
         strict=False, description="CSV of the true parameters: name,unit,value"
@@ -353,15 +347,15 @@ class TruthTable(Table):
         description="name of the marker set whose landmarks make the truth's segment frames"
     )
     hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
-        description="the nominal hip centre whose segment frames the truth is told in; that of the "
+        description="the nominal hip centre that defines the segment frames of the truth; that of the "
         "calibration"
     )
     ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
         description="what the true ankle angles are counted from; that of the calibration"
     )
 
-    def found(self, at: Callable[[Path], Path], source: Path) -> "TruthTable":
-        """The same with paths that `at` makes absolute, and a file there."""
+    def resolve_paths(self, at: Callable[[Path], Path], source: Path) -> "TruthTable":
+        """Resolve the paths by `at`, and require the files."""
         files = {
             field: require_file(at(getattr(self, field)), source=source, field=f"truth.{field}")
             for field in ("parameters", "landmarks")
@@ -370,9 +364,7 @@ class TruthTable(Table):
 
 
 class StudyFile(Table):
-    """A whole study file. From `load_study_file`, every path in it is absolute and a file lies
-    there.
-    """
+    """Whole study file; after `load_study_file` every path is absolute and its file exists."""
 
     subject: SubjectTable = Field(
         description="the table [subject] with name, mass_kg, height_m, sex"
@@ -390,7 +382,7 @@ class StudyFile(Table):
 
     @field_validator("trials", mode="before")
     @classmethod
-    def _array_of_tables(cls, trials: object) -> object:
+    def _require_array_of_tables(cls, trials: object) -> object:
         if isinstance(trials, dict):
             raise ValueError(
                 "found a single table [trial]; write [[trial]], with two brackets, for each trial"
@@ -399,11 +391,11 @@ class StudyFile(Table):
 
     @field_validator("trials")
     @classmethod
-    def _names_and_static(cls, trials: tuple[TrialTable, ...]) -> tuple[TrialTable, ...]:
-        seen: dict[str, int] = {}
+    def _require_names_and_static(cls, trials: tuple[TrialTable, ...]) -> tuple[TrialTable, ...]:
+        first_use: dict[str, int] = {}
         for number, trial in enumerate(trials, start=1):
-            # Some file systems do not tell Walk from walk.
-            if (other := seen.setdefault(trial.name.lower(), number)) != number:
+            # Some file systems do not distinguish Walk from walk
+            if (other := first_use.setdefault(trial.name.lower(), number)) != number:
                 message = (
                     f"trials {other} and {number} are both named {format_value(trial.name)}; every name "
                     "occurs once "
@@ -419,12 +411,21 @@ class StudyFile(Table):
 
     @property
     def static(self) -> TrialTable:
-        """The static trial that the model is made of: the first; further ones must agree with it."""
+        """Static trial of which the model is made: the first; further ones must agree with it."""
         return next(trial for trial in self.trials if trial.role == "static")
 
     def to_toml(self, folder: Path | None = None) -> str:
-        """The study as the text of a study file, defaults left out, absolute paths made relative to
-        `folder`.
+        """Format the study as the text of a study file, without defaults.
+
+        Parameters
+        ----------
+        folder
+            Absolute paths become relative to this folder.
+
+        Returns
+        -------
+        str
+            Text of the file.
         """
 
         def content(table: Table) -> dict[str, object]:
@@ -450,7 +451,7 @@ class StudyFile(Table):
 
 
 def _make_plain(value: object, folder: Path | None) -> object:
-    """A value as TOML can hold it: paths from `folder`, tables within a table as mappings."""
+    """Convert a value for TOML: paths relative to `folder`, nested tables as mappings."""
     if isinstance(value, dict):
         return {key: _make_plain(inner, folder) for key, inner in value.items()}
     if isinstance(value, Table):
@@ -463,10 +464,22 @@ def _make_relative(path: Path, folder: Path | None) -> Path:
 
 
 def load_study_file(path: Path | str) -> StudyFile:
-    """Read and check the study file at `path`; relative paths in it are resolved from the file's
-    own folder.
+    """Read and check a study file; relative paths are resolved from its folder.
 
-    Raises InputError: One line: file, field, what was found, what is allowed.
+    Parameters
+    ----------
+    path
+        The file `study.toml`.
+
+    Returns
+    -------
+    StudyFile
+        Its content with absolute paths.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
     """
     source = Path(path)
     study = read_validated(StudyFile, source)
@@ -483,8 +496,12 @@ def load_study_file(path: Path | str) -> StudyFile:
         if trial.forces:
             files["forces"] = found(trial.forces, f"trial[{number}].forces")
         trials.append(trial.model_copy(update=files))
-    truth = study.truth and study.truth.found(lambda file: source.parent.absolute() / file, source)
-    settings = study.calibration.found(lambda file: found(file, "calibration.priors"), source)
+    truth = study.truth and study.truth.resolve_paths(
+        lambda file: source.parent.absolute() / file, source
+    )
+    settings = study.calibration.resolve_paths(
+        lambda file: found(file, "calibration.priors"), source
+    )
     return study.model_copy(
         update={
             "markers": markers,

@@ -1,12 +1,10 @@
-"""One trial of a study: read, its labels put into those of the marker set, cut to the time that the
-study asks for.
+"""Read one trial of a study: labels of the marker set, and the times that the study selects.
 
-Markers of the trunk that walks have and the static trial lacks are put where they belong by the
-walks themselves: in every frame the markers of the pelvis tell where the lumbar joint is and where
-the pelvis faces. The mean of a trunk marker in axes through that joint, y up and z along the
-pelvis's lateral direction made horizontal, is its place in a person whose trunk stands as it is
-carried on average while walking. A note says that the trunk's angles count from its mean posture in
-those walks.
+The module also places trunk markers that walks have and the static trial lacks. In every frame the
+markers of the pelvis give the position of the lumbar joint and the direction of the pelvis. The
+mean of a trunk marker in axes through that joint, y up and z along the pelvis's lateral direction
+made horizontal, is its position in the static posture. The trunk is thus assumed to stand as it is
+carried on average while walking. A note reports that trunk angles count from that mean posture.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -37,12 +35,14 @@ from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.study.study_file import TrialTable
 
 OTHER_UNIT_RATIO = 100.0
-"""Forces that last so many times longer than whole markers have their time in ms: laboratories crop
-markers, to a tenth or a twentieth of the forces."""
+"""Least ratio of the durations of forces and markers that shows times in ms.
+
+Laboratories crop markers to a tenth or a twentieth of the forces.
+"""
 
 
 class Role(str, Enum):
-    """What a trial is for."""
+    """Role of a trial."""
 
     STATIC = "static"
     """Standing still."""
@@ -61,13 +61,13 @@ class Trial:
     name: str
     role: Role
     joint: str | None = None
-    """The joint of an isolated trial."""
+    """The joint of a functional trial (`role = "joint"`)."""
     recording: Recording
     """Labels as in the marker set; only the frames that the study asks for."""
     plates: Mapping[str, str] = field(default_factory=dict)
-    """Plate name -> "r", "l" or "none", where the study says so."""
+    """Plate name -> "r", "l" or "none", if the study or the file of the forces gives it."""
     filter_hz: float | str | None = None
-    """Cut-off of the force filter of this trial, `none`, or None: as in the settings."""
+    """Cut-off of the force filter of this trial, `none`, or None for that of the settings."""
     file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
@@ -128,12 +128,26 @@ def cleaned_trial(
 
 
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:
-    """Read one trial of a study file, its labels put into those of the marker set.
+    """Read one trial of a study file with the labels of the marker set.
 
-    `rename`: label in the file -> label in the marker set, before the set's own aliases are looked
-    up.
+    Parameters
+    ----------
+    trial
+        Table `[[trial]]` with absolute paths.
+    rename
+        Label in the file -> label in the marker set, before the aliases of the set.
+    marker_set
+        Marker set of the study.
 
-    Raises InputError: One line: file, field, what was found, what is allowed.
+    Returns
+    -------
+    Trial
+        The trial, not cleaned.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
     """
     whole = apply_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
     recording = marker_set.renamed(_rename_labels(whole, rename))
@@ -191,9 +205,7 @@ def _rename_labels(recording: Recording, rename: Mapping[str, str]) -> Recording
 
 
 def _note_partial_forces(recording: Recording, trial: TrialTable) -> Recording:
-    """The recording with a note where its forces cover a part of it; InputError where they cover
-    less than a step.
-    """
+    """Add a note if forces cover a part of the trial; InputError if less than a step."""
     if trial.role not in ("gait", "motion"):
         return recording
     time, source = recording.time, trial.forces or trial.file
@@ -227,13 +239,12 @@ def _note_partial_forces(recording: Recording, trial: TrialTable) -> Recording:
 
 
 FEWEST_TRUNK_FRAMES = 20
-"""In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a
-habit.
+"""Least number of frames in which a trunk marker must be visible with three of the pelvis.
+
+A mean over fewer frames is a single posture.
 """
 SINGULAR_M = 1e-2
-"""m, RMS distance of pelvis markers from a line below which they do not tell how the pelvis is
-turned.
-"""
+"""Least RMS distance (m) of pelvis markers from a line that shows the rotation of the pelvis."""
 
 
 def build_model_with_trunk(
@@ -242,8 +253,23 @@ def build_model_with_trunk(
     marker_set: MarkerSet,
     walks: Sequence[Recording],
 ) -> SubjectModel:
-    """The model that `model_of` makes of a static trial, with the trunk of the walks where it shows
-    none.
+    """Build the model of a static trial, with the trunk of the walks if it shows none.
+
+    Parameters
+    ----------
+    model_of
+        Function that builds the model of a static recording.
+    static
+        Recording of the static trial.
+    marker_set
+        Marker set of the study.
+    walks
+        Recordings of walks.
+
+    Returns
+    -------
+    SubjectModel
+        The model; a note if walks placed trunk markers.
     """
     model = model_of(static)
     placed = zip(model.markers.segments, model.markers.weight, strict=True)
@@ -298,8 +324,9 @@ def build_model_with_trunk(
 
 
 def _compute_standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
-    """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m
-    lumbar joint.
+    """Compute axes (k, 3, 3) and lumbar joint (k, 3) m in the k frames with a known pelvis.
+
+    Axes are x forward, y up, z right. The frames come first.
     """
     column = {label: i for i, label in enumerate(walk.labels)}
     pelvis = model.markers.on("pelvis", column)
@@ -321,9 +348,7 @@ def _compute_standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArr
 
 
 def _fit_rotations(moments: Array) -> Array:
-    """(k, 3, 3) rotations nearest to sums of measured times local positions (k, 3, 3) (Kabsch
-    1976).
-    """
+    """Fit rotations (k, 3, 3) to sums of measured times local positions (k, 3, 3) (Kabsch 1976)."""
     u, _, vt = np.linalg.svd(moments)
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     out: Array = u @ vt
@@ -331,7 +356,7 @@ def _fit_rotations(moments: Array) -> Array:
 
 
 def _build_upright_axes(lateral: Array) -> Array:
-    """(3, 3) axes in columns, z along a (3,) direction made horizontal."""
+    """Build (3, 3) axes in columns, y up, z along a (3,) direction made horizontal."""
     up = np.array([0.0, 1.0, 0.0])
     z = segment_frames.unit(lateral - (lateral @ up) * up)
     return np.column_stack([np.cross(up, z), up, z])

@@ -113,7 +113,7 @@ def test_an_offset_is_learnt_and_read_back(
     assert "12 people of the cohort 'lab'" in prior.notes[0]
     assert (
         leaning.inputs.keys() - study.inputs.keys() == {"priors.json"}
-        and not leaning.changed_inputs()
+        and not leaning.find_changed_inputs()
     )
     assert prior.names == NAMES, "nobody tells of trunk and arms: what is known of them stays"
     rows = list(priors_rows(priors))

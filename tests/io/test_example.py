@@ -159,7 +159,7 @@ def test_recordings_are_fetched_and_told_whose_they_are(server: Served, tmp_path
     assert content(tmp_path / "small") == CONTENT
     assert (tmp_path / "small" / STUDY).read_text() == "[subject]\n"
     words, one = " ".join((tmp_path / "small" / SOURCE).read_text().split()), example()
-    told = (one.of, one.commit, one.licence, one.licence_text, one.cite, one.remark)
+    told = (one.publisher, one.commit, one.licence, one.licence_text, one.cite, one.remark)
     assert [word for word in told if word not in words] == []
     assert all(file.url in words and file.sha256 in words for file in one.files)
     manifest = json.loads((tmp_path / "small/manifest.json").read_text())

@@ -264,7 +264,9 @@ def test_the_unit_of_moments_is_that_with_which_the_centre_of_pressure_moves(
     require_truth(recording, truth)
     wrong = newton_metres if unit != "Nm" else not newton_metres
     assert any("its moments are in units of" in note for note in recording.notes) is wrong
-    assert any("says in its UNITS" in note for note in recording.notes) is (wrong and bool(unit))
+    assert any("declares in its UNITS" in note for note in recording.notes) is (
+        wrong and bool(unit)
+    )
 
 
 def test_centres_of_a_type_1_plate_in_metres_are_seen_to_be(tmp_path: Path) -> None:

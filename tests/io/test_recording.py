@@ -145,5 +145,5 @@ def test_seen_share_and_longest_gap() -> None:
     markers[40, 4] = np.nan
     gaps = measure_gaps(replace(recording, markers=markers))
     assert [g.label for g in gaps] == list(recording.labels)
-    assert [round(g.seen * 101) for g in gaps[:5]] == [88, 71, 90, 0, 100]
+    assert [round(g.visible_share * 101) for g in gaps[:5]] == [88, 71, 90, 0, 100]
     assert [g.longest_gap for g in gaps[:5]] == pytest.approx([0.11, 0.30, 0.11, 1.0, 0.02])

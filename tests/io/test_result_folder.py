@@ -388,8 +388,8 @@ def test_the_manifest_learns_of_it(tmp_path: Path) -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
-from gaitcal.io.result_folder import locked
-with locked(Path(sys.argv[1])):
+from gaitcal.io.result_folder import lock_result
+with lock_result(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
 """

@@ -209,7 +209,7 @@ def test_counts_that_lie_are_told_or_ignored(tmp_path: Path) -> None:
     recording = parse_trc(trc(tmp_path, frames=1763, markers=40))
     assert recording.markers.shape == (3, 2, 3)
     assert recording.rate == pytest.approx(100)  # the Time column, not DataRate 50
-    assert recording.notes == ("Header says 1763 frames; 3 found.",)
+    assert recording.notes == ("Header declares 1763 frames; 3 found.",)
 
 
 @pytest.mark.parametrize("gap", ["\t\t", "NaN\tnan\tNaN", "0\t0.0\t0.000", "7\t\t8"])

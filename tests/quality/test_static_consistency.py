@@ -213,7 +213,7 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     assert {name for name in placed.loosened if "hip_r" in name} == {
         f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")
     }
-    prior = ANATOMY.loosened(placed.loosened)
+    prior = ANATOMY.widen(placed.loosened)
     k = prior.names.index("hip_r.thigh.sup")
     more = prior.covariance[k, k] - ANATOMY.covariance[k, k]
     assert more == pytest.approx(one.shift_spread**2) and examined(study).study is study

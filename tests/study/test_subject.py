@@ -146,7 +146,7 @@ def test_a_height_that_nobody_says_is_that_of_people_with_such_legs(
     assert (
         0.03 < person.height_error < 0.12 and abs(person.height - 1.803) < 2.0 * person.height_error
     )
-    assert any("no height is given" in note for note in study.static.recording.notes)
+    assert any("height not given" in note for note in study.static.recording.notes)
     said = loaded("pig_c3d", "height_m").subject
     assert (said.height, said.height_error) == (1.79, 0.0), "its C3D file says it"
     assert "mass_kg" in refusal(loaded, "subject01", "mass_kg")

@@ -98,7 +98,7 @@ def test_round_trip(tmp_path: Path) -> None:
 def test_between_and_beyond_its_instants(tmp_path: Path) -> None:
     curve = read(written(tmp_path)).motions["walk"]
     name = "hip_flexion_r"
-    middle = curve.at(np.array([-0.5, 0.0, 0.05, 1.0, 1.5]))[name]
+    middle = curve.interpolate(np.array([-0.5, 0.0, 0.05, 1.0, 1.5]))[name]
     values = curve.values[name]
     np.testing.assert_allclose(
         middle, [np.nan, values[0], 0.5 * (values[0] + values[1]), values[-1], np.nan]

@@ -75,7 +75,7 @@ class C3DHeader:
         """Numbers of frames that the 16-bit counter may stand for, up to what the file can hold."""
         return range(self.frames, (self.size - self.start) // max(self.frame_bytes, 1) + 1, WORD)
 
-    def fills(self, data_bytes: int) -> bool:
+    def is_filled_by(self, data_bytes: int) -> bool:
         """Return whether data of this length (bytes) end in the last block of the file."""
         return 0 <= self.size - self.start - data_bytes < 2 * BLOCK
 
@@ -138,7 +138,7 @@ def check_c3d_header(path: Path) -> C3DHeader:
         start=(words[8] - 1) * BLOCK,
     )
     if words[4] < words[3] and not any(
-        header.fills(n * header.frame_bytes) for n in header.counts if n
+        header.is_filled_by(n * header.frame_bytes) for n in header.counts if n
     ):
         found = f"frame {words[3]} is its first and {words[4]} its last"
         raise FileFault(found, "header", Code.DAMAGED_RECORDING)
@@ -178,7 +178,7 @@ def find_sample_layout(
         The header with its true number of frames; None if the samples as parsed are right.
     """
     read = (4 * points[0].size + analogs.size) * (4 if header.is_float else 2)
-    if not header.frame_bytes or (header.fills(read) and points.shape[2] != header.frames):
+    if not header.frame_bytes or (header.is_filled_by(read) and points.shape[2] != header.frames):
         return None
     trial, point = parameters.get("TRIAL", {}), parameters.get("POINT", {})
     start, end = (
@@ -192,16 +192,16 @@ def find_sample_layout(
     ]
     if header.saturated:
         counts.append((header.size - header.start) // header.frame_bytes)
-    whole = next((n for n in counts if n > 0 and header.fills(n * header.frame_bytes)), None)
+    whole = next((n for n in counts if n > 0 and header.is_filled_by(n * header.frame_bytes)), None)
     return replace(header, frames=whole) if whole and whole * header.frame_bytes != read else None
 
 
-def read_long_number(words: Any) -> int | None:
+def read_long_number(parts: Any) -> int | None:
     """Read a number from two 16-bit values (the lower first) or from one float.
 
     Parameters
     ----------
-    words
+    parts
         One or two numbers.
 
     Returns
@@ -209,7 +209,7 @@ def read_long_number(words: Any) -> int | None:
     int or None
         None if there is no such number.
     """
-    values = np.asarray(words, dtype=np.float64).ravel()
+    values = np.asarray(parts, dtype=np.float64).ravel()
     if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
         return None
     return (
@@ -278,7 +278,7 @@ def read_samples(
     return points.transpose(2, 1, 0), scaled * (general[0] if len(general) else 1.0)
 
 
-# ------------------------------------------------------------------------------------------------------ parameters
+# --------------------------------------------------------------------------------------- parameters
 
 TEXT, FLOAT = -1, 4
 _KINDS = (TEXT, 1, 2, FLOAT)
@@ -371,7 +371,8 @@ def find_damage(content: bytes) -> str:
         for record in (record for record in parse_records(content) if not record.is_group):
             kind, _, end = _read_extent(record.content)
             if kind not in _KINDS:
-                return f"{_name_parameter(record.name)} has the type {kind}; allowed are -1, 1, 2 and 4"
+                name = _name_parameter(record.name)
+                return f"{name} has the type {kind}; allowed are -1, 1, 2 and 4"
             if end > len(record.content):
                 return f"{_name_parameter(record.name)} is longer than its record"
     except (ValueError, IndexError, struct.error) as fault:

@@ -17,7 +17,7 @@ from gaitcal.io.recording import ForcePlate
 Parameters = Mapping[str, Mapping[str, Any]]
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of each plate type read here
 # Words of a note on a unit that the data contradict
-CONTRADICTED = "says in its UNITS"
+CONTRADICTED = "declares in its UNITS"
 # Share of centres of pressure outside the plate above which a note is given
 DOUBTFUL_SHARE = 0.2
 
@@ -32,7 +32,7 @@ class MeasuredPlate:
     moment: Array  # (ns, 3) N·m
     frame: force_plate.PlateFrame
 
-    def as_plate(self) -> ForcePlate:
+    def to_force_plate(self) -> ForcePlate:
         """Convert to a force plate with the full moment about the centre of the surface."""
         point, wrench = (
             np.tile(self.frame.centre, (len(self.time), 1)),
@@ -249,7 +249,8 @@ def _find_presence(
 ) -> tuple[BoolArray, ...]:
     """Find frames (nf,) with a person over the plate; without by ZERO; without by the markers."""
     occupied, known = force_plate.find_points_over_plate(markers, frame)
-    first, last = zero if len(zero := _read_numbers(group, "ZERO").ravel()) == 2 else (1.0, 0.0)
+    zero = _read_numbers(group, "ZERO").ravel()
+    first, last = zero if len(zero) == 2 else (1.0, 0.0)
     numbers = np.arange(1, len(markers) + 1)
     # No frame is named in a damaged file without these numbers
     named = (numbers >= first) & (numbers <= last)

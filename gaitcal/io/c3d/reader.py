@@ -47,9 +47,9 @@ NON_POSITION_GROUPS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REAC
 """POINT parameters that list points which are no positions: angles, moments and the like."""
 COMPUTED_GROUPS = (*NON_POSITION_GROUPS, "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
-USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not tell")
+USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not show it")
 
-# ------------------------------------------------------------------------------------------ ezc3d in its own process
+# ------------------------------------------------------------------------- ezc3d in its own process
 
 # Longest start of the parser process (s); on a busy machine it loads its libraries slowly
 START_SECONDS = 120.0
@@ -110,7 +110,7 @@ def parse_c3d(path: Path, size: int) -> dict[str, Any]:
     ParserDiedError
         The parser did not survive the file.
     """
-    kind, content = _PARSER.answer(
+    kind, content = _PARSER.parse(
         str(path.absolute()), size, BASE_SECONDS + SECONDS_PER_BYTE * size
     )
     if kind == "fault":
@@ -126,7 +126,7 @@ class _Parser:
         self._one_at_a_time = threading.Lock()
         atexit.register(self.end)
 
-    def answer(self, path: str, size: int, seconds: float) -> tuple[str, Any]:
+    def parse(self, path: str, size: int, seconds: float) -> tuple[str, Any]:
         """Ask for a file; return `content` and its content, or `fault` and the reason."""
         with self._one_at_a_time:
             try:
@@ -141,8 +141,8 @@ class _Parser:
                     self._process = subprocess.Popen(
                         command, stdin=pipe, stdout=pipe, stderr=nowhere
                     )
-                    self._asked(None, START_SECONDS)
-                kind, content = self._asked((path, size), seconds)
+                    self._ask(None, START_SECONDS)
+                kind, content = self._ask((path, size), seconds)
             except BaseException:
                 # Also Ctrl-C: a late answer must not be taken for that of the next file
                 self.end()
@@ -152,7 +152,7 @@ class _Parser:
                 self.end()
             return kind, content
 
-    def _asked(self, question: tuple[str, int] | None, seconds: float) -> Any:
+    def _ask(self, question: tuple[str, int] | None, seconds: float) -> Any:
         """Send a question and return the answer; without one, wait until the process is ready."""
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
@@ -247,7 +247,7 @@ def _read_content(path: str) -> dict[str, Any]:
     }
 
 
-# ------------------------------------------------------------------------------------------------- the recording
+# ------------------------------------------------------------------------------------ the recording
 
 
 @name_file_in_faults
@@ -339,7 +339,8 @@ def _build_recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> R
     absurd = (np.abs(markers) > LARGEST_COORDINATE_M).any(axis=2)
     if absurd.any():
         notes += (
-            f"{int(absurd.sum())} positions beyond {LARGEST_COORDINATE_M:g} m, damaged numbers, taken as gaps.",
+            f"{int(absurd.sum())} positions beyond {LARGEST_COORDINATE_M:g} m, damaged numbers, "
+            "taken as gaps.",
         )
         markers[absurd] = np.nan
     markers, gap_notes = replace_zeros(markers)
@@ -348,7 +349,8 @@ def _build_recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> R
         parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre, markers
     )
     vertical = (
-        axes.find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
+        axes.find_vertical(markers, tuple(plate.to_force_plate() for plate in plates))
+        or USUAL_VERTICAL
     )
     standing, turn_notes = orient_plates(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
@@ -396,9 +398,9 @@ def _read_poses(
         < ORTHONORMAL_TOLERANCE
     )
     proper &= np.linalg.det(np.nan_to_num(turns)) > 0.0
-    out[~(proper & (np.abs(out[..., :3, 3]) < LARGEST_COORDINATE_M).all(axis=-1))] = (
-        np.nan
-    )  # lost, or zeros
+    # Lost poses are written as zeros or as no rotations
+    proper &= (np.abs(out[..., :3, 3]) < LARGEST_COORDINATE_M).all(axis=-1)
+    out[~proper] = np.nan
     return out, names
 
 

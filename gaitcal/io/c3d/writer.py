@@ -177,7 +177,7 @@ def _order_corners(plate: ForcePlate) -> Array:
     return plate.corners if normal[1] < 0 else plate.corners[[1, 0, 3, 2]]
 
 
-# ---------------------------------------------------------------------------------------- a copy with further points
+# ----------------------------------------------------------------------- a copy with further points
 
 CONTEXTS = {"r": "Right", "l": "Left"}
 EVENT_LABELS = {
@@ -209,7 +209,7 @@ class PointKind(Enum):
     MOMENT = ("MOMENTS", "MOMENT")
     POWER = ("POWERS", "POWER")
     FORCE = ("FORCES", "FORCE")
-    PLACE = ("MODELED_MARKERS", "MODELED_MARKER")
+    POSITION = ("MODELED_MARKERS", "MODELED_MARKER")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,11 +242,11 @@ class C3DOriginal:
             _read_list(self.file, "POINT", "LABELS")[: self.file["data"]["points"].shape[1]]
         )
 
-    def unit(self, name: str) -> str:
+    def get_unit(self, name: str) -> str:
         """Get a POINT parameter that names a unit, such as `ANGLE_UNITS`; empty if missing."""
         return next(iter(_read_list(self.file, "POINT", name)), "")
 
-    def places(self) -> Array:
+    def get_positions(self) -> Array:
         """Get (nf, np, 3) coordinates of all points, NaN where they are missing."""
         return np.asarray(self.file["data"]["points"][:3].transpose(2, 1, 0))
 
@@ -345,7 +345,7 @@ def supplement_c3d(
         _complete_channels(file)
         _add_events(file, events)
         for name, unit in (units or {}).items():
-            if not original.unit(name):
+            if not original.get_unit(name):
                 _put_parameter(file, "POINT", name, [unit])
         if group is not None:
             for name, texts in group[1].items():
@@ -508,14 +508,14 @@ def _add_events(file: Any, events: Sequence[FootEvent]) -> None:
     there = times.shape[1]
     if there + len(events) > MOST_EVENTS:
         raise ValueError(f"it would have {there + len(events)} events; {MOST_EVENTS} are allowed")
-    words = [EVENT_LABELS[event.moment] for event in events]
+    entries_of_events = [EVENT_LABELS[event.moment] for event in events]
     subject = next(
         iter(_read_list(file, "EVENT", "SUBJECTS") or _read_list(file, "SUBJECTS", "NAMES")), ""
     )
     columns = {
         "CONTEXTS": [CONTEXTS[event.side] for event in events],
-        "LABELS": [label for label, _, _ in words],
-        "DESCRIPTIONS": [text for _, text, _ in words],
+        "LABELS": [label for label, _, _ in entries_of_events],
+        "DESCRIPTIONS": [text for _, text, _ in entries_of_events],
         "SUBJECTS": [subject] * len(events),
     }
     new = np.array(
@@ -527,7 +527,7 @@ def _add_events(file: Any, events: Sequence[FootEvent]) -> None:
             file, "EVENT", name, _pad_list(_read_list(file, "EVENT", name), there) + texts
         )
     for name, numbers in (
-        ("ICON_IDS", [icon for _, _, icon in words]),
+        ("ICON_IDS", [icon for _, _, icon in entries_of_events]),
         ("GENERIC_FLAGS", [0] * len(events)),
     ):
         known = (

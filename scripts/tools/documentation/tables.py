@@ -310,5 +310,5 @@ def marker_sets() -> str:
 
 
 def public_examples() -> str:
-    rows = ((f"`{one.name}`", one.title, one.of, one.licence) for one in load_examples())
+    rows = ((f"`{one.name}`", one.title, one.publisher, one.licence) for one in load_examples())
     return table_of(("example", "recordings", "published by", "licence"), rows)
