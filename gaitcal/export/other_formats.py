@@ -410,7 +410,9 @@ def _write(path: Path | str, title: str, comments: tuple[str, ...], table: Stora
     if missing:
         comments = (*comments, f"{missing} of {nf} rows are left out: they hold no value.")
     kept = replace(table, time=table.time[known], values=table.values[known])
-    atomic.write_text_atomically(path, kept.text(_one_line(title), tuple(map(_one_line, comments))))
+    atomic.write_text_atomically(
+        path, kept.format_text(_one_line(title), tuple(map(_one_line, comments)))
+    )
 
 
 def _one_line(text: str) -> str:

@@ -391,7 +391,18 @@ def _fetch_rest(
 
 
 def format_source(example: Example) -> str:
-    """Format the origin and licence of the recordings as the text of SOURCE.txt."""
+    """Format the origin and licence of the recordings as the text of SOURCE.txt.
+
+    Parameters
+    ----------
+    example
+        Example of the registry.
+
+    Returns
+    -------
+    str
+        Lines of at most 100 characters.
+    """
     paragraphs = (
         f"{example.title}. Fetched by 'gaitcal example {example.name}'; the recordings are no part "
         "of gaitcal.",

@@ -234,12 +234,25 @@ class StorageTable:
     values: Array  # (rows, columns), in the units of the file
     in_degrees: bool | None  # Unit of angles by the header; None if not given
 
-    def column(self, name: str) -> Array:
+    def get_column(self, name: str) -> Array:
         """Get the values (rows,) of one column."""
         return np.asarray(self.values[:, self.names.index(name)])
 
-    def text(self, title: str, comments: tuple[str, ...] = ()) -> str:
-        """Format the table as the text of a file; numbers read back to the same bits."""
+    def format_text(self, title: str, comments: tuple[str, ...] = ()) -> str:
+        """Format the table as the text of a file; numbers read back to the same bits.
+
+        Parameters
+        ----------
+        title
+            First line.
+        comments
+            Further lines of the header.
+
+        Returns
+        -------
+        str
+            Text of the file.
+        """
         header = [
             title,
             "version=1",
@@ -370,7 +383,7 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
         for axis in "xyz"
     ]
     atomic.write_text_atomically(
-        path, StorageTable(time, tuple(names), values, True).text(path.name)
+        path, StorageTable(time, tuple(names), values, True).format_text(path.name)
     )
 
 

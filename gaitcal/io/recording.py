@@ -161,7 +161,18 @@ class Recording(Displayed):
         return replace(self, notes=self.notes + notes)
 
     def frames(self, chosen: BoolArray) -> "Recording":
-        """Return the recording with its frames `chosen` (nf,); plates keep all their samples."""
+        """Return the recording with its frames `chosen` only; plates keep all their samples.
+
+        Parameters
+        ----------
+        chosen : (nf,)
+            Frames to keep.
+
+        Returns
+        -------
+        Recording
+            With fewer frames.
+        """
         computed = self.computed
         if computed is not None:
             computed = ComputedPoints(computed.labels, computed.points[chosen])
@@ -280,7 +291,22 @@ def measure_duration(time: Array, stretch: slice) -> float:
 
 
 def format_spans(time: Array, stretches: Sequence[slice], most: int = 3) -> str:
-    """Format runs of frames as times, such as `0.42-0.58, 1.10-1.12 s`; at most `most` of them."""
+    """Format runs of frames as times, such as `0.42-0.58, 1.10-1.12 s`.
+
+    Parameters
+    ----------
+    time : (nf,)
+        s.
+    stretches
+        Runs of frames.
+    most
+        Number of runs that are written out; further ones are counted.
+
+    Returns
+    -------
+    str
+        Times in s.
+    """
     named = [f"{time[s.start]:.2f}-{time[s.stop - 1]:.2f}" for s in stretches[:most]]
     more = f" and {len(stretches) - most} more" if len(stretches) > most else ""
     return ", ".join(named) + f" s{more}"

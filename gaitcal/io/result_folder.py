@@ -155,7 +155,18 @@ def compute_sha256(path: Path) -> str | None:
 
 
 def hash_manifest(manifest: Mapping[str, object]) -> str:
-    """Compute the SHA-256 of a manifest's entries without the entry that holds it."""
+    """Compute the SHA-256 of a manifest's entries without the entry that holds it.
+
+    Parameters
+    ----------
+    manifest
+        Entries of `manifest.json`.
+
+    Returns
+    -------
+    str
+        Hexadecimal.
+    """
     entries = {name: value for name, value in manifest.items() if name != SELF_HASH}
     return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 

@@ -220,7 +220,18 @@ _ALLOWED = {
 
 
 def format_value(value: object) -> str:
-    """Format a value for a message: text quoted, in one line, cut if long."""
+    """Format a value for a message: text quoted, in one line, cut if long.
+
+    Parameters
+    ----------
+    value
+        Any value of a TOML file.
+
+    Returns
+    -------
+    str
+        At most 60 characters.
+    """
     try:
         text = repr(value)
     except (ValueError, RecursionError):

@@ -281,7 +281,7 @@ def _reactions(path: Path) -> dict[str, Array]:
         return {}
     table = read_table(path)
     return {
-        s: np.stack([table.column(f"ground_force_{s}_v{axis}") for axis in "xyz"], axis=1)
+        s: np.stack([table.get_column(f"ground_force_{s}_v{axis}") for axis in "xyz"], axis=1)
         for s in SIDES
     }
 

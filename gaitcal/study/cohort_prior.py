@@ -98,7 +98,18 @@ class JointPrior:
         return replace(self, covariance=self.covariance + np.diag(variance))
 
     def describe_fallback(self, names: Sequence[str]) -> str:
-        """Describe what unobservable joint parameters stay near; empty for their nominal values."""
+        """Describe what unobservable joint parameters stay near.
+
+        Parameters
+        ----------
+        names
+            Joint parameters that no trial shows.
+
+        Returns
+        -------
+        str
+            Empty for their nominal values.
+        """
         if set(names) & set(self.of_cohort):
             return "what the cohort has"
         return "what the study file expects" if set(names) & set(self.of_study) else ""

@@ -176,7 +176,18 @@ def format_moments(time: Array, forces: Array, bwh: float) -> str:
 
 
 def format_landmarks(landmarks: Mapping[str, Array]) -> str:
-    """Format the content of the landmarks file: name -> (3,) m, laboratory, y up."""
+    """Format the content of the landmarks file.
+
+    Parameters
+    ----------
+    landmarks
+        Name -> (3,) m, laboratory, y up.
+
+    Returns
+    -------
+    str
+        Text of the file.
+    """
     places = np.array(list(landmarks.values())).reshape(-1, 3)
     columns = {"name": list(landmarks), **{axis: places[:, k] for k, axis in enumerate("xyz")}}
     return _format_table("landmarks of the static trial in m, laboratory, y up", columns)

@@ -381,7 +381,20 @@ class Study(Displayed):
         return Snapshot(Path(self.source).parent, hashes)
 
     def with_input(self, path: Path, sha256: str) -> "Study":
-        """Return the study with one more input file, unless it is already one."""
+        """Return the study with one more input file, unless it is already one.
+
+        Parameters
+        ----------
+        path
+            The file.
+        sha256
+            Its SHA-256, hexadecimal.
+
+        Returns
+        -------
+        Study
+            The study with this input.
+        """
         if path in self.files:
             return self
         more = replace(self, files=(*self.files, path))

@@ -34,7 +34,7 @@ def test_mot_round_trip(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.time, TIME)
     for i, name in enumerate(COORDINATES):
         unit = 1.0 if is_translation(name) else np.pi / 180
-        np.testing.assert_allclose(read.column(name) * unit, q[:, i], rtol=ROUNDING)
+        np.testing.assert_allclose(read.get_column(name) * unit, q[:, i], rtol=ROUNDING)
 
 
 def test_mot_of_some_coordinates_in_any_order(tmp_path: Path) -> None:

@@ -161,7 +161,7 @@ def test_tables(tmp_path: Path, text: str, degrees: bool | None) -> None:
     found = read_table(str(path))  # a path as text serves too
     assert found.in_degrees is degrees and found.names == ("a", "b")
     np.testing.assert_array_equal(found.values, [[1, 2], [3, 4]])
-    np.testing.assert_array_equal(found.column("b"), [2, 4])
+    np.testing.assert_array_equal(found.get_column("b"), [2, 4])
 
 
 @pytest.mark.parametrize(

@@ -423,7 +423,7 @@ def test_tables_are_relative_and_the_mot_is_not(tmp_path: Path) -> None:
     anatomical = np.rad2deg(trial.body.q[:, COORDINATES.index("hip_flexion_r")])
     np.testing.assert_allclose(table["hip_flexion_r"], anatomical - 11.0, atol=WRITTEN_DEG)
     mot = read_table(tmp_path / "motion" / f"{trial.name}.mot")
-    np.testing.assert_allclose(mot.column("hip_flexion_r"), anatomical, atol=WRITTEN_DEG)
+    np.testing.assert_allclose(mot.get_column("hip_flexion_r"), anatomical, atol=WRITTEN_DEG)
 
 
 def test_static_angles_come_back_from_the_summary(tmp_path: Path) -> None:

@@ -191,14 +191,7 @@ def _read_plate(
         force, moment = force - empty[:3], moment - empty[3:]
         removed = ", ".join(f"{value:.1f}" for value in empty[:3])
         notes.append(f"offset of the empty plate removed, {removed} N in its own axes")
-    share = force_plate.compute_outside_share(force, moment, frame)
-    if share > DOUBTFUL_SHARE:
-        notes.append(
-            f"{100 * share:.0f} % of the centres of pressure under more than "
-            f"{force_plate.BODY_N:.0f} N lie over "
-            f"{1e3 * force_plate.OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and "
-            "CHANNEL"
-        )
+    notes += _note_doubtful_corners(force, moment, frame)
     turn, time = (
         frame.rotation.T,
         np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64),
@@ -206,6 +199,19 @@ def _read_plate(
     return MeasuredPlate(
         name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame
     ), notes
+
+
+def _note_doubtful_corners(force: Array, moment: Array, frame: force_plate.PlateFrame) -> list[str]:
+    """Note a plate whose centres of pressure are often outside its corners."""
+    share = force_plate.compute_outside_share(force, moment, frame)
+    if share > DOUBTFUL_SHARE:
+        return [
+            f"{100 * share:.0f} % of the centres of pressure under more than "
+            f"{force_plate.BODY_N:.0f} N lie over "
+            f"{1e3 * force_plate.OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and "
+            "CHANNEL"
+        ]
+    return []
 
 
 def _find_unit_scale(
