@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.arrays import Array, IntArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.errors import Code, InputError
-from gaitcal.io.atomic import atomic_file
+from gaitcal.io.atomic import write_atomically
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import build_model
 from gaitcal.model.linkage import COORDINATES, SEGMENTS
@@ -226,7 +226,7 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
 
         Raises InputError: `path` cannot be written.
         """
-        with atomic_file(path) as target:
+        with write_atomically(path) as target:
             target.write_text(self.viewer.static_html(), encoding="utf-8")
 
     def close(self) -> None:

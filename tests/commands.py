@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from gaitcal import cli
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, self_hash, sha256_of
+from gaitcal.io.result_folder import HASHES, MANIFEST, SELF_HASH, compute_sha256, hash_manifest
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ def content(folder: Path) -> dict[str, bytes]:
 def sign(result: Path) -> None:
     """The manifest of a result as if `gaitcal` had written the files as they are."""
     manifest = json.loads((result / MANIFEST).read_text(encoding="utf-8"))
-    manifest[HASHES] = {name: sha256_of(result / name) for name in manifest.get(HASHES, {})}
+    manifest[HASHES] = {name: compute_sha256(result / name) for name in manifest.get(HASHES, {})}
     (result / MANIFEST).write_text(
-        json.dumps({**manifest, SELF: self_hash(manifest)}), encoding="utf-8"
+        json.dumps({**manifest, SELF_HASH: hash_manifest(manifest)}), encoding="utf-8"
     )
 
 

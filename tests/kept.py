@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from gaitcal.io.result_folder import locked
+from gaitcal.io.result_folder import lock_result
 
 if TYPE_CHECKING:
     import pytest
@@ -35,7 +35,7 @@ def kept_folder(folder: Path, make: Callable[[Path], object]) -> Path:
     """
     done = folder.with_name(f"{folder.name}.made")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with locked(folder, "kept", wait_s=LONGEST_S):
+    with lock_result(folder, "kept", wait_s=LONGEST_S):
         if not done.exists():
             shutil.rmtree(folder, ignore_errors=True)
             make(folder)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv
-from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.force_plate import build_plate_from_moment
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -72,7 +72,7 @@ def made_plates(
     wrench = residual_free_wrench(own, motion)
     time, origin = motion.basis.time, np.zeros(3)
     right, left = (
-        plate_from_moment(name, time, wrench[:, k, :3], wrench[:, k, 3:], origin, UP, None)
+        build_plate_from_moment(name, time, wrench[:, k, :3], wrench[:, k, 3:], origin, UP, None)
         for k, name in enumerate(("1", "2"))
     )
     return right, left

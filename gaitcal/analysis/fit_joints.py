@@ -24,7 +24,7 @@ from gaitcal.analysis.result import HeldOut
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.calibration import joint_calibration, joint_phases, joint_prior, soft_tissue_artefact
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
-from gaitcal.io.recording import runs, spans
+from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, list_gait_parameters, list_leg_parameters
@@ -254,7 +254,7 @@ def _outliers_of(name: str, tracking: RobustTracking) -> list[Finding]:
         if out.sum() > NAMED_SHARE * used.sum()
     ]
     share = 100 * outliers.sum() / max(int(seen.sum()), 1)
-    where = spans(problem.basis.time, runs(np.logical_or.reduce(outliers, axis=0)))
+    where = format_spans(problem.basis.time, find_runs(np.logical_or.reduce(outliers, axis=0)))
     names = f", most in {listed(often)}" if often else ""
     found = f"{int(outliers.sum())} marker samples ({share:.1f} %){names}, frames at {where}; "
     found += f"scale {1e3 * tracking.scale:.1f} mm a coordinate"

@@ -20,8 +20,8 @@ from gaitcal.calibration.combined import CombinedFit
 from gaitcal.calibration.soft_tissue_artefact import FoundTissue
 from gaitcal.dynamics.ground_reactions import GroundReactions, compute_motion_reactions
 from gaitcal.errors import Finding, InputError
-from gaitcal.io.axes import turn_to_progression
-from gaitcal.io.recording import Recording, still_window
+from gaitcal.io.axes import rotate_to_progression
+from gaitcal.io.recording import Recording, find_still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, find_base_segment, list_joint_segments
 from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
@@ -180,7 +180,7 @@ def session_of(of: PreprocessedStudy, checked: Sequence[Finding] = ()) -> Calibr
         parameters=model.parameters,
         trials=tuple(trials),
         static=of.completed.static,
-        prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves, study.moving)),
+        prior=replace(prior.widen(study.loosened), doubted=_doubted(moves, study.moving)),
         possible_moves=moves,
         checked=tuple(checked),
     )
@@ -214,7 +214,7 @@ def fits_legs_together(settings: CalibrationSettings) -> bool:
 
 def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
     """Turn a cleaned trial so that x is forward, find its bandwidth and set up its problems."""
-    recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
+    recording = rotate_to_progression(trial.recording, forward_direction(model, trial.recording))
     rule = spline.NodeRule(settings.nodes_per_second or spline.NODES_PER_SECOND, settings.nodes)
     joint = trial.joint
 
@@ -281,7 +281,7 @@ def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
     """The mean posture of the still window of the static trial, where every marker is in its place,
     as a trial.
     """
-    still = still_window(static, model.markers.labels).frames
+    still = find_still_window(static, model.markers.labels).frames
     # in one order of memory, so that a file and its conversion give the same bits
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a marker that this trial lost stays lost

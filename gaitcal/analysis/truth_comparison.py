@@ -33,7 +33,7 @@ from gaitcal.model.parameters import (
     JP_TO_SI,
 )
 from gaitcal.model.rotations import make_axis_rotation
-from gaitcal.study.declared_truth import TrueCurves, Truth, other_rule
+from gaitcal.study.declared_truth import TrueCurves, Truth, find_rule_mismatch
 
 _FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
     ("hip", "pelvis", "centre", "centre in the pelvis", ("ant", "sup", "lat")),
@@ -64,9 +64,9 @@ def with_truth(calibration: Calibration) -> Calibration:
     known, study = calibration.study.truth, calibration.study
     if known is None:
         return calibration
-    if (rule := other_rule(known.told, study.settings, study.marker_set.name)) is not None:
-        why = f"truth.{rule.rule}: {rule.words}"
-    elif (words := study.other_truth()) is not None:
+    if (rule := find_rule_mismatch(known.rules, study.settings, study.marker_set.name)) is not None:
+        why = f"truth.{rule.rule}: {rule.message}"
+    elif (words := study.describe_truth_mismatch()) is not None:
         why = f"truth.landmarks: {words}"
     else:
         why = ""
@@ -86,7 +86,7 @@ def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
     for trial in calibration.trials:
         curves = {"motion": known.motions.get(trial.name), "moments": known.moments.get(trial.name)}
         there = {what: c for what, c in curves.items() if c is not None}
-        beside = {what: c for what, c in there.items() if not c.covers(trial.body.time).any()}
+        beside = {what: c for what, c in there.items() if not c.find_covered(trial.body.time).any()}
         if not there and (known.motions or known.moments):
             why_not[trial.name] = "no true curves of it are known"
         elif beside:
@@ -174,7 +174,7 @@ def _trial(
 ) -> CurveTruths:
     time, coordinates, forces = trial.body.time, {}, {}
     now, before = trial.body.columns(trial.coordinate_errors), trial.nominal.columns()
-    for name, true in ({} if motions is None else motions.at(time)).items():
+    for name, true in ({} if motions is None else motions.interpolate(time)).items():
         if name in now:
             coordinates[name] = CurveTruth(
                 name=name,
@@ -185,7 +185,7 @@ def _trial(
                 counts=np.ones(len(time), dtype=bool),
             )
     if moments is not None and (loads := trial.loads) is not None:
-        for name, true in moments.at(time).items():
+        for name, true in moments.interpolate(time).items():
             forces[name] = CurveTruth(
                 name=name,
                 truth=true,

@@ -143,12 +143,12 @@ def get_parameters_for_trial(
 
     Parameters
     ----------
-    joint : JointCalibration or None
-        Result of the calibration.
-    trial : str
-        Name of the trial.
-    final : Parameters
-        Returned if no later phase changes the parameters of this trial.
+    joint
+        JointCalibration or None Result of the calibration.
+    trial
+        Str Name of the trial.
+    final
+        Parameters Returned if no later phase changes the parameters of this trial.
 
     Returns
     -------
@@ -238,16 +238,16 @@ def fit_phase(
 
     Parameters
     ----------
-    plan : JointPhase
-        Trials and free parameters.
-    nominal : Parameters
-        Centre of the prior and of the bounds.
-    how : PhaseSettings
-        Settings and prior.
-    present : Parameters, optional
-        Start of the search; `nominal` if not given.
-    known : ErrorSources, optional
-        Errors before the phase (`estimate_joints`).
+    plan
+        JointPhase Trials and free parameters.
+    nominal
+        Parameters Centre of the prior and of the bounds.
+    how
+        PhaseSettings Settings and prior.
+    present
+        Parameters, optional Start of the search; `nominal` if not given.
+    known
+        ErrorSources, optional Errors before the phase (`estimate_joints`).
 
     Returns
     -------
@@ -322,10 +322,11 @@ def plan_sequential_phases(
 
     Parameters
     ----------
-    trials : sequence of JointProblem
-        All trials.
-    gait : mapping of str to tuple of str
-        Side -> joint parameters that gait may determine; its keys are the legs to calibrate.
+    trials
+        Sequence of JointProblem All trials.
+    gait
+        Mapping of str to tuple of str Side -> joint parameters that gait may determine; its keys
+        are the legs to calibrate.
 
     Returns
     -------
@@ -355,10 +356,10 @@ def plan_simultaneous_phases(
 
     Parameters
     ----------
-    trials : sequence of JointProblem
-        All trials.
-    gait : mapping of str to tuple of str
-        As in `plan_sequential_phases`.
+    trials
+        Sequence of JointProblem All trials.
+    gait
+        Mapping of str to tuple of str As in `plan_sequential_phases`.
 
     Returns
     -------
@@ -395,12 +396,12 @@ def calibrate_in_phases(
 
     Parameters
     ----------
-    phases : sequence of JointPhase
-        The protocol.
-    nominal : Parameters
-        Centre of the prior and of the bounds.
-    how : PhaseSettings
-        Settings, and the prior of the first phase.
+    phases
+        Sequence of JointPhase The protocol.
+    nominal
+        Parameters Centre of the prior and of the bounds.
+    how
+        PhaseSettings Settings, and the prior of the first phase.
 
     Returns
     -------
@@ -418,7 +419,7 @@ def calibrate_in_phases(
             mean = present.joint[index] - nominal.joint[index]
             covariance = estimate.whole_covariance[: len(free), : len(free)]
             posterior = JointPrior(names=free, mean=mean, covariance=covariance)
-            following = replace(following, prior=following.prior.updated(posterior))
+            following = replace(following, prior=following.prior.update(posterior))
         done.append(found)
     problems = [problem for plan in phases for task in plan.tasks.values() for problem in task]
     whole = _assemble_calibration(done, nominal, how.prior, how.search, known, problems)
@@ -437,16 +438,16 @@ def calibrate_by_evidence(
 
     Parameters
     ----------
-    trials : sequence of JointProblem
-        All trials.
-    nominal : Parameters
-        Centre of the prior.
-    bounds : JointSettings
-        Parameters beyond these bounds are reported.
-    sides : sequence of str
-        Legs to calibrate.
-    prior : JointPrior
-        Prior of the joint parameters.
+    trials
+        Sequence of JointProblem All trials.
+    nominal
+        Parameters Centre of the prior.
+    bounds
+        JointSettings Parameters beyond these bounds are reported.
+    sides
+        Sequence of str Legs to calibrate.
+    prior
+        JointPrior Prior of the joint parameters.
 
     Returns
     -------
@@ -547,12 +548,12 @@ def take_segments(
 
     Parameters
     ----------
-    body : MotionProblem
-        A trial of the whole body.
-    segments : tuple of str
-        Segments of the part, the base first.
-    nominal : Parameters
-        Parameters for the bandwidth.
+    body
+        MotionProblem A trial of the whole body.
+    segments
+        Tuple of str Segments of the part, the base first.
+    nominal
+        Parameters Parameters for the bandwidth.
 
     Returns
     -------
@@ -626,7 +627,7 @@ def _assemble_calibration(
         )
         kept = (
             "held near "
-            f"{prior.held_near([n for n in undetermined if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
+            f"{prior.describe_fallback([n for n in undetermined if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
         )
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(

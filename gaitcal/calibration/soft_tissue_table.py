@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 
 FILE = "soft_tissue.json"
 DECAY_LENGTH, HALF_WIDTH = 0.15, 0.20
@@ -45,10 +45,10 @@ def evaluate_place_functions(place: Array, *, gait: bool) -> Array:
 
     Parameters
     ----------
-    place : (nm, 3) array
-        Positions from the knee centre in thigh lengths, axes of a right segment.
-    gait : bool
-        Whether the task is a walk or a run, in which thighs stay near the vertical.
+    place
+        (nm, 3) array Positions from the knee centre in thigh lengths, axes of a right segment.
+    gait
+        Bool Whether the task is a walk or a run, in which thighs stay near the vertical.
 
     Returns
     -------
@@ -131,4 +131,4 @@ def read_table(file: Path) -> dict[str, SkinField]:
 @lru_cache(maxsize=1)
 def load_people_table() -> SkinTable:
     """Load the built-in table of people's soft tissue artefact, once."""
-    return read_table(models_path() / FILE)
+    return read_table(find_models_folder() / FILE)

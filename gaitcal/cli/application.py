@@ -21,7 +21,7 @@ import typer.main
 from typer.core import TyperCommand, TyperGroup
 
 from gaitcal.errors import Code, GaitcalError
-from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
+from gaitcal.io.atomic import InterruptedWork, Stopped, raise_on_signals
 
 COMMANDS: Final = {
     "demo": ("synthesize_command:demonstrate", "gaitcal demo"),
@@ -114,9 +114,9 @@ app = typer.Typer(
 
 def _tell_version(asked: bool) -> None:
     if asked:
-        from gaitcal.io.toml import package_version
+        from gaitcal.io.toml import get_package_version
 
-        sys.stdout.write(f"gaitcal {package_version('gaitcal')}\n")
+        sys.stdout.write(f"gaitcal {get_package_version('gaitcal')}\n")
         raise typer.Exit
 
 
@@ -208,7 +208,7 @@ def _in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
     where a bug is.
     """
     try:
-        with ended_by_signals():
+        with raise_on_signals():
             run()
     except GaitcalError as error:
         _say_error(f"{error} [{error.code.value}]")

@@ -20,8 +20,8 @@ from gaitcal.errors import Code, ConvergenceError, InputError, Severity, UsageEr
 from gaitcal.gait import events, normal_bands
 from gaitcal.intake import drafting
 from gaitcal.intake.draft_file import STUDY
-from gaitcal.io.csv_recordings import events_beside
-from gaitcal.io.result_folder import ResultKind, require_room
+from gaitcal.io.csv_recordings import find_event_tables
+from gaitcal.io.result_folder import ResultKind, check_output_folder
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.pipeline.further_trials import analyse_trials, trial_table
 from gaitcal.pipeline.run_study import (
@@ -83,7 +83,7 @@ def calibrate_study(
     print_calibration(console, calibration)
     for note in run.study.joint_prior.notes if run.study.joint_prior else ():
         console.line(f"priors: {note}")
-    _tell_changed(console, run.study.changed_inputs())
+    _tell_changed(console, run.study.find_changed_inputs())
     tell_kept(console, run.kept)
     if run.drafted:
         console.line(
@@ -130,9 +130,9 @@ def analyse_further(
         message = "found two trials with one name; a trial's name is its file's, without the ending"
         raise InputError(message, code=Code.PART_OF_TRIAL)
     folder = out or result / "dynamics"
-    tables = dict.fromkeys(table for path in trials for table in events_beside(path))
+    tables = dict.fromkeys(table for path in trials for table in find_event_tables(path))
     inputs = [*trials, *([forces] if forces else []), *tables]
-    require_room(folder, ResultKind.DYNAMICS, inputs)
+    check_output_folder(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
     given = {
         "role": role,

@@ -24,7 +24,7 @@ from gaitcal.explanations import (
     parts_of,
 )
 from gaitcal.io import examples as offered
-from gaitcal.io.result_folder import ResultKind, require_room
+from gaitcal.io.result_folder import ResultKind, check_output_folder
 
 WIDEST = 100  # Columns: longer lines are hard to read
 NARROWEST = 30
@@ -110,13 +110,13 @@ def fetch_or_list(
             )
         _list(console)
         return
-    example = offered.example_named(name)
+    example = offered.find_example(name)
     folder = Path(name) if out is None else out
     connection = offered.Connection(mirror=mirror)
     if offered.is_complete(example, folder):
         console.line(f"all {len(example.files)} files are there and right; nothing is fetched")
     else:
-        require_room(folder, ResultKind.EXAMPLE)
+        check_output_folder(folder, ResultKind.EXAMPLE)
         _announce(example, folder, connection, console)
         with console.working() as step:
             offered.fetch_example(example, folder, connection, lambda at: step(_progress(at)))
@@ -130,7 +130,7 @@ def fetch_or_list(
 
 def _list(console: Console) -> None:
     table = frameless_table(("name", "recordings", "published as", "licence"), ("files", "MB"))
-    for one in offered.examples():
+    for one in offered.load_examples():
         cells = (
             one.name,
             one.title,
@@ -149,7 +149,7 @@ def _list(console: Console) -> None:
 def _announce(
     example: offered.Example, folder: Path, connection: offered.Connection, console: Console
 ) -> None:
-    there = offered.right_files(example, folder)
+    there = offered.find_verified_files(example, folder)
     rest = [file for file in example.files if file not in there]
     host = connection.mirror or f"https://{', '.join(example.hosts)}"
     kept = f" ({len(there)} are there already)" if there else ""
@@ -158,7 +158,9 @@ def _announce(
         f"fetching {len(rest)} files, {sum(file.bytes for file in rest) / 1e6:.1f} MB, from "
         f"{host}{kept}"
     )
-    console.line(f"published by {example.of}: {example.repository}, licence {example.licence}")
+    console.line(
+        f"published by {example.publisher}: {example.repository}, licence {example.licence}"
+    )
 
 
 def _progress(at: offered.DownloadProgress) -> str:

@@ -20,9 +20,9 @@ from gaitcal.errors import Code, InputError, UsageError, nearest, note_of
 from gaitcal.export import other_formats
 from gaitcal.export.opensim import joint_moves, joint_transfer, osim_writer, transfer_account
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
+from gaitcal.io.atomic import convert_disk_errors, write_bytes_atomically, write_text_atomically
 from gaitcal.io.formats import convert
-from gaitcal.io.result_folder import amended
+from gaitcal.io.result_folder import amend_result
 from gaitcal.report.figures.comparison_sheets import (
     render_list,
     render_plain_page,
@@ -196,7 +196,7 @@ def export_model(
     folder = out or result / "export"
     recordings: dict[str, tuple[str, str, tuple[str, ...]]] = {}
     of_recordings: Mapping[str, str | None] = {}
-    with amended(folder) as stage, console.working() as step:
+    with amend_result(folder) as stage, console.working() as step:
         for name in (name for name in chosen if name in WRITERS):
             write, file = WRITERS[name]
             write(model, stage / file)
@@ -331,11 +331,11 @@ def export_into(
     for text in warnings:
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
-    atomic_bytes(out, done.content)
-    atomic_text(out.with_suffix(".joints.csv"), joint_moves.joints_csv(done.joints))
+    write_bytes_atomically(out, done.content)
+    write_text_atomically(out.with_suffix(".joints.csv"), joint_moves.joints_csv(done.joints))
     earlier = _earlier(out)
     for path in earlier:
-        with disk_errors(path):
+        with convert_disk_errors(path):
             path.unlink()
     if earlier:
         console.line(
@@ -343,7 +343,9 @@ def export_into(
             f"{', '.join(str(p.relative_to(out.parent)) for p in earlier)}"
         )
     if done.carried:
-        atomic_text(out.with_suffix(".attachments.csv"), joint_moves.carried_csv(done.carried))
+        write_text_atomically(
+            out.with_suffix(".attachments.csv"), joint_moves.carried_csv(done.carried)
+        )
     tables, said = [*transfer_account.joint_tables(done)], [*transfer_account.sentences(done)]
     for table in tables:
         _tell_table(console, table)
@@ -354,7 +356,7 @@ def export_into(
         rng = np.random.default_rng(seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
-            atomic_bytes(path, done.drawn(rng))
+            write_bytes_atomically(path, done.drawn(rng))
         if muscles:
             ranges = transfer_account.leg_ranges(done.legs)
             step("muscles before")
@@ -367,7 +369,7 @@ def export_into(
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
                 spread.append(transfer_account.muscle_paths(path, ranges))
-            atomic_text(
+            write_text_atomically(
                 out.with_suffix(".muscles.csv"), transfer_account.muscles_csv(changes, spread)
             )
             tables.append(transfer_account.muscle_table(changes, spread))
@@ -384,7 +386,7 @@ def export_into(
     page = account_page(
         out.name, (("person", saved.model.subject.name), *facts), warnings, said, tables
     )
-    atomic_text(out.with_suffix(".html"), page)
+    write_text_atomically(out.with_suffix(".html"), page)
     written = (
         ".osim",
         ".html",

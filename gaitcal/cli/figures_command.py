@@ -71,7 +71,7 @@ def draw_figures(
         ]
         charts = chosen(charts, only or ())
         folder = out or result / FOLDER
-        with result_folder.amended(folder) as stage:
+        with result_folder.amend_result(folder) as stage:
             step(f"drawing {moments.counted(len(charts), 'figure')}")
             files = write_charts(charts, stage, endings)
             read.require_unchanged()

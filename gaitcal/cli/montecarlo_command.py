@@ -17,7 +17,12 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, ConvergenceError, InputError, UsageError, nearest
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, require_room
+from gaitcal.io.result_folder import (
+    ResultKind,
+    amend_result,
+    check_output_folder,
+    write_result_folder,
+)
 from gaitcal.montecarlo import draw
 from gaitcal.montecarlo.case import MODEL, case_from, read_case
 from gaitcal.montecarlo.draw_statistics import (
@@ -151,7 +156,7 @@ def run_monte_carlo(
         except (KeyboardInterrupt, Stopped) as ending:
             work = "finished draws are kept, the same command goes on with the others"
             raise InterruptedWork(ending, work) from None
-        with console.working() as step, amended(store.folder) as stage:
+        with console.working() as step, amend_result(store.folder) as stage:
             step("tables and figures")
             context = draw.MonteCarloContext(case, settings)
             contributions = variance_contributions(context)
@@ -180,7 +185,7 @@ def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFra
     """Put the study on the page beside it; a line on that, empty where there is no page."""
     if not (folder / PAGE_DATA).exists():
         return ""
-    with amended(folder) as stage:
+    with amend_result(folder) as stage:
         try:
             shown = read_page(folder)
         except InputError as error:
@@ -372,8 +377,8 @@ def run_reproduction(
     """Run the published study, write its tables and print them."""
     settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
     kept = out.with_name(out.name + KEPT) if draws else None
-    require_room(out, ResultKind.REPRODUCTION)
-    with console.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
+    check_output_folder(out, ResultKind.REPRODUCTION)
+    with console.working() as step, write_result_folder(out, ResultKind.REPRODUCTION) as folder:
         reproduction = reproduce(settings, kept, step)
         step("tables and figures")
         write_tables(reproduction, folder)

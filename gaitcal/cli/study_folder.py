@@ -80,7 +80,9 @@ def draft_study_file(
     print_seen(console, draft)
     if draft.fault:
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
-    atomic.atomic_text(target, drafts.draft_text(draft, atomic.real_path(target).parent))
+    atomic.write_text_atomically(
+        target, drafts.draft_text(draft, atomic.resolve_path(target).parent)
+    )
     console.line(f"study: {target}")
     if draft.problem:
         raise InputError(f"is written, but {draft.problem}", source=target, code=Code.FOLDER)

@@ -6,7 +6,7 @@ from gaitcal.analysis.calibrate import calibrate
 from gaitcal.cli import options
 from gaitcal.cli.calibrate_command import print_calibration, tell_kept
 from gaitcal.cli.console import Console
-from gaitcal.io.result_folder import ResultKind, require_room
+from gaitcal.io.result_folder import ResultKind, check_output_folder
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.report.page.page_folder import PAGE
 from gaitcal.study.study import Study
@@ -27,7 +27,7 @@ def write_subject(
     movement: options.Movements = None,
 ) -> None:
     """Write a synthetic subject as a study folder."""
-    kept = require_room(out, ResultKind.SYNTHETIC)
+    kept = check_output_folder(out, ResultKind.SYNTHETIC)
     with console.working() as step:
         step("writing C3D files of the synthetic subject")
         study = subject.synthesize(
@@ -47,8 +47,8 @@ def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> No
     in the result.
     """
     folder, result = out / "subject", out / "result"
-    require_room(folder, ResultKind.SYNTHETIC)
-    kept = require_room(result, ResultKind.CALIBRATION)
+    check_output_folder(folder, ResultKind.SYNTHETIC)
+    kept = check_output_folder(result, ResultKind.CALIBRATION)
     with console.working() as step:
         step(
             "writing C3D files of a synthetic subject with marker noise and wrong nominal "

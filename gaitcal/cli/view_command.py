@@ -30,8 +30,8 @@ from gaitcal.errors import Code, InputError, UsageError, note_of
 from gaitcal.export.opensim import motion_comparison
 from gaitcal.export.opensim.model_comparison import compare, osim_words
 from gaitcal.gait import moments, normal_bands
-from gaitcal.io.atomic import atomic_text
-from gaitcal.io.result_folder import MANIFEST, ResultKind, file_in_place, require_room
+from gaitcal.io.atomic import write_text_atomically
+from gaitcal.io.result_folder import MANIFEST, ResultKind, check_output_folder, write_file_in_place
 from gaitcal.report.page import bone_files, page_folder, page_html
 from gaitcal.report.session_report import (
     build_comparison_content,
@@ -177,8 +177,8 @@ def view_result(
             )
         page = render_comparison_html(compare_results(result, other), (result, other))
     if html is not None:
-        with file_in_place(html) as path:
-            atomic_text(path, page)
+        with write_file_in_place(html) as path:
+            write_text_atomically(path, page)
         console.line(f"wrote {html}")
         return
     serve(page, ready=lambda url: console.line(f"{url}  (Ctrl-C ends)"))
@@ -213,7 +213,7 @@ def print_report(
     else:
         content = build_comparison_content(compare_results(result, other), (result, other), said)
     target = pdf or result / REPORT
-    with file_in_place(target) as path:
+    with write_file_in_place(target) as path:
         pages = write_pdf(content, path)
     console.line(
         f"wrote {target}: {moments.counted(pages, 'page')}"
@@ -258,7 +258,9 @@ def compare_sessions_or_models(
             "found one result; allowed: two results, or one and --osim FILE", field="compare"
         )
     if out is not None:
-        require_room(out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
+        check_output_folder(
+            out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)]
+        )
     comparison = compare_results(result, other)
     tell(comparison, console)
     if out is not None:

@@ -30,7 +30,7 @@ from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.gait import conventions, normal_bands
 from gaitcal.gait.cycles import CurveKind, coordinate_of, kind_of, unit_of
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Peak, PeakKind
-from gaitcal.io.toml import package_version
+from gaitcal.io.toml import get_package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.page.page_html import write_cohort_page
@@ -275,7 +275,7 @@ def _content(
             "people": len({person.name for person in people}),
             "sessions": len(people),
             "results": table.metadata.num_rows,
-            "version": package_version("gaitcal"),
+            "version": get_package_version("gaitcal"),
             "settings": json.loads(common.calibration.model_dump_json(exclude_unset=True)),
         }
         content = {

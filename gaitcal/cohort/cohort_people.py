@@ -25,7 +25,7 @@ from gaitcal.intake.recordings_folder import MARKER_ENDINGS
 from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
 from gaitcal.io import result_folder, snapshot
 from gaitcal.io.csv_recordings import is_force_header, read_header
-from gaitcal.io.toml import Table, read_validated, require_file, shown, validated
+from gaitcal.io.toml import Table, format_value, read_validated, require_file, validate_table
 from gaitcal.study.cohort_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 
@@ -71,7 +71,7 @@ class CohortPerson:
     @property
     def place(self) -> str:
         """Folder of the result, as `people/P01/pre`, within that of the cohort."""
-        return "/".join([snapshot.PEOPLE, *(safe_name(part) for part in self.key if part)])
+        return "/".join([snapshot.PEOPLE_FOLDER, *(safe_name(part) for part in self.key if part)])
 
     @property
     def words(self) -> str:
@@ -114,7 +114,7 @@ class PersonTable(Table):
     @classmethod
     def _printable(cls, text: str) -> str:
         if not text.isprintable():
-            raise ValueError(f"found {shown(text)}; allowed: printable characters")
+            raise ValueError(f"found {format_value(text)}; allowed: printable characters")
         return text.strip()
 
     @property
@@ -202,7 +202,7 @@ def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
             )
         )
     require_joint_prior(content.calibration, file)
-    settings = content.calibration.found(
+    settings = content.calibration.resolve_paths(
         lambda named: require_file(folder / named, source=file, field="calibration.priors"), file
     )
     return Cohort(file.parent, _in_order(people, file)), settings
@@ -290,14 +290,14 @@ def _folders(folder: Path, out: Path) -> list[Path]:
         and path.name[0] not in ".~"
         and path.resolve() != out.resolve()
         and (
-            "gaitcal" not in result_folder.read_object(path / result_folder.MANIFEST)
+            "gaitcal" not in result_folder.read_json_object(path / result_folder.MANIFEST)
             or _has_study(path)
         )
     ]
 
 
 def _has_study(folder: Path) -> bool:
-    made = result_folder.read_object(folder / result_folder.MANIFEST).get("gaitcal")
+    made = result_folder.read_json_object(folder / result_folder.MANIFEST).get("gaitcal")
     return (folder / STUDY).is_file() and made in (None, "synthetic subject")
 
 
@@ -351,7 +351,9 @@ def _with_rows(cohort: Cohort, rows: Sequence[PersonTable], source: Path) -> Coh
                 if name and (
                     name == ".." or Path(name).parts != (name,)
                 ):  # it would lie elsewhere than in the cohort
-                    message = f"found {shown(name)}; allowed: the name of a folder, without a path"
+                    message = (
+                        f"found {format_value(name)}; allowed: the name of a folder, without a path"
+                    )
                     raise InputError(message, source=source, field=field, code=Code.COHORT)
             folder = cohort.source.resolve() / row.name / row.session
             mine = [CohortPerson(folder=folder, name=row.name, session=row.session)]
@@ -393,7 +395,8 @@ def read_sheet(path: Path) -> tuple[list[PersonTable], list[str]]:
                     other, at = said.setdefault((row.name, row.session, name), (value, number))
                     if other != value:
                         found, before = (
-                            f"{v:g}" if isinstance(v, float) else shown(v) for v in (value, other)
+                            f"{v:g}" if isinstance(v, float) else format_value(v)
+                            for v in (value, other)
                         )
                         raise InputError(
                             f"found {found}, but row {at} says {before} of the same person and "
@@ -423,20 +426,20 @@ def _not_used(names: Sequence[str], path: Path) -> Iterator[str]:
         raise InputError(message + ", ".join(_COLUMNS[1:]), source=path, code=Code.COHORT)
     for name in dict.fromkeys(filter(None, names)):
         if names.count(name) > 1:
-            message = f"found {names.count(name)} columns {shown(name)}; allowed: one"
+            message = f"found {names.count(name)} columns {format_value(name)}; allowed: one"
             raise InputError(message, source=path, code=Code.COHORT)
         if name in _COLUMNS:
             continue
         meant = _OTHER_WORDS.get(name) or next(iter(alike(name, _COLUMNS)), None)
         if meant is not None and meant not in names:
             raise InputError(
-                f"found the column {shown(name)}, which is not known; did you mean '{meant}'? A "
+                f"found the column {format_value(name)}, which is not known; did you mean '{meant}'? A "
                 "column of something "
                 "else needs a name that is less like it",
                 source=path,
                 code=Code.COHORT,
             )
-        yield f"{path.name}: column {shown(name)} is not used"
+        yield f"{path.name}: column {format_value(name)} is not used"
 
 
 def _text(path: Path) -> str:
@@ -469,11 +472,11 @@ def _row(cells: Mapping[str | None, object], source: str) -> PersonTable:
             try:
                 said[name] = float(text[name].replace(",", "."))
             except ValueError:
-                message = f"found {shown(text[name])}; allowed: a number"
+                message = f"found {format_value(text[name])}; allowed: a number"
                 raise InputError(message, source=source, field=name, code=Code.BAD_NUMBER) from None
     if text["sex"]:
         said["sex"] = _SEXES.get(text["sex"].lower(), text["sex"].lower())
-    table = validated(PersonTable, {**said, "name": text["person"]}, source)
+    table = validate_table(PersonTable, {**said, "name": text["person"]}, source)
     if not table.name:
         message = "found nothing; allowed: the name of a folder"
         raise InputError(message, source=source, field="person", code=Code.COHORT)

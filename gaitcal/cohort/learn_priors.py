@@ -39,8 +39,8 @@ from gaitcal.cohort.learning import (
 )
 from gaitcal.cohort.outcome import kept
 from gaitcal.errors import Code, InputError
-from gaitcal.io.result_folder import MANIFEST, amended, read_object
-from gaitcal.io.toml import package_version
+from gaitcal.io.result_folder import MANIFEST, amend_result, read_json_object
+from gaitcal.io.toml import get_package_version
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.results.cycles_export import read_trial_files
 from gaitcal.results.saved_result import load_result
@@ -108,7 +108,7 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
     priors = learn_cohort(
         cohort.source.resolve().name or "cohort", people, rules, reasons, progress
     )
-    with amended(out) as stage:
+    with amend_result(out) as stage:
         (stage / PRIORS).write_text(priors_text(priors), encoding="utf-8")
         with (stage / PRIORS_CSV).open("w", encoding="utf-8", newline="") as stream:
             table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
@@ -123,7 +123,7 @@ def evidence_of(folder: Path, name: str) -> Found:
     Raises NotUsedError: Its verdict is not "trustworthy", it leans on a cohort itself, or its joint
     parameters were not calibrated by the evidence. Raises InputError: It is damaged.
     """
-    summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
+    summary, manifest = read_json_object(folder / SUMMARY), read_json_object(folder / MANIFEST)
     if (verdict := summary.get("verdict")) != TRUSTED:
         raise NotUsedError(f"its verdict is {verdict}")
     if JOINT_PRIOR in summary:
@@ -272,7 +272,7 @@ def learn_cohort(
     return cohort_prior.CohortPriors(
         format=cohort_prior.FORMAT,
         kind=cohort_prior.KIND,
-        gaitcal=package_version("gaitcal"),
+        gaitcal=get_package_version("gaitcal"),
         cohort=cohort,
         marker_set=rules.marker_set,
         hip_centre=rules.hip_centre,
@@ -281,7 +281,7 @@ def learn_cohort(
         left_out=list(left_out),
         people=[
             cohort_prior.StoredPerson(
-                name_sha256=cohort_prior.name_hash(cohort, p.name),
+                name_sha256=cohort_prior.hash_name(cohort, p.name),
                 recordings_sha256=sorted(p.recordings),
                 fold=int(fold),
             )
@@ -316,7 +316,7 @@ def priors_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]
     low, high = priors.heights_m
     person = cohort_prior.Person(height=0.5 * (low + high), sex="")
     for part in priors.parts:
-        mean, covariance = cohort_prior.expected(part, 0, person, (low, high))
+        mean, covariance = cohort_prior.compute_expected_deviations(part, 0, person, (low, high))
         spread, default = np.sqrt(np.diag(covariance)), get_prior_deviations(part.parameters)
         for name, *values in zip(part.parameters, mean, spread, default, strict=True):
             kind = JOINT_PARAMETERS[JP_INDEX[name]].kind

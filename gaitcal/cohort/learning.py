@@ -37,7 +37,13 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.runtime import Progress, silent
-from gaitcal.study.cohort_prior import UNLEARNT, Person, design, mirror, sided_directions
+from gaitcal.study.cohort_prior import (
+    NOT_LEARNT,
+    Person,
+    build_design,
+    build_mirror,
+    build_sided_directions,
+)
 
 MOST_STEPS, RISE = (
     50,
@@ -201,7 +207,7 @@ class PersonEvidence:
 class Learning(Enum):
     """How much is learnt; `value`: in files."""
 
-    NOTHING = UNLEARNT
+    NOTHING = NOT_LEARNT
     OFFSET = "offset"
     SPREAD = "offset and spread"
     WHOLE = "offset, spread and correlations"
@@ -280,7 +286,9 @@ def learn_part(
         evidence = Evidence(
             information=np.array([p.information for p in parts]),
             right=np.array([p.right for p in parts]),
-            design=np.array([design(names, p.person, heights, by_size=by_size) for p in people]),
+            design=np.array(
+                [build_design(names, p.person, heights, by_size=by_size) for p in people]
+            ),
         )
         populations = tuple(
             _population(evidence.of(np.flatnonzero(folds != k)), names, learning)
@@ -314,13 +322,13 @@ def learn_part(
 def _population(evidence: Evidence, names: tuple[str, ...], learning: Learning) -> Population:
     """What these people teach; where nothing is learnt, the default prior."""
     count = evidence.design.shape[2]
-    alike, opposite = sided_directions(names)
+    alike, opposite = build_sided_directions(names)
     if learning is Learning.NOTHING:
         nothing = np.zeros(count)
         return Population(
             effects=nothing, effect_covariance=np.diag(nothing), spread=np.eye(len(names))
         )
-    reflected = mirror(names)
+    reflected = build_mirror(names)
     # Axes go by how well recordings show them, so that what is seen tells nothing of what is not.
     seen = evidence.information.sum(axis=0)
     seen = 0.5 * (seen + reflected @ seen @ reflected.T)

@@ -32,7 +32,7 @@ from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
 from gaitcal.intake import draft_file as drafts
 from gaitcal.intake.drafting import draft_of
 from gaitcal.intake.recordings_folder import read_folder
-from gaitcal.io.result_folder import MANIFEST, read_object, sha256_of
+from gaitcal.io.result_folder import MANIFEST, compute_sha256, read_json_object
 from gaitcal.model.linkage import SIDES
 from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, run_found_study
 from gaitcal.quality.verdict import Judgement
@@ -137,7 +137,11 @@ def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) 
         if other is not None and abs(other / value - 1) > ANYWAY
     ]
     own = study.joint_prior
-    if own is not None and common.priors is not None and own.sha256 != sha256_of(common.priors):
+    if (
+        own is not None
+        and common.priors is not None
+        and own.sha256 != compute_sha256(common.priors)
+    ):
         found.append(
             f"priors = {common.priors.name} was said for the cohort; the study file's {own.file} "
             "is used"
@@ -381,8 +385,8 @@ def row_of(folder: Path) -> dict[str, Cell]:
 
     Raises InputError: It is no result of a calibration.
     """
-    manifest: dict[str, Any] = read_object(folder / MANIFEST)
-    summary: dict[str, Any] = read_object(folder / SUMMARY)
+    manifest: dict[str, Any] = read_json_object(folder / MANIFEST)
+    summary: dict[str, Any] = read_json_object(folder / SUMMARY)
     if "subject" not in manifest or "trials" not in summary:
         raise InputError("is no result of 'gaitcal calibrate'", source=folder, code=Code.NO_RESULT)
     subject, reasons = manifest["subject"], summary.get("reasons") or [{}]
@@ -423,7 +427,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
 
 def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
     """Severity, cause and action of every reason of a result folder's verdict, the worst first."""
-    summary: dict[str, Any] = read_object(folder / SUMMARY)
+    summary: dict[str, Any] = read_json_object(folder / SUMMARY)
     found: Iterable[Mapping[str, Any]] = summary.get("reasons") or ()
     return tuple(
         {name: str(reason.get(name) or "") for name in ("severity", "cause", "action")}

@@ -35,13 +35,13 @@ from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.intake.draft_file import study_files
 from gaitcal.intake.recordings_folder import MARKER_ENDINGS, TABLE_ENDINGS
 from gaitcal.io import atomic, opensim_files
-from gaitcal.io.csv_recordings import plates_file
-from gaitcal.io.result_folder import MANIFEST, SELF, read_object, sha256_of
-from gaitcal.io.toml import MAX_BYTES, package_version, read_validated
+from gaitcal.io.csv_recordings import locate_plates_file
+from gaitcal.io.result_folder import MANIFEST, SELF_HASH, compute_sha256, read_json_object
+from gaitcal.io.toml import MAX_BYTES, get_package_version, read_validated
 from gaitcal.model.linkage import SIDES
 from gaitcal.results import cycle_tables, stride_files
 from gaitcal.runtime import keep_freed_memory, with_one_blas_thread
-from gaitcal.study.declared_truth import truth_files
+from gaitcal.study.declared_truth import list_truth_files
 from gaitcal.study.study_file import StudyFile
 
 STATE = "state"
@@ -107,7 +107,7 @@ def state_file(out: Path, place: str, ending: str) -> Path:
 def keep(out: Path, outcome: Outcome) -> None:
     """Write an outcome, whole or not at all."""
     content = asdict(replace(outcome, row={**outcome.row}))
-    atomic.atomic_text(
+    atomic.write_text_atomically(
         state_file(out, outcome.place, ".json"),
         json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n",
     )
@@ -147,7 +147,7 @@ def _failure(
 
 def kept(out: Path, person: CohortPerson) -> Outcome | None:
     """The outcome of an earlier run; None where there is none that can be read."""
-    content: dict[str, Any] = read_object(state_file(out, person.place, ".json"))
+    content: dict[str, Any] = read_json_object(state_file(out, person.place, ".json"))
     try:
         return Outcome(**content)
     except TypeError:
@@ -222,7 +222,7 @@ def _named_in(study: Path) -> Iterator[Path]:
             for key, path in vars(file.truth).items()
             if isinstance(path, Path)
         }
-        yield from truth_files(
+        yield from list_truth_files(
             file.truth.model_copy(update=at), [trial.name for trial in file.trials]
         )
 
@@ -231,8 +231,8 @@ def _drawn_on(file: Path) -> Iterator[Path]:
     """Files that come into it with a file: tables of an XML of external forces, corners of plates
     beside a table.
     """
-    yield from opensim_files.tables_there(file)
-    if (corners := plates_file(file)).is_file():
+    yield from opensim_files.find_existing_tables(file)
+    if (corners := locate_plates_file(file)).is_file():
         yield corners
 
 
@@ -248,17 +248,19 @@ def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
     """SHA-256, hexadecimal, of everything that the result of a person follows from."""
     content = {
         "format": FORMAT,
-        "gaitcal": package_version("gaitcal"),
+        "gaitcal": get_package_version("gaitcal"),
         "person": [
             *person.key,
             *(None if value is None else str(value) for value in vars(person.told).values()),
         ],
         "calibration": {name: str(value) for name, value in common.said.items()},
-        "normal": None if common.normal is None else sha256_of(common.normal),
-        "files": {name: sha256_of(path) for name, path in sorted(inputs_of(person.folder).items())},
+        "normal": None if common.normal is None else compute_sha256(common.normal),
+        "files": {
+            name: compute_sha256(path) for name, path in sorted(inputs_of(person.folder).items())
+        },
     }
     if common.priors is not None:
-        content["priors"] = sha256_of(common.priors)
+        content["priors"] = compute_sha256(common.priors)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
@@ -332,9 +334,9 @@ def _kept(task: Task, outcome: Outcome) -> Outcome:
 
 @with_one_blas_thread
 def _ended(task: Task) -> Outcome:
-    if package_version("gaitcal") != task.version:
+    if get_package_version("gaitcal") != task.version:
         raise _PassingError(
-            f"the worker has gaitcal {package_version('gaitcal')}, not {task.version}"
+            f"the worker has gaitcal {get_package_version('gaitcal')}, not {task.version}"
         )
     person, result = task.person, task.out / task.person.place
     mark = fingerprint(person, task.common)
@@ -345,7 +347,7 @@ def _ended(task: Task) -> Outcome:
     calibrate_person(person, result, task.common)
     strides = cycle_tables.read_cycles(result).assign(person=person.name, session=person.session)
     table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
-    with atomic.atomic_file(state_file(task.out, person.place, ".parquet")) as target:
+    with atomic.write_atomically(state_file(task.out, person.place, ".parquet")) as target:
         pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
     row = row_of(result) | {
         "person": person.name,
@@ -374,7 +376,7 @@ def _stands(before: Outcome, task: Task) -> bool:
 
 
 def _own_hash(result: Path) -> str:
-    return str(read_object(result / MANIFEST).get(SELF) or "")
+    return str(read_json_object(result / MANIFEST).get(SELF_HASH) or "")
 
 
 class _PassingError(GaitcalError):

@@ -75,15 +75,19 @@ def run_cohort(
 
     Raises InputError: `out` cannot be written, holds something else, or another run works in it.
     """
-    out, common, engine = atomic.real_path(out), common or CommonSettings(), engine or processes()
+    out, common, engine = (
+        atomic.resolve_path(out),
+        common or CommonSettings(),
+        engine or processes(),
+    )
     require_cohort(out)
     with alone(out, "cohort", WAIT_S):
         mark(out)
         for unfinished in (out / outcome_files.STATE).rglob(
-            f"{atomic.UNFINISHED}*"
+            f"{atomic.UNFINISHED_PREFIX}*"
         ):  # of workers that were killed
             shutil.rmtree(unfinished, ignore_errors=True)
-        version = toml.package_version("gaitcal")
+        version = toml.get_package_version("gaitcal")
         tasks = (
             outcome_files.Task(person=person, out=out, common=common, retry=retry, version=version)
             for person in cohort.people
@@ -128,7 +132,7 @@ def require_cohort(out: Path) -> None:
     names = sorted(p.name for p in out.iterdir() if not p.name.startswith("."))
     if (
         names
-        and result_folder.read_object(out / result_folder.MANIFEST).get("kind")
+        and result_folder.read_json_object(out / result_folder.MANIFEST).get("kind")
         != result_folder.ResultKind.COHORT.value
     ):
         message = f"holds '{names[0]}', and is no cohort; name a new or an empty folder"
@@ -138,17 +142,17 @@ def require_cohort(out: Path) -> None:
 def mark(out: Path) -> None:
     """Mark a folder as a cohort's, before anything is in it."""
     if not (out / result_folder.MANIFEST).is_file():
-        with result_folder.amended(out) as stage:
+        with result_folder.amend_result(out) as stage:
             (stage / result_folder.MANIFEST).write_text(
                 _text({"kind": result_folder.ResultKind.COHORT.value}), encoding="utf-8"
             )
 
 
 def _text(content: Mapping[str, object]) -> str:
-    made = {"gaitcal": toml.package_version("gaitcal"), **content}
+    made = {"gaitcal": toml.get_package_version("gaitcal"), **content}
     return (
         json.dumps(
-            {**made, result_folder.SELF: result_folder.self_hash(made)},
+            {**made, result_folder.SELF_HASH: result_folder.hash_manifest(made)},
             indent=1,
             ensure_ascii=False,
         )
@@ -162,12 +166,12 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
     if common.normal is not None:
         settings |= {
             "normal": common.normal.name,
-            "normal_sha256": result_folder.sha256_of(common.normal),
+            "normal_sha256": result_folder.compute_sha256(common.normal),
         }
     if common.priors is not None:
         settings |= {
             "priors": common.priors.name,
-            "priors_sha256": result_folder.sha256_of(common.priors),
+            "priors_sha256": result_folder.compute_sha256(common.priors),
         }
     return _text(
         {
@@ -176,7 +180,9 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
             "sessions": len(people),
             "settings": settings,
             result_folder.FILES: sorted([*names, TIMES]),
-            result_folder.HASHES: {name: result_folder.sha256_of(stage / name) for name in names},
+            result_folder.HASHES: {
+                name: result_folder.compute_sha256(stage / name) for name in names
+            },
         }
     )
 
@@ -195,7 +201,7 @@ def write_tables(
         pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]),
         source.resolve(),
     )
-    with result_folder.amended(ended.out) as stage:
+    with result_folder.amend_result(ended.out) as stage:
         with ExitStack() as stack:
             of_tables = {
                 PEOPLE_CSV: NAMES,

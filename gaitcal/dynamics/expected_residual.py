@@ -34,7 +34,7 @@ from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
-from gaitcal.io.force_plate import low_pass
+from gaitcal.io.force_plate import filter_low_pass
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model import chain, linkage
 from gaitcal.model.parameters import Parameters
@@ -158,7 +158,7 @@ def _compute_fast_forces(reactions: GroundReactions, motion: Motion, frames: Boo
     rate = 1.0 / _compute_time_step(motion.time)
     if len(total) < 3 or not 0.0 < motion.cutoff_hz < 0.5 * rate:
         return np.zeros((int(frames.sum()), 6))
-    fast = (total - low_pass(total, rate, motion.cutoff_hz))[frames]
+    fast = (total - filter_low_pass(total, rate, motion.cutoff_hz))[frames]
     pelvis = motion.q[frames, :3]
     return np.hstack([fast[:, :3], fast[:, 3:] - cross(pelvis, fast[:, :3])])
 

@@ -23,9 +23,9 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.measurement_errors import compute_distance_outside
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.io.labels import FootEvent, FootMoment, times_of
-from gaitcal.io.recording import ForcePlate, duration, runs, spans
+from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
+from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
+from gaitcal.io.recording import ForcePlate, find_runs, format_spans, measure_duration
 from gaitcal.model.linkage import SIDES
 
 RESTING_SPEED = 0.4
@@ -177,10 +177,11 @@ def detect_floor_contact(
     out = np.zeros_like(resting)
     for foot, side in enumerate(SIDES):
         strikes, offs = (
-            np.array(times_of(used, side, moment)) for moment in (FootMoment.STRIKE, FootMoment.OFF)
+            np.array(select_event_times(used, side, moment))
+            for moment in (FootMoment.STRIKE, FootMoment.OFF)
         )
         carried = mark_near(loaded[:, foot], time)
-        for run in runs(resting[:, foot] & ~carried):
+        for run in find_runs(resting[:, foot] & ~carried):
             begin, end = float(time[run.start]), float(time[run.stop - 1])
             before = time[: run.start][loaded[: run.start, foot]]
             after = time[run.stop :][loaded[run.stop :, foot]]
@@ -217,11 +218,15 @@ def match_events_to_plates(events: Sequence[FootEvent], loaded: BoolArray, time:
     """
     gaps = []
     for foot, side in enumerate(SIDES):
-        for run in runs(loaded[:, foot]):
+        for run in find_runs(loaded[:, foot]):
             ends = {FootMoment.STRIKE: run.start > 0, FootMoment.OFF: run.stop < len(time)}
             for moment, inside in ends.items():
                 at = time[run.start if moment is FootMoment.STRIKE else run.stop - 1]
-                distances = [abs(t - at) for t in times_of(events, side, moment)] if inside else []
+                distances = (
+                    [abs(t - at) for t in select_event_times(events, side, moment)]
+                    if inside
+                    else []
+                )
                 # only the nearest event of this contact counts
                 gaps += sorted(gap for gap in distances if gap < SAME_EVENT_S)[:1]
     return bool(gaps) and max(gaps) <= MAX_EVENT_ERROR_S
@@ -410,8 +415,8 @@ def find_steps(
     """
     steps, findings = list[FootContact](), list[Finding]()
     height = get_surface_height(plate)
-    for stretch in runs(wrench[:, 1] > LOADED_N):
-        if duration(time, stretch) < MIN_LOADING_S:
+    for stretch in find_runs(wrench[:, 1] > LOADED_N):
+        if measure_duration(time, stretch) < MIN_LOADING_S:
             continue
         foot = SIDES.index(side) if side else find_foot_under(wrench, stretch, feet)
         alone = [] if side else find_single_stances(wrench, stretch, time, feet)
@@ -424,7 +429,9 @@ def find_steps(
             lowest = float(np.nanmin(feet.heel[stretch][..., 1]))
             seat = height > lowest + SEAT_ABOVE_M
             findings.append(
-                _report_under_no_foot(plate, f"plate {plate.name}, {spans(time, [stretch])}", seat)
+                _report_under_no_foot(
+                    plate, f"plate {plate.name}, {format_spans(time, [stretch])}", seat
+                )
             )
             continue
         else:
@@ -438,9 +445,9 @@ def find_steps(
                     frames=frames,
                     plate=plate,
                     wrench=wrench,
-                    point=centre_on_ground(wrench[frames], height),
+                    point=compute_centre_on_ground(wrench[frames], height),
                     load=wrench[frames, 1],
-                    label=f"plate {plate.name}, {spans(time, [frames])}",
+                    label=f"plate {plate.name}, {format_spans(time, [frames])}",
                 )
             )
     return steps, findings
@@ -502,13 +509,13 @@ def find_single_stances(
         & (away < np.fmin(UNDER_FOOT_M, away[:, ::-1]))
     )
     # Stances of both feet in their order; successive ones of the same foot are one.
-    stands = [(run, foot) for foot in range(len(SIDES)) for run in runs(alone[:, foot])]
+    stands = [(run, foot) for foot in range(len(SIDES)) for run in find_runs(alone[:, foot])]
     out = list[tuple[slice, int]]()
     for run, foot in sorted(stands, key=lambda found: found[0].start):
         frames = slice(stretch.start + run.start, stretch.start + run.stop)
         if out and out[-1][1] == foot:
             out[-1] = slice(out[-1][0].start, frames.stop), foot
-        elif duration(time, frames) >= MIN_LOADING_S:
+        elif measure_duration(time, frames) >= MIN_LOADING_S:
             out.append((frames, foot))
     fewest = 2 if find_foot_under(wrench, stretch, feet) is None else MIN_ALTERNATIONS
     return out if len(out) >= fewest else []
@@ -522,8 +529,8 @@ def _divide_loading(
     # Frames in which the assigned foot has left and the other one rests under the pressure.
     gone = ~mark_near(resting[:, foot], time)[stretch] & resting[stretch, other]
     away, mine = (_compute_distance_to_foot(wrench, stretch, feet, k) for k in (other, foot))
-    nearer = runs(gone & (away < np.minimum(mine, UNDER_FOOT_M)))
-    taken = [run for run in nearer if duration(time[stretch], run) >= MIN_LOADING_S]
+    nearer = find_runs(gone & (away < np.minimum(mine, UNDER_FOOT_M)))
+    taken = [run for run in nearer if measure_duration(time[stretch], run) >= MIN_LOADING_S]
     if not taken:
         return [(stretch, foot)]
     first, last = stretch.start + taken[0].start, stretch.start + taken[-1].stop
@@ -535,7 +542,7 @@ def _divide_loading(
 
 def _compute_distance_to_foot(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
     """Compute the distance (n,) m of the centre of pressure from the heel-toe line of a foot."""
-    centre = centre_on_ground(wrench[stretch])[:, [0, 2]]
+    centre = compute_centre_on_ground(wrench[stretch])[:, [0, 2]]
     return compute_distance_to_line(
         centre, feet.heel[stretch, foot][:, [0, 2]], feet.toe[stretch, foot][:, [0, 2]]
     )

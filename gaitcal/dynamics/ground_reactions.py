@@ -32,12 +32,12 @@ from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.force_plate import (
     LOADED_N,
     filter_plate,
-    filterable,
-    point_and_torque,
+    is_filterable,
     resample_wrench,
+    split_wrench,
 )
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
+from gaitcal.io.recording import ForcePlate, Recording, find_runs, format_spans, measure_duration
 from gaitcal.model import coordinates, kinematics
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
@@ -124,7 +124,7 @@ class GroundReactions(Displayed):
         flags = {"valid": self.valid, "valid_r": self.valid_r, "valid_l": self.valid_l}
         columns: dict[str, Array] = {name: flag.astype(int) for name, flag in flags.items()}
         for side, wrench in zip(SIDES, np.moveaxis(self.wrench, 1, 0), strict=True):
-            point, torque = point_and_torque(wrench)
+            point, torque = split_wrench(wrench)
             for i, axis in enumerate("xyz"):
                 columns[f"ground_force_{side}_v{axis}"] = wrench[:, i]
                 columns[f"ground_force_{side}_p{axis}"] = point[:, i]
@@ -245,7 +245,7 @@ def compute_foot_reactions(
         raw = np.nan_to_num(resample_wrench(plate, time))
         filtered = (
             plate
-            if cutoff is None or not filterable(plate, cutoff)
+            if cutoff is None or not is_filterable(plate, cutoff)
             else filter_plate(plate, cutoff)
         )
         smooth = resample_wrench(filtered, time)
@@ -428,7 +428,7 @@ def compute_motion_reactions(
 def _describe_filter(recording: Recording, hz: float | None) -> str:
     """Describe the filter of the forces."""
     plain = [
-        plate.name for plate in recording.plates if hz is not None and not filterable(plate, hz)
+        plate.name for plate in recording.plates if hz is not None and not is_filterable(plate, hz)
     ]
     if hz is None or len(plain) == len(recording.plates):
         return "forces not filtered" + (
@@ -463,7 +463,7 @@ def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
     """
     usual = float(np.median(missing[~lying])) if not lying.all() else 0.0
     out = np.zeros_like(lying)
-    for run in runs(missing > min(usual, SEAT_LOAD)):
+    for run in find_runs(missing > min(usual, SEAT_LOAD)):
         sits = (lying[run] & (missing[run] > SEAT_LOAD)).any()
         out[run] = sits and missing[run].max() > MAX_FORCE_MISMATCH
     return out
@@ -472,7 +472,7 @@ def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
 def _report_seat(seated: BoolArray, time: Array) -> list[Finding]:
     """Report that a seat carries part of the body, and when."""
     found = (
-        f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less "
+        f"{format_spans(time, find_runs(seated))}: both thighs lie, and the plates under the feet carry less "
         "than the body weighs; where the seat pushes is not known, so that torques are not valid "
         "then"
     )
@@ -488,12 +488,12 @@ def _report_force_mismatch(missing: Array, valid: BoolArray, time: Array) -> lis
     """
     gap = np.abs(missing)
     mismatched = np.zeros_like(valid)
-    for run in runs(valid & (gap > MAX_FORCE_MISMATCH), 2):
-        mismatched[run] = duration(time, run) >= MIN_MISMATCH_S
+    for run in find_runs(valid & (gap > MAX_FORCE_MISMATCH), 2):
+        mismatched[run] = measure_duration(time, run) >= MIN_MISMATCH_S
     if not mismatched.any():
         return []
     most = 100 * float(gap[mismatched].max())
-    times = spans(time, runs(mismatched), most=len(mismatched))
+    times = format_spans(time, find_runs(mismatched), most=len(mismatched))
     return [
         Finding(
             severity=Severity.WARNING,
@@ -598,7 +598,7 @@ def _report_unobserved(frames: Mapping[str, BoolArray], motion: Motion) -> list[
         if whole:
             found = f"no torque{' of this leg' if leg else ''} is valid"
         else:
-            found = f"{spans(motion.time, runs(lost))}: {int(lost.sum())} frames are not valid"
+            found = f"{format_spans(motion.time, find_runs(lost))}: {int(lost.sum())} frames are not valid"
             found += " for this leg" if leg else ""
         findings.append(
             Finding(

@@ -71,7 +71,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, cross, stretches
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.joint_kinetics import ALL_FORCES, KineticErrors
-from gaitcal.io.force_plate import LOADED_N, OUTSIDE_M, UP, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, OUTSIDE_M, UP, compute_centre_on_ground
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model import chain, linkage
 from gaitcal.model.kinematics import Kinematics
@@ -517,7 +517,7 @@ def compute_wrench_errors(wrenches: Array, rates: Array, errors: PlateErrors) ->
         # where a foot hardly presses there is no centre of pressure to turn about
         on = wrench[:, 1] > LOADED_N
         turned = cross(UP, wrench[on, :3])
-        about = cross(centre_on_ground(wrench[on], 0.0), turned)
+        about = cross(compute_centre_on_ground(wrench[on], 0.0), turned)
         out[on, foot, :, first + 4] = errors.rotation * np.hstack([turned, about])
     out[..., -1] = errors.time_offset * rates
     return out

@@ -36,8 +36,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact, measurement_errors
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
-from gaitcal.io.recording import ForcePlate, runs, spans
+from gaitcal.io.force_plate import BODY_N, LOADED_N, compute_centre_on_ground
+from gaitcal.io.recording import ForcePlate, find_runs, format_spans
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 OUTLINE_ERROR_M = 0.03
@@ -349,7 +349,7 @@ def find_off_sole_frames(
     findings = []
     for (cause, leg), frames in causes.items():
         found = (
-            f"{spans(time, runs(frames), most=count)}; not valid for {'this' if leg else 'either'} "
+            f"{format_spans(time, find_runs(frames), most=count)}; not valid for {'this' if leg else 'either'} "
             "leg"
         )
         findings.append(
@@ -391,7 +391,7 @@ def find_partial_contact(
     surface = [plate for plate in plates if measurement_errors.has_known_outline(plate, LOADED_N)]
     down: BoolArray = loaded | feet.resting
     for foot, side in enumerate(SIDES):
-        for contact in runs(down[:, foot]):
+        for contact in find_runs(down[:, foot]):
             carriers = foot_contact.select_overlapping_steps(steps, foot, contact)
             unknown = [
                 step
@@ -469,7 +469,7 @@ def _detect_pressure_near_edge(
     pressed = wrench[:, 1] > LOADED_N
     corners = [step.plate.corners for step in carriers if step.plate.corners is not None]
     centre = np.full((len(wrench), 3), np.nan)
-    centre[pressed] = centre_on_ground(
+    centre[pressed] = compute_centre_on_ground(
         wrench[pressed], float(np.mean([c[:, 1].mean() for c in corners]))
     )
     along, across = sole.compute_offsets(centre)
@@ -533,7 +533,7 @@ def find_shared_plates(
     for name, both in of_plate.items():
         if both.any():
             shared |= both
-            times = spans(time, runs(both))
+            times = format_spans(time, find_runs(both))
             found = (
                 f"plate {name}, {times}: it carries both feet at once and measures their sum; "
                 "not valid for either leg"
@@ -560,7 +560,7 @@ def _detect_pressure_off_sole(
     chosen = floor[frames] & (wrench[:, 1] > LOADED_N)
     if not chosen.any():
         return False
-    centre = centre_on_ground(wrench[chosen])
+    centre = compute_centre_on_ground(wrench[chosen])
     cells = foot_contact.build_sole(feet, step.foot, frames).cells[chosen]
     away = np.linalg.norm((cells - centre[:, None])[:, :, [0, 2]], axis=2).min(axis=1)
     return bool(np.mean(away > OFF_SOLE_M) > OFF_SOLE_SHARE)

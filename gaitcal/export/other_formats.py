@@ -352,7 +352,7 @@ def write_external_loads(
             f"ground_torque_{side}_",
         )
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
-        columns += [wrench[:, :3], *force_plate.point_and_torque(wrench)]
+        columns += [wrench[:, :3], *force_plate.split_wrench(wrench)]
         load = osim_writer.child(objects, "ExternalForce", name=f"ground_on_{foot}")
         osim_writer.child(load, "applied_to_body", foot)
         osim_writer.child(load, "force_expressed_in_body", "ground")
@@ -410,7 +410,9 @@ def _write(path: Path | str, title: str, comments: tuple[str, ...], table: Stora
     if missing:
         comments = (*comments, f"{missing} of {nf} rows are left out: they hold no value.")
     kept = replace(table, time=table.time[known], values=table.values[known])
-    atomic.atomic_text(path, kept.text(_one_line(title), tuple(map(_one_line, comments))))
+    atomic.write_text_atomically(
+        path, kept.format_text(_one_line(title), tuple(map(_one_line, comments)))
+    )
 
 
 def _one_line(text: str) -> str:

@@ -200,7 +200,7 @@ def _places(motion: SavedMotion, axes: Array, origins: Array) -> Iterator[AddedP
             place = (
                 np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
             )
-            yield _point(side, name, PointKind.PLACE, place)
+            yield _point(side, name, PointKind.POSITION, place)
 
 
 def _point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:

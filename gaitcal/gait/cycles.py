@@ -23,7 +23,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.recording import runs
+from gaitcal.io.recording import find_runs
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED, SEGMENT_ANGLES
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def steady(time: Array, state: BoolArray) -> BoolArray:
     """`state` (nf,) without flickers: short gaps are closed, then short stretches dropped."""
     out = state.copy()
     for value in (False, True):
-        for run in runs(out == value):
+        for run in find_runs(out == value):
             inner = run.start > 0 and run.stop < len(time)
             if inner and time[run.stop] - time[run.start] < SHORTEST_PHASE:
                 out[run] = not value

@@ -57,9 +57,9 @@ from gaitcal.dynamics.ground_reactions import GroundReactions, compute_foot_poin
 from gaitcal.errors import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
-from gaitcal.io.force_plate import LOADED_N, covered
-from gaitcal.io.labels import FootEvent, FootMoment, times_of
-from gaitcal.io.recording import ForcePlate, Recording, runs
+from gaitcal.io.force_plate import LOADED_N, find_covered_frames
+from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
+from gaitcal.io.recording import ForcePlate, Recording, find_runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.tracking.motion import Motion
@@ -92,7 +92,7 @@ class GaitEvents:
     def of(self, side: str) -> FootEvents:
         """Strikes and offs of one foot."""
         strikes = [e for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
-        offs = np.array(times_of(self.events, side, FootMoment.OFF))
+        offs = np.array(select_event_times(self.events, side, FootMoment.OFF))
         return FootEvents(
             np.array([e.time for e in strikes]), offs, tuple(e.source for e in strikes)
         )
@@ -154,12 +154,13 @@ def joined_events(
     for side in SIDES:
         for moment in FootMoment:
             known = [
-                GaitEvent(moment, side, t, EventSource.FILE) for t in times_of(used, side, moment)
+                GaitEvent(moment, side, t, EventSource.FILE)
+                for t in select_event_times(used, side, moment)
             ]
             known += _further(
-                known, times_of(plates, side, moment), EventSource.PLATES, moment, side
+                known, select_event_times(plates, side, moment), EventSource.PLATES, moment, side
             )
-            alone = times_of(motion, side, moment)
+            alone = select_event_times(motion, side, moment)
             shift = _median_difference([e.time for e in known], alone)
             alone = [t + shift for t in alone if time[0] <= t + shift <= time[-1]]
             events += known + _further(known, alone, EventSource.MOTION, moment, side)
@@ -175,7 +176,7 @@ def _of_their_foot(
     """The events of plates that the motion has, too, or where it shows nothing of that foot."""
 
     def is_of_foot(event: FootEvent) -> bool:
-        of_foot = times_of(motion, event.side, event.moment)
+        of_foot = select_event_times(motion, event.side, event.moment)
         unseen = not of_foot or event.time < time[0] + UNSEEN or event.time > time[-1] - UNSEEN
         return unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES
 
@@ -216,9 +217,9 @@ def motion_events(time: Array, slower: Array) -> list[FootEvent]:
 def plate_events(time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]) -> list[FootEvent]:
     """Where the plates under a foot become loaded and unloaded; `loaded` (nf, 2)."""
     events = []
-    inner = covered(plates, time) if plates else slice(0, len(time))
+    inner = find_covered_frames(plates, time) if plates else slice(0, len(time))
     for foot, side in enumerate(SIDES):
-        for run in runs(steady(time, loaded[:, foot])):
+        for run in find_runs(steady(time, loaded[:, foot])):
             if run.start > inner.start:
                 moment = _passing(
                     plates, float(time[run.start - 1]), float(time[run.start]), rising=True
@@ -373,10 +374,12 @@ def repetitions(
     away = np.abs(height - level)
     rests = np.zeros(len(time), dtype=bool)
     rests[still] = away[still] < NEAR * reach
-    spans = [(run.start - 1, run.stop) for run in runs(~rests) if away[run].max() > FAR * reach]
+    spans = [
+        (run.start - 1, run.stop) for run in find_runs(~rests) if away[run].max() > FAR * reach
+    ]
     inner = [(a, b) for a, b in spans if a >= 0 and b < len(time)]
     if not inner and spans and 0 <= spans[0][0] < still[-1]:
-        there = runs(np.abs(height - height[still[-1]]) < NEAR * reach)[-1]
+        there = find_runs(np.abs(height - height[still[-1]]) < NEAR * reach)[-1]
         inner = [(spans[0][0], there.start)]
     flights = list(_flights(time, falls, feet))
     return tuple(
@@ -411,7 +414,7 @@ def _flights(
     time: Array, falls: BoolArray, feet: Sequence[FootEvents]
 ) -> Iterator[tuple[float, float]]:
     """Take-off and landing (s) of each flight."""
-    for run in runs(falls):
+    for run in find_runs(falls):
         begin, end = float(time[run.start]), float(time[run.stop - 1])
         if end - begin >= SHORTEST_FLIGHT_S:
             offs = [

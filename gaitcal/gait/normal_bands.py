@@ -157,7 +157,7 @@ def bands_file(name: Path | str) -> Path:
         raise _BandsError(
             f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path
         )
-    return toml.models_path() / shipped
+    return toml.find_models_folder() / shipped
 
 
 def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:

@@ -23,12 +23,12 @@ from gaitcal.intake.recordings_folder import (
     ForceChoice,
     declares_study,
 )
-from gaitcal.io.toml import read_toml, toml_table, toml_value
+from gaitcal.io.toml import format_toml_table, format_toml_value, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import list_built_in_sets
 from gaitcal.study import study_file, study_trial
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, marker_set_of
+from gaitcal.study.study import Study, read_marker_set
 
 if TYPE_CHECKING:
     from gaitcal.intake.label_proposal import LabelProposal
@@ -177,7 +177,7 @@ def settings_text(
     said = settings.model_dump(exclude_unset=True) | (
         {} if priors is None else {"priors": _path(priors, folder)}
     )
-    return "\n" + toml_table("[calibration]", said) if said else ""
+    return "\n" + format_toml_table("[calibration]", said) if said else ""
 
 
 def _subject(draft: Draft) -> list[str]:
@@ -278,7 +278,7 @@ def _proposed(proposal: "LabelProposal") -> list[str]:
         "[markers.rename]  # label in the files = what the marker lies on",
     ]
     for label, name in sorted(proposal.rename.items(), key=lambda item: item[1]):
-        line = f"{toml_value({label: name})[1:-1].strip()}  # {proposal.evidence[label]}"
+        line = f"{format_toml_value({label: name})[1:-1].strip()}  # {proposal.evidence[label]}"
         question = (
             "; ASKED: is it? Then take the first # away; else name its segment under "
             "markers.tracking"
@@ -296,7 +296,9 @@ def _followers(proposal: "LabelProposal") -> list[str]:
     )
     for segment, labels in proposal.tracking.items():
         lines.append(f"{segment} = [")
-        lines += [f"    {toml_value(label)},  # {proposal.evidence[label]}" for label in labels]
+        lines += [
+            f"    {format_toml_value(label)},  # {proposal.evidence[label]}" for label in labels
+        ]
         lines.append("]")
     if proposal.weights:
         lines.append(
@@ -304,7 +306,7 @@ def _followers(proposal: "LabelProposal") -> list[str]:
             "glides over knees"
         )
         lines += [
-            f"{toml_value({label: weight})[1:-1].strip()}"
+            f"{format_toml_value({label: weight})[1:-1].strip()}"
             for label, weight in proposal.weights.items()
         ]
     return lines + [
@@ -328,10 +330,12 @@ def left_over_words(choice: choose_marker_set.SetChoice) -> str:
 
 
 def _trial(trial: Drafted, folder: Path | None) -> list[str]:
-    lines = ["[[trial]]", f"name = {toml_value(trial.name)}  # after the file"]
+    lines = ["[[trial]]", f"name = {format_toml_value(trial.name)}  # after the file"]
     lines += _line("role", trial.role, trial.reason, trial.certain)
     if trial.joint:
-        lines.append(f"joint = {toml_value(trial.joint)}  # the one that turns most, see role")
+        lines.append(
+            f"joint = {format_toml_value(trial.joint)}  # the one that turns most, see role"
+        )
     recording = trial.file.recording
     frames = "" if recording is None else f"{len(recording.time)} frames at {recording.rate:.4g} Hz"
     plates = 0 if recording is None else len(recording.plates)
@@ -343,7 +347,7 @@ def _trial(trial: Drafted, folder: Path | None) -> list[str]:
             if trial.forces
             else ", no forces: angles, no torques"
         )
-    lines.append(f"file = {toml_value(_path(trial.file.path, folder))}  # {frames}")
+    lines.append(f"file = {format_toml_value(_path(trial.file.path, folder))}  # {frames}")
     if trial.forces is not None:
         lines += _line(
             "forces",
@@ -364,7 +368,7 @@ def _line(field: str, value: object, reason: str, certain: bool) -> list[str]:
 def _assignment(field: str, value: object) -> str:
     if isinstance(value, Mapping) and set(value) <= set(SIDES):
         return f"{field} = {{ {', '.join(f'{side} = {v:g}' for side, v in value.items())} }}"
-    return f"{field} = {toml_value(value)}"
+    return f"{field} = {format_toml_value(value)}"
 
 
 def _one_line(text: str) -> str:
@@ -436,7 +440,7 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
         written = Path(folder) / STUDY
         written.write_text(draft_text(draft, None), encoding="utf-8")
         file = study_file.load_study_file(written)
-    marker_set = marker_set_of(file, path, proposed=True)
+    marker_set = read_marker_set(file, path, proposed=True)
     trials = tuple(
         study_trial.read_trial(trial, file.markers.rename, marker_set) for trial in file.trials
     )

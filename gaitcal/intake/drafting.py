@@ -35,7 +35,7 @@ from gaitcal.intake.subject_metadata import (
 from gaitcal.intake.trial_movement import RecordedMovement, Shows, movement, standing, unit_fault
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
-from gaitcal.io.segment_poses import holds_poses
+from gaitcal.io.segment_poses import has_poses
 from gaitcal.model import body_plan, linkage, nominal
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.subject_model import Subject
@@ -332,7 +332,7 @@ class _Drafting:
         made = [
             i
             for i in statics[:1]
-            if holds_poses(self.spelt[i].labels) and moves[i].shows is not Shows.STANDS
+            if has_poses(self.spelt[i].labels) and moves[i].shows is not Shows.STANDS
         ]
         statics = [i for i in statics if i not in made]
         roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))

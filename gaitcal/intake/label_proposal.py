@@ -15,7 +15,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError
 from gaitcal.intake import unnamed_markers
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, find_visible
 from gaitcal.model.landmarks import is_device
 from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.quality.named_joint_centres import MEASURED_M, computed_of_pair
@@ -343,7 +343,7 @@ def _resting(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]
 
 def _sways(recording: Recording) -> dict[str, float]:
     """Label -> m, RMS distance from its mean place, where it is seen."""
-    seen = seen_mask(recording.markers)
+    seen = find_visible(recording.markers)
     paths = {
         m: recording.markers[seen[:, i], i]
         for i, m in enumerate(recording.labels)

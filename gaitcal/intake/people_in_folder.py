@@ -42,7 +42,7 @@ from gaitcal.calibration.soft_tissue_artefact import SIZES
 from gaitcal.errors import other_side
 from gaitcal.intake.trial_movement import Standing, middle, standing
 from gaitcal.io.recording import Recording
-from gaitcal.io.segment_poses import holds_key_points, holds_poses
+from gaitcal.io.segment_poses import has_key_points, has_poses
 from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.model.marker_set import REQUIRED, MarkerSet
 from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, tissue_spread
@@ -98,9 +98,7 @@ def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
         return Distances(out, extension={side: length for side, (_, length) in straight.items()})
     looks = max(float(recording.time[-1] - recording.time[0]) / noise.memory_s, 1.0)
     # where a pose has a joint, four corners say
-    corners = (
-        4.0 if holds_poses(recording.labels) and not holds_key_points(recording.labels) else 1.0
-    )
+    corners = 4.0 if has_poses(recording.labels) and not has_key_points(recording.labels) else 1.0
     return Distances(out, 1e-3 * noise.size_mm * float(np.sqrt(2.0 / (looks * corners))))
 
 
@@ -409,7 +407,7 @@ def _standing_only(
         lambda i: postures[i].throughout,
         lambda i: bool(CLEAR_WORD.search(stems[i]) or recordings[i].facts.is_static or worn[i]),
         lambda i: postures[i].sway <= SHIFTS_M,
-        lambda i: holds_poses(recordings[i].labels),
+        lambda i: has_poses(recordings[i].labels),
     )
     return next((found for tier in tiers if (found := [i for i in postures if tier(i)])), [])
 

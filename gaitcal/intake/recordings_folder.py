@@ -126,7 +126,7 @@ def _files_in(folder: Path) -> list[Path]:
 def _recordings_in(folder: Path) -> int:
     try:
         manifest, example = folder / result_folder.MANIFEST, result_folder.ResultKind.EXAMPLE.value
-        if manifest.is_file() and result_folder.read_object(manifest).get("kind") != example:
+        if manifest.is_file() and result_folder.read_json_object(manifest).get("kind") != example:
             return 0  # a result of ours
         return sum(p.suffix.lower() in MARKER_ENDINGS for p in folder.iterdir())
     except OSError:
@@ -160,9 +160,9 @@ def _understood(path: Path) -> FolderFile:
 
 
 def _csv(file: FolderFile) -> FolderFile:
-    if file.path.name == csv_files.EVENTS:
+    if file.path.name == csv_files.EVENT_FILE:
         if not csv_files.is_event_table(file.path):
-            return replace(file, reason=csv_files.FOREIGN)
+            return replace(file, reason=csv_files.NOT_AN_EVENT_TABLE)
         csv_files.read_events(file.path)
         return replace(file, kind=FileKind.EVENTS)
     try:

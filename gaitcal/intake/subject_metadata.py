@@ -15,8 +15,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.intake.trial_movement import Standing
 from gaitcal.io.force_plate import BODY_N
-from gaitcal.io.labels import OLDEST, Facts, years_between
-from gaitcal.io.recording import ForcePlate, Recording, duration, runs
+from gaitcal.io.labels import GREATEST_AGE, Facts, compute_age
+from gaitcal.io.recording import ForcePlate, Recording, find_runs, measure_duration
 from gaitcal.model import linkage, subject_model
 from gaitcal.model.marker_set import MarkerSet
 
@@ -138,8 +138,12 @@ def _age_by_dates(files: Sequence[tuple[str, Facts]]) -> Known | None:
     """Years in tenths by the first dates that somebody can have; the date of birth itself is not
     told.
     """
-    ages = [(name, years_between(facts.birth_date, facts.session_date)) for name, facts in files]
-    told = [(name, round(age, 1)) for name, age in ages if age is not None and 0.0 <= age <= OLDEST]
+    ages = [(name, compute_age(facts.birth_date, facts.session_date)) for name, facts in files]
+    told = [
+        (name, round(age, 1))
+        for name, age in ages
+        if age is not None and 0.0 <= age <= GREATEST_AGE
+    ]
     if not told:
         return None
     others = [f"of {name} {age:g}" for name, age in told if age != told[0][1]]
@@ -269,8 +273,8 @@ def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
     steps = []
     for plate in plates:
         up = np.nan_to_num(plate.force[:, 1])
-        for run in runs(up > BODY_N):
-            if run.start > 0 and run.stop < len(up) and duration(plate.time, run) > STEP_S:
+        for run in find_runs(up > BODY_N):
+            if run.start > 0 and run.stop < len(up) and measure_duration(plate.time, run) > STEP_S:
                 pushed = float(np.trapezoid(up[run], plate.time[run]))
                 steps.append(
                     (float(plate.time[run.start]), float(plate.time[run.stop - 1]), pushed)

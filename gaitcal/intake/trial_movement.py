@@ -18,8 +18,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import estimate_ground_velocity
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, still_window
-from gaitcal.io.segment_poses import upright
+from gaitcal.io.recording import Recording, find_still_window
+from gaitcal.io.segment_poses import make_upright_posture
 from gaitcal.model import linkage, segment_frames
 from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.marker_set import MarkerSet
@@ -73,10 +73,10 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
     """The standing posture, or None and why there is none; that of segment poses whatever the
     person does.
     """
-    moving, recording = recording, complete_static(upright(recording), marker_set)
+    moving, recording = recording, complete_static(make_upright_posture(recording), marker_set)
     marker_set = resolve_marker_set(marker_set, recording)
     try:
-        window = still_window(recording, marker_set.labels)
+        window = find_still_window(recording, marker_set.labels)
     except InputError as fault:
         return None, str(fault).split(": ")[-1]
     points = _positions(recording, marker_set, window.frames)

@@ -49,8 +49,8 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.optimize import linear_sum_assignment
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.io.recording import Recording, seen_mask, still_window
-from gaitcal.io.toml import models_path, read_toml
+from gaitcal.io.recording import Recording, find_still_window, find_visible
+from gaitcal.io.toml import find_models_folder, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.tracking.rigid import find_best_rotation
 
@@ -72,7 +72,7 @@ def standing_points(recording: Recording, labels: Sequence[str]) -> Array:
 
     InputError where nobody stands still in it.
     """
-    frames = still_window(recording, labels).frames
+    frames = find_still_window(recording, labels).frames
     out = np.full((len(labels), 3), np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen
@@ -99,7 +99,7 @@ def distance_scatter(
     for recording in recordings:
         columns = [c for c, label in enumerate(recording.labels) if label in number]
         markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)][:, columns]
-        seen = seen_mask(markers)
+        seen = find_visible(markers)
         both = seen.T.astype(np.float64) @ seen
         if not (both >= FEWEST_FRAMES).any():
             continue
@@ -145,7 +145,7 @@ def with_missing(
             if len(beside) < 3 or not set(wanted) <= set(recording.labels):
                 continue
             paths = recording.markers[:, [recording.labels.index(label) for label in wanted]]
-            paths = paths[seen_mask(paths).all(axis=1)][:MOST_FRAMES]
+            paths = paths[find_visible(paths).all(axis=1)][:MOST_FRAMES]
             if len(paths) < FEWEST_FRAMES:
                 continue
             middle, place = paths[:, 1:].mean(axis=1), points[beside].mean(axis=0)
@@ -162,7 +162,7 @@ def _turns_to(markers: Array, points: Array) -> Array:
     """(nf,) rad, turn about the vertical that brings markers (nf, n, 3) nearest to where they stand
     (n, 3).
     """
-    seen = seen_mask(markers).astype(np.float64)[..., None]
+    seen = find_visible(markers).astype(np.float64)[..., None]
     count = np.maximum(seen.sum(axis=1), 1.0)
     x = np.where(seen > 0, markers, 0.0)
     here = x - (x * seen).sum(axis=1, keepdims=True) / count[:, None]
@@ -282,7 +282,7 @@ def _both(text: str, side: str) -> str:
 @cache
 def standing_bodies() -> tuple[Body, ...]:
     """The body, once for each posture of the arms."""
-    table = read_toml(models_path() / "body_places.toml")
+    table = read_toml(find_models_folder() / "body_places.toml")
     rows: list[tuple[str, str, str, str, list[float], float, float]] = []
 
     def add(

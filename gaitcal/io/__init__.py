@@ -1,3 +1,1 @@
-"""Files to arrays in SI units and back: recordings of every format, plain safe writing, the data of
-the package.
-"""
+"""Read recordings into arrays in SI units; write recordings, results and package data."""

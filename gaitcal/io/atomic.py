@@ -1,11 +1,11 @@
-"""What ends a run, and files that are written whole or not at all.
+"""Turn ending signals into exceptions, and write files completely or not at all.
 
-Ctrl-C, SIGTERM (`kill`, a batch system at its time limit) and SIGHUP (a closed terminal) end a run
-as an error would: what it was writing is removed, locks are freed. The first signal raises an
-exception in the main thread; those after it are ignored, so that cleaning up is not itself cut off.
-A signal within `unbroken()` waits until its end.
+Ctrl-C, SIGTERM (`kill`, a batch system at its time limit) and SIGHUP (a closed terminal) end a
+run as an error does: unfinished output is removed and locks are released. The first signal raises
+an exception in the main thread. Later signals are ignored, so that they cannot interrupt the
+clean-up. A signal within `defer_signals()` takes effect at its end.
 
-A file is written under its own name in a hidden folder beside its place, and then renamed.
+A file is first written in a hidden folder beside its target and then renamed.
 """
 
 import errno
@@ -21,18 +21,24 @@ from typing import Any
 
 from gaitcal.errors import Code, InputError
 
-ENDINGS = tuple(
+ENDING_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-"""Signals by which a user ends a command; not every system has the last."""
-FULL = frozenset(
-    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-)  # No room is left, on the disk or for this user
-UNFINISHED = ".gaitcal-tmp-"  # Beginning of the hidden names of what is being written
+"""Signals by which a user ends a command; not every system has SIGHUP."""
+# Error numbers for no space left, on the disk or in the quota of this user
+DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+# First part of the hidden names of unfinished files and folders
+UNFINISHED_PREFIX = ".gaitcal-tmp-"
 
 
 class Stopped(BaseException):
-    """The process was asked to end by a signal other than Ctrl-C, which stays a KeyboardInterrupt."""
+    """Request to end the process by a signal other than Ctrl-C (KeyboardInterrupt).
+
+    Parameters
+    ----------
+    number
+        Number of the signal.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -42,7 +48,15 @@ class Stopped(BaseException):
 
 
 class InterruptedWork(BaseException):
-    """The end of a command that was interrupted and knows what became of its work."""
+    """End of an interrupted command that can report the state of its work.
+
+    Parameters
+    ----------
+    ending
+        The exception that interrupted the command.
+    work
+        What was kept, for the message.
+    """
 
     def __init__(self, ending: KeyboardInterrupt | Stopped, work: str) -> None:
         self.exit_code = ending.exit_code if isinstance(ending, Stopped) else 128 + signal.SIGINT
@@ -51,10 +65,15 @@ class InterruptedWork(BaseException):
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Inside, SIGTERM and SIGHUP raise `Stopped`, and Ctrl-C raises KeyboardInterrupt, once.
+def raise_on_signals() -> Iterator[None]:
+    """Raise `Stopped` for SIGTERM and SIGHUP, and KeyboardInterrupt for Ctrl-C, once.
 
     A signal that was ignored when the process began (`nohup`) stays ignored.
+
+    Raises
+    ------
+    Stopped, KeyboardInterrupt
+        The first of these signals arrived in the context.
     """
     ended = False
 
@@ -64,56 +83,71 @@ def ended_by_signals() -> Iterator[None]:
             ended = True
             raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
 
-    with _answered_by(end):
+    with _handle_signals_with(end):
         try:
             yield
         except Exception as error:
+            # A library that was being loaded may have wrapped the signal in its own error
             cause: BaseException | None = error
             while cause is not None and not isinstance(cause, (KeyboardInterrupt, Stopped)):
                 cause = cause.__cause__ or cause.__context__
-            if (
-                cause is not None
-            ):  # a library that was loading made an error of its own of the signal
+            if cause is not None:
                 raise cause from None
             raise
 
 
 @contextmanager
-def unbroken() -> Iterator[None]:
-    """Inside, none of these signals is felt; one that came is felt at the end."""
-    came: list[int] = []
-    with _answered_by(lambda number, frame: came.append(number)):
+def defer_signals() -> Iterator[None]:
+    """Defer the ending signals that arrive in the context to its end."""
+    deferred: list[int] = []
+    with _handle_signals_with(lambda number, frame: deferred.append(number)):
         yield
-    for number in came:
+    for number in deferred:
         signal.raise_signal(number)
 
 
 @contextmanager
-def _answered_by(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
-    """Inside, `handler` answers the signals that are not ignored; nothing to do in a thread, which
-    hears none.
-    """
+def _handle_signals_with(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    """Install `handler` for the signals that are not ignored; only the main thread receives any."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {
-        n: signal.getsignal(n) for n in ENDINGS if signal.getsignal(n) not in (signal.SIG_IGN, None)
+    former_handlers = {
+        n: signal.getsignal(n)
+        for n in ENDING_SIGNALS
+        if signal.getsignal(n) not in (signal.SIG_IGN, None)
     }
     try:
-        for number in before:
+        for number in former_handlers:
             signal.signal(number, handler)
         yield
     finally:
-        for number, former in before.items():
+        for number, former in former_handlers.items():
             signal.signal(number, former)
 
 
-# -------------------------------------------------------------------------------------------------- single files
+# ------------------------------------------------------------------------------------- single files
 
 
-def real_path(target: Path | str) -> Path:
-    """Absolute, links followed: a link keeps pointing where it does, and what it points to is
-    replaced.
+def resolve_path(target: Path | str) -> Path:
+    """Resolve a path to its absolute form, links followed.
+
+    A link therefore stays where it is, and the file that it points to is replaced.
+
+    Parameters
+    ----------
+    target
+        Path as the user gave it.
+
+    Returns
+    -------
+    Path
+        Absolute path without links.
+
+    Raises
+    ------
+    InputError
+        The text is no usable path.
     """
     try:
         return Path(os.path.realpath(target))
@@ -124,8 +158,21 @@ def real_path(target: Path | str) -> Path:
 
 
 @contextmanager
-def disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[None]:
-    """Raise errors of the system as an InputError on `target`; `only` those of these numbers."""
+def convert_disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[None]:
+    """Convert errors of the operating system in the context into an InputError on `target`.
+
+    Parameters
+    ----------
+    target
+        File or folder for the message.
+    only
+        Error numbers to convert; all of them unless given.
+
+    Raises
+    ------
+    InputError
+        An OSError occurred.
+    """
     try:
         yield
     except OSError as error:
@@ -137,15 +184,27 @@ def disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[No
 
 
 @contextmanager
-def atomic_file(target: Path | str) -> Iterator[Path]:
-    """Yield a path of the same file name in a hidden folder; the file written there becomes
-    `target` on success.
+def write_atomically(target: Path | str) -> Iterator[Path]:
+    """Yield a temporary path; on success the file written there replaces `target`.
 
-    InputError where `target` is a folder, cannot be written, or the disk is full.
+    Parameters
+    ----------
+    target
+        File to write. Its folder is created where it does not exist.
+
+    Yields
+    ------
+    Path
+        Path of the same file name in a hidden folder beside `target`.
+
+    Raises
+    ------
+    InputError
+        `target` is a folder or cannot be written, or the disk is full.
     """
-    target = real_path(target)
+    target = resolve_path(target)
     with ExitStack() as stack:
-        with disk_errors(target):
+        with convert_disk_errors(target):
             if target.is_dir():
                 raise InputError(
                     "is a folder; the name of a file is needed",
@@ -154,21 +213,47 @@ def atomic_file(target: Path | str) -> Iterator[Path]:
                 )
             target.parent.mkdir(parents=True, exist_ok=True)
             stage = stack.enter_context(
-                tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=target.parent)
+                tempfile.TemporaryDirectory(prefix=UNFINISHED_PREFIX, dir=target.parent)
             )
-        with disk_errors(target, only=FULL):
+        with convert_disk_errors(target, only=DISK_FULL):
             yield Path(stage) / target.name
-        with disk_errors(target):
+        with convert_disk_errors(target):
             (Path(stage) / target.name).replace(target)
 
 
-def atomic_bytes(target: Path | str, content: bytes) -> None:
-    """Write `content` to the file `target`, whole or not at all."""
-    with atomic_file(target) as path:
+def write_bytes_atomically(target: Path | str, content: bytes) -> None:
+    """Write bytes to a file, completely or not at all.
+
+    Parameters
+    ----------
+    target
+        File to write.
+    content
+        All bytes of the file.
+
+    Raises
+    ------
+    InputError
+        As `write_atomically`.
+    """
+    with write_atomically(target) as path:
         path.write_bytes(content)
 
 
-def atomic_text(target: Path | str, text: str) -> None:
-    """Write `text` to the file `target` as UTF-8, line ends as they are, whole or not at all."""
-    with atomic_file(target) as path, path.open("w", encoding="utf-8", newline="") as stream:
+def write_text_atomically(target: Path | str, text: str) -> None:
+    """Write text to a file as UTF-8 with line ends unchanged, completely or not at all.
+
+    Parameters
+    ----------
+    target
+        File to write.
+    text
+        Content of the file.
+
+    Raises
+    ------
+    InputError
+        As `write_atomically`.
+    """
+    with write_atomically(target) as path, path.open("w", encoding="utf-8", newline="") as stream:
         stream.write(text)

@@ -1,9 +1,8 @@
-"""Which way is up, and which way is forward: both read from the data, both brought about by exact
-permutations.
+"""Find the vertical and the direction of progression of a recording, and rotate it accordingly.
 
-A turn by a multiple of 90 degrees about a coordinate axis only swaps and negates coordinates, so no
-number is rounded and a file converted to CSV reads back bit for bit. What a file *says* of its
-screen axes is not looked at.
+Both are found from the data; what a file declares about its screen axes is not used. A rotation by
+a multiple of 90 degrees about a coordinate axis only swaps and negates coordinates. No number is
+rounded, so a file that is converted to CSV reads back to the same bits.
 """
 
 from collections.abc import Iterable
@@ -13,41 +12,52 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io.labels import ComputedPoints
-from gaitcal.io.recording import ForcePlate, Recording, seen_mask
+from gaitcal.io.recording import ForcePlate, Recording, find_visible
 
-LOADED_N = 100.0  # Force that tells the vertical: well above any offset
+# Least force (N) that shows the vertical axis: well above any plate offset
+LEAST_FORCE_N = 100.0
 BODY_MARKERS, CLEARLY_TALLER = 10, 1.5
-"""So many markers, so many times more spread along one axis than along either other, are a body
-that stands. Arms held out sideways make 0.9."""
-DOMINANT = 0.8  # Share of a force, or of a plate's normal, that must lie along one axis
-PROGRESSION_M = (
-    0.5  # Horizontal way above which a trial has a direction of its own; less is a step on the spot
-)
+"""Least number of markers, and least ratio of their spread along one axis to that along any other,
+for a standing body. Arms held out sideways give a ratio of 0.9.
+"""
+# Least share of a force, or of a plate's normal, along one axis; 0.8 is within 37 degrees
+DOMINANT_SHARE = 0.8
+# Least horizontal displacement (m) that defines a direction of walking; less is a step on the spot
+LEAST_PROGRESSION_M = 0.5
 
 OFF_X_DEG = 10.0
-"""Angle between walk and x above which pelvis list and tilt mix noticeably: a sixth of the one is
-in the other.
+"""Largest angle (deg) between walk and x without a note. Above it pelvic list and tilt mix
+noticeably: a sixth of one appears in the other.
 """
 
 AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class Turn:
-    """A proper rotation that maps axes onto axes: new coordinate i = sign[i] * old coordinate
-    source[i].
-    """
+class AxisPermutation:
+    """Proper rotation that maps axes onto axes: new[i] = sign[i] * old[source[i]]."""
 
     source: tuple[int, int, int]
     sign: tuple[int, int, int]
 
     @property
     def is_identity(self) -> bool:
-        """True where nothing changes."""
+        """True if the rotation changes nothing."""
         return self.source == (0, 1, 2) and self.sign == (1, 1, 1)
 
     def apply(self, vectors: Array) -> Array:
-        """Vectors (..., 3) in the new axes, exactly."""
+        """Rotate vectors exactly.
+
+        Parameters
+        ----------
+        vectors : (..., 3)
+            Vectors in the old axes.
+
+        Returns
+        -------
+        Array
+            (..., 3) in the new axes.
+        """
         turned = vectors[..., list(self.source)]
         for axis, sign in enumerate(self.sign):
             if sign < 0:
@@ -56,28 +66,28 @@ class Turn:
 
 
 UP_TO_Y = {
-    (0, 1): Turn((2, 0, 1), (1, 1, 1)),
-    (0, -1): Turn((2, 0, 1), (1, -1, -1)),
-    (1, 1): Turn((0, 1, 2), (1, 1, 1)),
-    (1, -1): Turn((0, 1, 2), (1, -1, -1)),
-    (2, 1): Turn((0, 2, 1), (1, 1, -1)),
-    (2, -1): Turn((0, 2, 1), (1, -1, 1)),
+    (0, 1): AxisPermutation((2, 0, 1), (1, 1, 1)),
+    (0, -1): AxisPermutation((2, 0, 1), (1, -1, -1)),
+    (1, 1): AxisPermutation((0, 1, 2), (1, 1, 1)),
+    (1, -1): AxisPermutation((0, 1, 2), (1, -1, -1)),
+    (2, 1): AxisPermutation((0, 2, 1), (1, 1, -1)),
+    (2, -1): AxisPermutation((0, 2, 1), (1, -1, 1)),
 }
-"""The turn that makes (axis, sign) the y axis."""
+"""(axis, sign) of the vertical -> the rotation that makes it the y axis."""
 
-ABOUT_Y = (
-    Turn((0, 1, 2), (1, 1, 1)),
-    Turn((2, 1, 0), (1, 1, -1)),
-    Turn((0, 1, 2), (-1, 1, -1)),
-    Turn((2, 1, 0), (-1, 1, 1)),
+QUARTER_ROTATIONS = (
+    AxisPermutation((0, 1, 2), (1, 1, 1)),
+    AxisPermutation((2, 1, 0), (1, 1, -1)),
+    AxisPermutation((0, 1, 2), (-1, 1, -1)),
+    AxisPermutation((2, 1, 0), (-1, 1, 1)),
 )
-"""Quarter turns about y; the old direction that becomes x is +x, +z, -x, -z."""
+"""Quarter rotations about y; the old direction that becomes x is +x, +z, -x, -z (`NEW_X`)."""
 NEW_X = ("+x", "+z", "-x", "-z")
 
 
 @dataclass(frozen=True)
 class Vertical:
-    """The axis that points up, and what showed it."""
+    """Axis that points up, and the evidence for it."""
 
     axis: int
     sign: int
@@ -85,7 +95,7 @@ class Vertical:
 
     @property
     def direction(self) -> Array:
-        """(3,) unit vector."""
+        """(3,) unit vector that points up."""
         up = np.zeros(3)
         up[self.axis] = self.sign
         return up
@@ -95,19 +105,30 @@ class Vertical:
 
 
 def find_vertical(markers: Array, plates: tuple[ForcePlate, ...]) -> Vertical | None:
-    """The vertical of markers (nf, nm, 3) and plates in the axes of their file; None where nothing
-    tells it.
+    """Find the vertical from markers and plates in the axes of their file.
 
     The axis is that of the plate forces under load, else of the plates' normals, else of the
-    largest spread of the markers within a frame (a body is taller than wide, also with its arms
-    out, where spread is the standard deviation). Its sign is that on which the body lies: above the
-    plates, else above the origin.
+    largest spread (standard deviation) of the markers within a frame. A body is taller than wide,
+    also with its arms out. The sign is the side on which the body is: above the plates, else above
+    the origin.
+
+    Parameters
+    ----------
+    markers : (nf, nm, 3)
+        Marker positions, m; NaN where a marker was not visible.
+    plates
+        Force plates in the same axes.
+
+    Returns
+    -------
+    Vertical or None
+        None if the data do not show it.
     """
-    axis, evidence = force_axis(plates), "the plate forces"
+    axis, evidence = find_force_axis(plates), "the plate forces"
     if axis is None:
-        axis, evidence = _normal_axis(plates), "the plate corners"
+        axis, evidence = _find_normal_axis(plates), "the plate corners"
     if axis is None:
-        spread, evidence = _spread(markers, 3), "the spread of the markers"
+        spread, evidence = _measure_spread(markers, 3), "the spread of the markers"
         if spread is None or not spread.max() > 0:
             return None
         axis = int(np.argmax(spread))
@@ -117,35 +138,46 @@ def find_vertical(markers: Array, plates: tuple[ForcePlate, ...]) -> Vertical | 
     return Vertical(axis, -1 if above < 0 else 1, evidence)
 
 
-def force_axis(plates: Iterable[ForcePlate]) -> int | None:
-    """The axis along which nearly all of the plates' force acts under load; None where there is
-    none.
+def find_force_axis(plates: Iterable[ForcePlate]) -> int | None:
+    """Find the axis along which most of the plate force acts under load.
+
+    Parameters
+    ----------
+    plates
+        Force plates in the axes of their file.
+
+    Returns
+    -------
+    int or None
+        Axis 0, 1 or 2; None if no axis has `DOMINANT_SHARE` of the force.
     """
     total = np.zeros(3)
     length = 0.0
     for plate in plates:
         size = np.linalg.norm(plate.force, axis=1)
-        loaded = size > LOADED_N
+        loaded = size > LEAST_FORCE_N
         total += np.abs(plate.force[loaded]).sum(axis=0)
         length += float(size[loaded].sum())
-    return int(np.argmax(total)) if length > 0 and total.max() > DOMINANT * length else None
+    return int(np.argmax(total)) if length > 0 and total.max() > DOMINANT_SHARE * length else None
 
 
-def _normal_axis(plates: tuple[ForcePlate, ...]) -> int | None:
-    """The axis along which the normals of all plates lie; None where they disagree or lie aslant."""
+def _find_normal_axis(plates: tuple[ForcePlate, ...]) -> int | None:
+    """Find the axis of all plate normals; None if they disagree or are oblique."""
     corners = [plate.corners for plate in plates if plate.corners is not None]
     normals = [np.abs(np.cross(c[0] - c[1], c[0] - c[3])) for c in corners]
-    axes = {int(np.argmax(n)) if n.max() > DOMINANT * np.linalg.norm(n) else None for n in normals}
+    axes = {
+        int(np.argmax(n)) if n.max() > DOMINANT_SHARE * np.linalg.norm(n) else None for n in normals
+    }
     return axes.pop() if len(axes) == 1 else None
 
 
-def _spread(markers: Array, fewest: int) -> Array | None:
-    """(3,) m, how much the markers (nf, nm, 3) of a frame differ along each axis: median over some
-    200 frames.
+def _measure_spread(markers: Array, fewest: int) -> Array | None:
+    """Measure the spread (m) of the markers within a frame along each axis.
 
-    Of frames with at least `fewest` markers; None where there is none.
+    Returns the median (3,) of standard deviations over some 200 frames that have at least `fewest`
+    markers; None without such a frame.
     """
-    visible = seen_mask(markers)
+    visible = find_visible(markers)
     frames = np.flatnonzero(visible.sum(axis=1) >= fewest)
     if not len(frames):
         return None
@@ -153,11 +185,20 @@ def _spread(markers: Array, fewest: int) -> Array | None:
     return np.asarray(np.median(spread, axis=0))
 
 
-def body_vertical(markers: Array) -> Vertical | None:
-    """The axis along which a whole body of markers (nf, nm, 3) stands; None where they do not tell
-    it clearly.
+def find_body_vertical(markers: Array) -> Vertical | None:
+    """Find the axis along which a whole body stands.
+
+    Parameters
+    ----------
+    markers : (nf, nm, 3)
+        Marker positions, m.
+
+    Returns
+    -------
+    Vertical or None
+        Positive sign by convention; None if the spread of the markers is ambiguous.
     """
-    spread = _spread(markers, BODY_MARKERS)
+    spread = _measure_spread(markers, BODY_MARKERS)
     if spread is None:
         return None
     axis = int(np.argmax(spread))
@@ -165,8 +206,21 @@ def body_vertical(markers: Array) -> Vertical | None:
     return Vertical(axis, 1, "the spread of the markers") if clear else None
 
 
-def turn_plate(plate: ForcePlate, turn: Turn) -> ForcePlate:
-    """A plate in new axes: force, point, moment and corners together."""
+def rotate_plate(plate: ForcePlate, turn: AxisPermutation) -> ForcePlate:
+    """Rotate force, point, moment and corners of a plate into new axes.
+
+    Parameters
+    ----------
+    plate
+        Plate in the old axes.
+    turn
+        Rotation from the old axes to the new ones.
+
+    Returns
+    -------
+    ForcePlate
+        The plate in the new axes.
+    """
     force, point, moment = (
         turn.apply(vectors) for vectors in (plate.force, plate.point, plate.moment)
     )
@@ -174,11 +228,24 @@ def turn_plate(plate: ForcePlate, turn: Turn) -> ForcePlate:
     return replace(plate, force=force, point=point, moment=moment, corners=corners)
 
 
-def turn_recording(recording: Recording, turn: Turn) -> Recording:
-    """Markers and plates in new axes; force, point, moment and corners turn together."""
+def rotate_recording(recording: Recording, turn: AxisPermutation) -> Recording:
+    """Rotate markers, computed points and plates of a recording into new axes.
+
+    Parameters
+    ----------
+    recording
+        Recording in the old axes.
+    turn
+        Rotation from the old axes to the new ones.
+
+    Returns
+    -------
+    Recording
+        The recording in the new axes.
+    """
     if turn.is_identity:
         return recording
-    plates = tuple(turn_plate(plate, turn) for plate in recording.plates)
+    plates = tuple(rotate_plate(plate, turn) for plate in recording.plates)
     computed = recording.computed
     if computed is not None:
         computed = ComputedPoints(computed.labels, turn.apply(computed.points))
@@ -188,28 +255,62 @@ def turn_recording(recording: Recording, turn: Turn) -> Recording:
 
 
 def make_y_up(recording: Recording, otherwise: Vertical) -> Recording:
-    """The recording with its vertical, found from the data, as y; `otherwise` where the data do not
-    tell.
+    """Rotate a recording so that its vertical is y.
+
+    Parameters
+    ----------
+    recording
+        Recording in the axes of its file.
+    otherwise
+        Vertical to use if the data do not show it.
+
+    Returns
+    -------
+    Recording
+        The recording with y up, with a note if it was rotated.
     """
     vertical = find_vertical(recording.markers, recording.plates)
     if vertical is not None and UP_TO_Y[vertical.axis, vertical.sign].is_identity:
         return recording
-    return turn_up(recording, vertical or otherwise)
+    return rotate_vertical_to_y(recording, vertical or otherwise)
 
 
-def turn_up(recording: Recording, vertical: Vertical) -> Recording:
-    """The recording with `vertical` as y, and a note that tells which axis of the file that was."""
-    turned = turn_recording(recording, UP_TO_Y[vertical.axis, vertical.sign])
+def rotate_vertical_to_y(recording: Recording, vertical: Vertical) -> Recording:
+    """Rotate a recording so that `vertical` becomes y, with a note that names the file's axis.
+
+    Parameters
+    ----------
+    recording
+        Recording in the axes of its file.
+    vertical
+        Its vertical and the evidence for it.
+
+    Returns
+    -------
+    Recording
+        The recording with y up.
+    """
+    turned = rotate_recording(recording, UP_TO_Y[vertical.axis, vertical.sign])
     return turned.with_notes(
         f"Vertical axis of the file is {vertical}, after {vertical.evidence}; y is up here."
     )
 
 
-def net_progression(recording: Recording) -> Array:
-    """(3,) m, horizontal way of the body from first to last sight: median over the markers seen
-    most of the time.
+def measure_progression(recording: Recording) -> Array:
+    """Measure the horizontal displacement of the body over a recording.
+
+    Parameters
+    ----------
+    recording
+        Recording with y up.
+
+    Returns
+    -------
+    Array
+        (3,) m, from first to last visible position. It is the median over markers that are visible
+        in more than half of the frames.
     """
-    visible = seen_mask(recording.markers)
+    visible = find_visible(recording.markers)
     ways = []
     for marker in np.flatnonzero(visible.sum(axis=0) > 0.5 * len(recording.time)):
         frames = np.flatnonzero(visible[:, marker])
@@ -219,16 +320,26 @@ def net_progression(recording: Recording) -> Array:
     return np.asarray(way)
 
 
-def turn_to_progression(recording: Recording, forward: Array | None = None) -> Recording:
-    """Quarter turns about y until x is nearest to the way the body goes.
+def rotate_to_progression(recording: Recording, forward: Array | None = None) -> Recording:
+    """Rotate a recording about y by quarter turns until x is nearest to the direction of walking.
 
-    A trial that moves less than PROGRESSION_M takes `forward` (3,), the direction the body faces,
-    if given; else it stays. The whole recording turns, so x is within 45 degrees of the
-    progression, and no number is rounded. A note tells a walk that is then more than OFF_X_DEG off
-    x.
+    A trial that moves less than `LEAST_PROGRESSION_M` uses `forward`. The whole recording is
+    rotated, so x is within 45 degrees of the progression and no number is rounded. A note reports a
+    walk that is then more than `OFF_X_DEG` off x.
+
+    Parameters
+    ----------
+    forward
+        (3,), optional Direction that the body faces, for a trial without progression; without it
+        such a trial stays.
+
+    Returns
+    -------
+    Recording
+        The rotated recording, or the same one.
     """
-    way = net_progression(recording)
-    walks = bool(np.hypot(way[0], way[2]) > PROGRESSION_M)
+    way = measure_progression(recording)
+    walks = bool(np.hypot(way[0], way[2]) > LEAST_PROGRESSION_M)
     if not walks:
         if forward is None:
             return recording
@@ -242,7 +353,7 @@ def turn_to_progression(recording: Recording, forward: Array | None = None) -> R
         notes += (
             f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x.",
         )
-    ahead, _, right = ABOUT_Y[choice].apply(way)
+    ahead, _, right = QUARTER_ROTATIONS[choice].apply(way)
     angle = float(np.rad2deg(np.arctan2(right, ahead)))
     if walks and abs(angle) > OFF_X_DEG:
         notes += (
@@ -252,4 +363,8 @@ def turn_to_progression(recording: Recording, forward: Array | None = None) -> R
             "(those of cycles.csv "
             "are along each stride); other joint angles and torques do not depend on it.",
         )
-    return turn_recording(recording, ABOUT_Y[choice]).with_notes(*notes) if notes else recording
+    return (
+        rotate_recording(recording, QUARTER_ROTATIONS[choice]).with_notes(*notes)
+        if notes
+        else recording
+    )

@@ -1,31 +1,31 @@
-"""Our own CSV tables: y up, metres, seconds, N, N·m. No number is converted on reading; markers or
-forces that clearly have another axis up are turned by quarters, as their other files are.
+"""Read and write gaitcal's CSV tables of recordings: y up, metres, seconds, N, N·m.
 
     NAME.csv         markers   time,RASI_x,RASI_y,RASI_z,...                               an empty cell is a gap
     NAME_forces.csv  plates    time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...  force, point, moment about it
     NAME_plates.csv  corners   plate,corner,x,y,z
-    NAME_facts.csv   the rest  fact,value              what a C3D file said of the person and of events
+    NAME_facts.csv   the rest  fact,value              person and events of a C3D file
 
-The corners have no place in the table of forces, and without them nobody can tell whether a foot
-was wholly on its plate. Numbers are written in the shortest form that reads back to the same bits.
-Lines before the header that begin with `#` are comments. Facts are those of `labels.Facts`, without
-name and doubts, in kg, m, rad, s, values as JSON:
+No number is converted on reading. Markers or forces that clearly have another axis up are rotated
+by quarter turns. Corners have a table of their own because the table of forces has no column for
+them; they show whether a foot was entirely on its plate. Numbers are written in the shortest form
+that reads back to the same bits. Lines before the header that begin with `#` are comments. Facts
+are those of `labels.Facts`, without name and doubts, in kg, m, rad, s, values as JSON:
 
     mass,66.5
     knee_width,"{""r"": 0.105, ""l"": 0.107}"
     event,"[1.23, ""r"", ""foot strike""]"
 
-Computed points are columns of the table itself: `computed:RKNE_x`.
+Computed points are columns of the marker table: `computed:RKNE_x`.
 
-`events.csv`: foot events as a person corrected them, beside the recordings that they belong to.
+`events.csv`: foot events as corrected by a person, in the folder of the recordings.
 
     file,time,side,event
-    walk.c3d,1.230,right,foot strike          s on the clock of the recording
+    walk.c3d,1.230,right,foot strike          s on the time axis of the recording
 
-A recording that the table names has these events and no others: its own, and those that plates and
-motion tell, give way. One that it does not name stays as it is. `result.html` writes the table
-(Save events). Empty cells and rows that a spreadsheet adds, and capitals, do no harm. A file of
-this name without these columns is another program's: not used.
+A recording that the table names has these events only; events of its file, plates and motion are
+not used. A recording that it does not name is unchanged. `result.html` writes the table (Save
+events). Empty cells and rows of a spreadsheet, and capitals, are accepted. A file of this name
+without these columns belongs to another program and is not used.
 """
 
 import csv
@@ -41,34 +41,56 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io import atomic, text_file
-from gaitcal.io.axes import body_vertical, turn_up
-from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
+from gaitcal.io.axes import find_body_vertical, rotate_vertical_to_y
+from gaitcal.io.force_tables import (
+    Forces,
+    PlateColumns,
+    build_plate,
+    orient_forces,
+    tabulate_plates,
+)
 from gaitcal.io.labels import (
     SIDES,
     ComputedPoints,
     Facts,
     FootEvent,
     FootMoment,
-    axes_points,
-    clean,
-    unique,
+    clean_label,
+    find_axes_points,
+    number_repetitions,
 )
-from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
+from gaitcal.io.recording import ForcePlate, Recording, replace_zeros, require_plain_labels
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
 FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
 QUANTITIES = {"f": "force", "p": "point", "t": "moment"}
 CORNER_HEADER = ["plate", "corner", "x", "y", "z"]
-CORNERS = 4
+CORNER_COUNT = 4
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def read_markers_csv(path: Path) -> Recording:
-    """Markers of a wide table, every number as written."""
-    names, table = _table(path)
+    """Read markers from a CSV table, with facts and events from the table beside it.
+
+    Parameters
+    ----------
+    path
+        The file `NAME.csv`.
+
+    Returns
+    -------
+    Recording
+        m, s, y up, every number as written.
+
+    Raises
+    ------
+    InputError
+        A column, number or fact cannot be read, or the table holds forces.
+    """
+    names, table = _read_table(path)
     if is_force_header(names):
         raise text_file.FileFault("this is a table of forces; give it as the forces of a trial")
-    facts, events = read_facts_csv(facts_file(path))
+    facts, events = read_facts_csv(locate_facts_file(path))
     places: dict[tuple[str, int], dict[int, int]] = {}
     for column, name in enumerate(names):
         match = MARKER_COLUMN.fullmatch(name)
@@ -88,13 +110,15 @@ def read_markers_csv(path: Path) -> Recording:
             )
     if not places:
         raise text_file.FileFault("found no marker columns; NAME_x, NAME_y and NAME_z are needed")
-    of_models = {
-        name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED)
+    computed_columns = {
+        name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED_PREFIX)
     }
-    places = {key: columns for key, columns in places.items() if key[0] not in of_models}
-    labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
-    markers, gap_notes = zeros_to_missing(_points(table, places.values()))
-    modelled = tuple(clean(name.removeprefix(COMPUTED)) or "?" for name in of_models)
+    places = {key: columns for key, columns in places.items() if key[0] not in computed_columns}
+    labels, repetition_notes = number_repetitions(clean_label(name) or "?" for name, _ in places)
+    markers, gap_notes = replace_zeros(_gather_points(table, places.values()))
+    computed_labels = tuple(
+        clean_label(name.removeprefix(COMPUTED_PREFIX)) or "?" for name in computed_columns
+    )
     recording = Recording(
         source=str(path),
         time=np.ascontiguousarray(table.values[:, 0]),
@@ -103,24 +127,44 @@ def read_markers_csv(path: Path) -> Recording:
         notes=repetition_notes + gap_notes,
         events=events,
         facts=facts,
-        computed=ComputedPoints(modelled, _points(table, of_models.values()))
-        if of_models
+        computed=ComputedPoints(computed_labels, _gather_points(table, computed_columns.values()))
+        if computed_columns
         else None,
     )
-    vertical = body_vertical(markers)
-    return recording if vertical is None or vertical.axis == 1 else turn_up(recording, vertical)
+    vertical = find_body_vertical(markers)
+    return (
+        recording
+        if vertical is None or vertical.axis == 1
+        else rotate_vertical_to_y(recording, vertical)
+    )
 
 
-def _points(table: text_file.NumberTable, columns: Collection[dict[int, int]]) -> Array:
-    """(nf, np, 3) m of the columns (axis -> column after time) of points."""
-    order = [of_point[axis] for of_point in columns for axis in range(3)]
+def _gather_points(table: text_file.NumberTable, columns: Collection[dict[int, int]]) -> Array:
+    """Gather (nf, np, 3) m of points from their columns (axis -> column after time)."""
+    order = [point_columns[axis] for point_columns in columns for axis in range(3)]
     return table.values[:, 1:][:, order].reshape(len(table.values), len(columns), 3)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def read_forces_csv(path: Path) -> Forces:
-    """Plates of a wide table, every number as written."""
-    names, table = _table(path)
+    """Read force plates from a CSV table.
+
+    Parameters
+    ----------
+    path
+        The file `NAME_forces.csv`.
+
+    Returns
+    -------
+    Forces
+        m, N, N·m, y up, every number as written; without corners.
+
+    Raises
+    ------
+    InputError
+        A column or number cannot be read.
+    """
+    names, table = _read_table(path)
     columns_of: dict[str, PlateColumns] = {}
     for column, name in enumerate(names):
         match = FORCE_COLUMN.fullmatch(name)
@@ -128,7 +172,7 @@ def read_forces_csv(path: Path) -> Forces:
             raise text_file.FileFault(
                 f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed"
             )
-        columns = columns_of.setdefault(clean(match["name"]), PlateColumns())
+        columns = columns_of.setdefault(clean_label(match["name"]), PlateColumns())
         axes, axis = columns.columns[QUANTITIES[match["quantity"]]], "xyz".index(match["axis"])
         if axis in axes:
             raise text_file.FileFault(f"found the column '{name[:40]}' twice")
@@ -143,66 +187,110 @@ def read_forces_csv(path: Path) -> Forces:
         build_plate(name, time, table.values[:, 1:], columns)
         for name, columns in columns_of.items()
     ]
-    return standing(
+    return orient_forces(
         path, [plate for plate, _ in built], tuple(note for _, notes in built for note in notes)
     )
 
 
 def is_force_header(names: list[str]) -> bool:
-    """True where every column is one of a plate."""
+    """Return whether every column name is one of a force plate."""
     return bool(names) and all(FORCE_COLUMN.fullmatch(name) for name in names)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def read_header(path: Path) -> list[str]:
-    """Column names after time."""
-    return _header(text_file.read_lines(path))[0]
+    """Read the column names after time from a CSV table.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    list of str
+        Column names without outer blanks.
+
+    Raises
+    ------
+    InputError
+        There is no header that begins with `time`.
+    """
+    return _find_header(text_file.read_lines(path))[0]
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def write_markers_csv(path: Path, recording: Recording) -> None:
-    """Markers as a wide table that reads back bit for bit, and NAME_facts.csv beside it where there
-    is more to say.
+    """Write markers as a CSV table, and facts and events to NAME_facts.csv beside it.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    recording
+        Markers, m; they read back to the same bits.
+
+    Raises
+    ------
+    InputError
+        A name cannot be written as text, or the file cannot be written.
     """
     require_plain_labels(recording)
     labels, values = list(recording.labels), recording.markers
     if (computed := recording.computed) is not None:
-        left_out = axes_points(computed.labels)  # the four points of each segment's axes
+        # The four points of each segment's axes are not written
+        left_out = find_axes_points(computed.labels)
         at = [i for i, label in enumerate(computed.labels) if label not in left_out]
-        labels += [COMPUTED + computed.labels[i] for i in at]
+        labels += [COMPUTED_PREFIX + computed.labels[i] for i in at]
         values = np.concatenate([values, computed.points[:, at]], axis=1)
     names = [f"{label}_{axis}" for label in labels for axis in "xyz"]
-    _write(path, names, recording.time, values.reshape(len(recording.time), -1))
-    write_facts_csv(facts_file(path), recording)
+    _write_table(path, names, recording.time, values.reshape(len(recording.time), -1))
+    write_facts_csv(locate_facts_file(path), recording)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
-    """Plates with one common time as a wide table that reads back bit for bit."""
-    time, values = on_one_time(plates)
+    """Write force plates with common times as a CSV table that reads back to the same bits.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    plates
+        Plates, m, N, N·m.
+
+    Raises
+    ------
+    InputError
+        The plates have different times, or the file cannot be written.
+    """
+    time, values = tabulate_plates(plates)
     names = [
         f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"
     ]
-    _write(path, names, time, values)
+    _write_table(path, names, time, values)
 
 
-def _write(path: Path, names: list[str], time: Array, values: Array) -> None:
-    with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+def _write_table(path: Path, names: list[str], time: Array, values: Array) -> None:
+    with (
+        atomic.write_atomically(path) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
-        file.write(text_file.number_lines(np.column_stack([time, values]), ","))
+        file.write(text_file.format_number_lines(np.column_stack([time, values]), ","))
 
 
-def _table(path: Path) -> tuple[list[str], text_file.NumberTable]:
-    """Column names after time, and the numbers with increasing times."""
+def _read_table(path: Path) -> tuple[list[str], text_file.NumberTable]:
+    """Read column names after time, and the numbers with increasing times."""
     lines = text_file.read_lines(path)
-    names, start = _header(lines)
+    names, start = _find_header(lines)
     table = text_file.parse_rows(lines, start, 1 + len(names), ",")
     text_file.require_increasing(table.values[:, 0], table.lines)
     return names, table
 
 
-def _header(lines: list[str]) -> tuple[list[str], int]:
-    """Column names after time, and the index of the first line of numbers."""
+def _find_header(lines: list[str]) -> tuple[list[str], int]:
+    """Find the column names after time, and the index of the first line of numbers."""
     start = next(
         (i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines)
     )
@@ -222,17 +310,33 @@ def _header(lines: list[str]) -> tuple[list[str], int]:
     return [cell.strip() for cell in cells[1:]], start + 1
 
 
-# --------------------------------------------------------------------------------------------- corners of the plates
+# ---------------------------------------------------------------------------- corners of the plates
 
 
-def plates_file(forces: Path) -> Path:
-    """NAME_plates.csv beside NAME_forces.csv (or beside NAME.csv)."""
+def locate_plates_file(forces: Path) -> Path:
+    """Return the path of NAME_plates.csv beside NAME_forces.csv or NAME.csv."""
     return forces.with_name(f"{forces.stem.removesuffix('_forces')}_plates.csv")
 
 
 def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
-    """The corners of all plates that have some; reads back bit for bit."""
-    with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+    """Write the corners of all plates that have them; they read back to the same bits.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    plates
+        Plates; corners (4, 3) m.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    with (
+        atomic.write_atomically(path) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(CORNER_HEADER)
         for plate in plates:
@@ -240,19 +344,33 @@ def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
                 rows.writerow([plate.name, k + 1, *map(repr, corner)])
 
 
-def with_corners(forces: Forces, path: Path) -> Forces:
-    """The forces of the file at `path`, with the corners of the table beside it, if there is one;
-    and a note on that.
+def add_corners(forces: Forces, path: Path) -> Forces:
+    """Add the corners of NAME_plates.csv to forces, with a note, if that file exists.
 
-    InputError where that table is damaged or names a plate that the forces lack.
+    Parameters
+    ----------
+    forces
+        Forces as read, y up.
+    path
+        File that they were read from.
+
+    Returns
+    -------
+    Forces
+        With corners in the same axes.
+
+    Raises
+    ------
+    InputError
+        The table is damaged, or names a plate that the forces lack.
     """
-    table = plates_file(path)
+    table = locate_plates_file(path)
     if not table.is_file():
         return forces
     names = [plate.name for plate in forces.plates]
     corners = {
-        name: forces.turn.apply(of_plate)
-        for name, of_plate in _read_corners(table, path.name, names).items()
+        name: forces.turn.apply(plate_corners)
+        for name, plate_corners in _read_corners(table, path.name, names).items()
     }
     placed = tuple(
         replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in forces.plates
@@ -261,11 +379,9 @@ def with_corners(forces: Forces, path: Path) -> Forces:
     return replace(forces, plates=placed, notes=forces.notes + notes)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, Array]:
-    """Plate, of those that the file `forces` has -> corners (4, 3) m, from a table of corners in
-    any order.
-    """
+    """Read plate -> corners (4, 3) m; `forces` is the name of the force file, for messages."""
     rows = list(
         csv.reader(
             line for line in text_file.read_lines(path) if line.strip() and not line.startswith("#")
@@ -282,17 +398,22 @@ def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, 
             raise text_file.FileFault(
                 f"found '{text}'; plate,corner,x,y,z are needed", field
             ) from None
-        if not 1 <= corner <= CORNERS or len(values) != 3 or not all(map(math.isfinite, values)):
+        if (
+            not 1 <= corner <= CORNER_COUNT
+            or len(values) != 3
+            or not all(map(math.isfinite, values))
+        ):
             raise text_file.FileFault(
-                f"found '{text}'; a corner of 1 to {CORNERS} and three numbers are needed", field
+                f"found '{text}'; a corner of 1 to {CORNER_COUNT} and three numbers are needed",
+                field,
             )
-        of_plate = corners.setdefault(name, np.full((CORNERS, 3), np.nan))
-        if not np.isnan(of_plate[corner - 1, 0]):
+        plate_corners = corners.setdefault(name, np.full((CORNER_COUNT, 3), np.nan))
+        if not np.isnan(plate_corners[corner - 1, 0]):
             raise text_file.FileFault(f"found corner {corner} of plate '{name[:20]}' twice", field)
-        of_plate[corner - 1] = values
-    for name, of_plate in corners.items():
-        if np.isnan(of_plate).any():
-            missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(of_plate[:, 0])))
+        plate_corners[corner - 1] = values
+    for name, plate_corners in corners.items():
+        if np.isnan(plate_corners).any():
+            missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(plate_corners[:, 0])))
             raise text_file.FileFault(
                 f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed"
             )
@@ -303,40 +424,65 @@ def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, 
     return corners
 
 
-# ------------------------------------------------------------------------------ what a C3D file says beside its samples
+# ------------------------------------------------------------ subject data and events of a C3D file
 
 FACT_HEADER: Final = ["fact", "value"]
-COMPUTED: Final = "computed:"
-EVENT: Final = "event"
-_NAMES: Final = tuple(f.name for f in fields(Facts) if f.name not in ("name", "doubtful"))
+COMPUTED_PREFIX: Final = "computed:"
+EVENT_FACT: Final = "event"
+_FACT_NAMES: Final = tuple(f.name for f in fields(Facts) if f.name not in ("name", "doubtful"))
 
 
-def facts_file(markers: Path) -> Path:
-    """NAME_facts.csv beside NAME.csv."""
+def locate_facts_file(markers: Path) -> Path:
+    """Return the path of NAME_facts.csv beside NAME.csv."""
     return markers.with_name(f"{markers.stem}_facts.csv")
 
 
 def write_facts_csv(path: Path, recording: Recording) -> None:
-    """What `read_facts_csv` reads back to the same numbers; nothing where there is nothing to say.
+    """Write the facts and events of a recording as `read_facts_csv` reads them.
 
-    A table that lies there already is another's: it is emptied then.
+    Nothing is written if there are none. A table that already exists belongs to another recording
+    and is then emptied.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    recording
+        Its facts are in kg, m and rad, its events in s.
     """
-    facts = {name: getattr(recording.facts, name) for name in _NAMES}
+    facts = {name: getattr(recording.facts, name) for name in _FACT_NAMES}
     rows: list[tuple[str, Any]] = [
         (name, value) for name, value in facts.items() if value not in (None, {})
     ]
-    rows += [(EVENT, [e.time, e.side, e.moment.value]) for e in recording.events]
+    rows += [(EVENT_FACT, [e.time, e.side, e.moment.value]) for e in recording.events]
     if rows or path.exists():
-        with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        with (
+            atomic.write_atomically(path) as part,
+            part.open("w", encoding="utf-8", newline="") as file,
+        ):
             csv.writer(file, lineterminator="\n").writerows(
                 [FACT_HEADER, *((n, json.dumps(v)) for n, v in rows)]
             )
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def read_facts_csv(path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
-    """Facts and events of the table at `path`, none where there is none; FileFault for a row that
-    says neither.
+    """Read the table of facts and events, if it exists.
+
+    Parameters
+    ----------
+    path
+        The file `NAME_facts.csv`.
+
+    Returns
+    -------
+    facts, events
+        kg, m, rad; events in order of time. Both are empty without the file.
+
+    Raises
+    ------
+    InputError
+        A row is neither a fact nor an event.
     """
     facts: dict[str, Any] = {}
     events: list[FootEvent] = []
@@ -346,133 +492,175 @@ def read_facts_csv(path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
     for number, row in enumerate(rows[1:], start=1):
         try:
             name, value = row[0], json.loads(row[1])
-            if name == EVENT:
+            if name == EVENT_FACT:
                 time, side, moment = value
                 events.append(
-                    FootEvent(FootMoment(moment), {"r": "r", "l": "l"}[side], _number(time))
+                    FootEvent(FootMoment(moment), {"r": "r", "l": "l"}[side], _parse_number(time))
                 )
             else:
-                facts[name] = _fact(name, value)
+                facts[name] = _parse_fact(name, value)
         except (ValueError, TypeError, KeyError, IndexError, RecursionError):
-            allowed = ", ".join((*_NAMES, EVENT))
+            allowed = ", ".join((*_FACT_NAMES, EVENT_FACT))
             raise text_file.FileFault(
                 f"found '{','.join(row)[:60]}'; allowed facts: {allowed}", f"row {number}"
             ) from None
     return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
 
 
-def _fact(name: str, value: Any) -> Any:
-    """A fact of the right kind; ValueError or KeyError else."""
-    if name not in _NAMES or (isinstance(value, dict) and not set(value) <= {"r", "l"}):
+def _parse_fact(name: str, value: Any) -> Any:
+    """Parse a fact; ValueError or KeyError if it is of the wrong kind."""
+    if name not in _FACT_NAMES or (isinstance(value, dict) and not set(value) <= {"r", "l"}):
         raise KeyError(name)
     if name in ("marker_set", "session_date", "birth_date", "is_static"):
         return bool(value) if name == "is_static" else str(value)
     return (
-        {side: _number(part) for side, part in value.items()}
+        {side: _parse_number(part) for side, part in value.items()}
         if isinstance(value, dict)
-        else _number(value)
+        else _parse_number(value)
     )
 
 
-def _number(value: Any) -> float:
+def _parse_number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(value)
     return float(value)
 
 
-EVENTS: Final = "events.csv"
-HEADER: Final = ("file", "time", "side", "event")
-FOREIGN: Final = f"its first line is not '{','.join(HEADER)}'"
+EVENT_FILE: Final = "events.csv"
+EVENT_HEADER: Final = ("file", "time", "side", "event")
+NOT_AN_EVENT_TABLE: Final = f"its first line is not '{','.join(EVENT_HEADER)}'"
 
 
-def events_beside(recording: Path) -> tuple[Path, ...]:
-    """The table of events in the folder of a recording, if there is one of ours."""
-    path = recording.parent / EVENTS
+def find_event_tables(recording: Path) -> tuple[Path, ...]:
+    """Find the table of corrected events in the folder of a recording.
+
+    Parameters
+    ----------
+    recording
+        File of the recording.
+
+    Returns
+    -------
+    tuple of Path
+        The table, or nothing.
+    """
+    path = recording.parent / EVENT_FILE
     return (path,) if path.is_file() and is_event_table(path) else ()
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def is_event_table(path: Path) -> bool:
-    """Whether a file is meant as such a table: its first line names the columns, however they are
-    parted.
-    """
-    return set(HEADER) - {"time"} <= set(
+    """Return whether the first line of a file names the columns of an event table."""
+    return set(EVENT_HEADER) - {"time"} <= set(
         re.findall("[a-z]+", text_file.read_lines(path)[0].lower())
     )
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def read_events(path: Path) -> dict[str, dict[FootEvent, int]]:
-    """File name of a recording -> its events, each with its line; every row is right, and names a
-    file beside it.
+    """Read a table of corrected events.
+
+    Parameters
+    ----------
+    path
+        The file `events.csv`.
+
+    Returns
+    -------
+    dict
+        File name of a recording -> event -> line of the table.
+
+    Raises
+    ------
+    InputError
+        A row is incomplete, repeats an event, or names no recording of the folder.
     """
     lines = text_file.read_lines(path)
-    head, *rows = (_cells(row) for row in csv.reader(lines))
-    if tuple(cell.lower() for cell in head) != HEADER:
+    head, *rows = (_trim_cells(row) for row in csv.reader(lines))
+    if tuple(cell.lower() for cell in head) != EVENT_HEADER:
         raise text_file.FileFault(
-            f"found '{','.join(head)[:60]}'; a header '{','.join(HEADER)}' is needed", "line 1"
+            f"found '{','.join(head)[:60]}'; a header '{','.join(EVENT_HEADER)}' is needed",
+            "line 1",
         )
-    kinds, sides = {moment.value: moment for moment in FootMoment}, ("right", "left")
     events: dict[str, dict[FootEvent, int]] = {}
     for number, row in enumerate(rows, start=2):
+        # A spreadsheet may add empty rows
         if not any(row):
             continue
-        if len(row) != len(HEADER):
-            raise text_file.FileFault(
-                f"found {len(row)} cells; {len(HEADER)} are needed: {', '.join(HEADER)}",
-                f"line {number}",
-            )
-        name, time, side, kind = row
-
-        def fault(
-            found: str, allowed: str, field: str, number: int = number
-        ) -> text_file.FileFault:
-            return text_file.FileFault(
-                f"found '{found[:60]}'; allowed: {allowed}", f"line {number}, {field}"
-            )
-
-        if not name or Path(name).name != name or not (path.parent / name).is_file():
-            raise fault(name, "the name of a recording in this folder", "file")
-        try:
-            seconds = float(time)
-        except ValueError:
-            seconds = math.nan
-        if not math.isfinite(seconds):
-            raise fault(time, "a number, in s", "time")
-        if side.lower() not in sides:
-            raise fault(side, ", ".join(sides), "side")
-        if kind.lower() not in kinds:
-            raise fault(kind, ", ".join(kinds), "event")
-        event = FootEvent(kinds[kind.lower()], SIDES[side.lower()], seconds)
+        name, event = _parse_event(row, number, path.parent)
         if event in events.setdefault(name, {}):
-            raise fault(time, f"each {kind} of a foot once", "time")
+            message = f"found '{row[1][:60]}'; allowed: each {row[3]} of a foot once"
+            raise text_file.FileFault(message, f"line {number}, time")
         events[name][event] = number
     return events
 
 
-def _cells(row: list[str]) -> list[str]:
-    """Without empty cells after the last column."""
+def _parse_event(row: list[str], number: int, folder: Path) -> tuple[str, FootEvent]:
+    """Parse a row of an event table: file of a recording in `folder`, and the event."""
+    if len(row) != len(EVENT_HEADER):
+        raise text_file.FileFault(
+            f"found {len(row)} cells; {len(EVENT_HEADER)} are needed: {', '.join(EVENT_HEADER)}",
+            f"line {number}",
+        )
+    kinds, sides = {moment.value: moment for moment in FootMoment}, ("right", "left")
+    name, time, side, kind = row
+
+    def fault(found: str, allowed: str, field: str) -> text_file.FileFault:
+        return text_file.FileFault(
+            f"found '{found[:60]}'; allowed: {allowed}", f"line {number}, {field}"
+        )
+
+    if not name or Path(name).name != name or not (folder / name).is_file():
+        raise fault(name, "the name of a recording in this folder", "file")
+    try:
+        seconds = float(time)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise fault(time, "a number, in s", "time")
+    if side.lower() not in sides:
+        raise fault(side, ", ".join(sides), "side")
+    if kind.lower() not in kinds:
+        raise fault(kind, ", ".join(kinds), "event")
+    return name, FootEvent(kinds[kind.lower()], SIDES[side.lower()], seconds)
+
+
+def _trim_cells(row: list[str]) -> list[str]:
+    """Remove empty cells after the last column."""
     last = max((k for k, cell in enumerate(row, start=1) if cell.strip()), default=0)
-    return [cell.strip() for cell in row[: max(last, len(HEADER))]]
+    return [cell.strip() for cell in row[: max(last, len(EVENT_HEADER))]]
 
 
-def with_corrected_events(recording: Recording, path: Path) -> Recording:
-    """The whole recording of the file at `path`, with its events in the table beside it, and a
-    note; as it is without.
+def apply_corrected_events(recording: Recording, path: Path) -> Recording:
+    """Replace the events of a recording by those of the table in its folder.
 
-    Raises InputError: The table is damaged, or has an event of this recording before its first
-    frame or after its last one.
+    Parameters
+    ----------
+    recording
+        The complete recording.
+    path
+        Its file.
+
+    Returns
+    -------
+    Recording
+        With the corrected events and a note; the same one if the table does not name it.
+
+    Raises
+    ------
+    InputError
+        The table is damaged, or has an event of this recording outside its frames.
     """
-    for table in events_beside(path):
+    for table in find_event_tables(path):
         if (events := read_events(table).get(path.name)) is not None:
-            return _corrected(table, recording, events)
-    if (path.parent / EVENTS).is_file() and not events_beside(path):
-        return recording.with_notes(f"{EVENTS} is not used: {FOREIGN}")
+            return _replace_events(table, recording, events)
+    if (path.parent / EVENT_FILE).is_file() and not find_event_tables(path):
+        return recording.with_notes(f"{EVENT_FILE} is not used: {NOT_AN_EVENT_TABLE}")
     return recording
 
 
-@text_file.naming_file
-def _corrected(table: Path, recording: Recording, events: dict[FootEvent, int]) -> Recording:
+@text_file.name_file_in_faults
+def _replace_events(table: Path, recording: Recording, events: dict[FootEvent, int]) -> Recording:
     first, last = float(recording.time[0]), float(recording.time[-1])
     for event, line in events.items():
         if not first - 1e-3 <= event.time <= last + 1e-3:
@@ -480,8 +668,8 @@ def _corrected(table: Path, recording: Recording, events: dict[FootEvent, int]) 
                 f"found {event.time:g}; allowed: {first:g} to {last:g} s", f"line {line}, time"
             )
     note = (
-        f"{len(events)} foot events are those of {EVENTS}; others of the file, plates and motion "
-        "are not used"
+        f"{len(events)} foot events are those of {EVENT_FILE}; others of the file, plates and "
+        "motion are not used"
     )
     ordered = tuple(sorted(events, key=lambda e: e.time))
     return replace(recording, events=ordered, corrected=True).with_notes(note)

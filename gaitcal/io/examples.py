@@ -1,14 +1,12 @@
-"""Public recordings that `gaitcal example NAME` fetches: the registry `models/examples.toml`, and a
-folder of one.
+"""Fetch public example recordings: the registry `models/examples.toml` and a folder of one example.
 
-This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME`
-alone. A request holds the address of a public file and the program's name; nothing of the user's
-data. Pooch fetches: a passing fault is tried again, a file is put in its place once its SHA-256 is
-right.
+This is the only module of gaitcal that uses the internet, and only for `gaitcal example NAME`. A
+request holds the address of a public file and the name of the program, and no user data. Pooch
+downloads the files, repeats failed requests, and stores a file only if its SHA-256 is right.
 
-The folder holds the recordings, study.toml, and SOURCE.txt, which says whose they are. Files that
-are right are kept, whatever ends a run: the next one asks for the rest only. A folder with anything
-else in it is refused.
+The folder holds the recordings, study.toml, and SOURCE.txt with their origin and licence. Verified
+files are kept after an interruption, and the next run fetches only the rest. A folder with other
+content is refused.
 """
 
 import json
@@ -28,25 +26,30 @@ from pydantic import Field, field_validator
 
 from gaitcal.errors import Code, InputError, UsageError, nearest
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
-from gaitcal.io.toml import Table, models_path, package_version, read_validated
+from gaitcal.io.result_folder import (
+    MANIFEST,
+    ResultKind,
+    compute_sha256,
+    read_json_object,
+    write_result_folder,
+)
+from gaitcal.io.toml import Table, find_models_folder, get_package_version, read_validated
 
 REGISTRY = "examples.toml"
 
 
 class RemoteFile(Table):
-    """`[[example.file]]`: a recording at its public address."""
+    """Table `[[example.file]]`: a recording at its public address."""
 
-    name: str = Field(
-        max_length=200
-    )  # Where it is put, below the folder of the example: `HC002D/static.c3d`
+    # Path below the folder of the example: `HC002D/static.c3d`
+    name: str = Field(max_length=200)
     url: str
     bytes: int = Field(gt=0)
     sha256: str = Field(pattern="^[0-9a-f]{64}$")
 
     @field_validator("name")
     @classmethod
-    def _inside(cls, name: str) -> str:
+    def _require_inside(cls, name: str) -> str:
         path = PurePosixPath(name)
         if path.is_absolute() or ".." in path.parts or "\\" in name or not path.parts:
             raise ValueError(f"found '{name}'; allowed: a name inside the folder")
@@ -54,25 +57,25 @@ class RemoteFile(Table):
 
     @field_validator("url")
     @classmethod
-    def _encrypted(cls, url: str) -> str:
+    def _require_encrypted(cls, url: str) -> str:
         if urlsplit(url).scheme != "https":
             raise ValueError(f"found '{url}'; allowed: an address that begins with https://")
         return url
 
 
 class Example(Table):
-    """`[[example]]`: recordings of one source, whose they are, and what to do with them."""
+    """Table `[[example]]`: recordings of one source, their origin, and a command to run next."""
 
     name: str = Field(pattern="^[a-z0-9-]+$")
     title: str
     people: int = Field(gt=0)
-    of: str = Field(alias="from")  # Who published them
+    publisher: str = Field(alias="from")
     repository: str
     commit: str
     licence: str  # SPDX identifier
     licence_text: str  # Address of its text
     cite: str
-    remark: str  # What the recordings do not tell and the example therefore assumes
+    remark: str  # Assumptions of the example that the recordings do not support
     command: str  # Of gaitcal, to run next; `{dir}` is the folder
     study: str | None = None  # Content of a study file to put beside the recordings
     files: tuple[RemoteFile, ...] = Field(alias="file", min_length=1, strict=False)
@@ -84,50 +87,68 @@ class Example(Table):
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """Servers that are asked for the files."""
+        """Servers of the files."""
         return tuple(sorted({urlsplit(file.url).netloc for file in self.files}))
 
 
 class Registry(Table):
-    """The whole file."""
+    """Content of the registry file."""
 
     examples: tuple[Example, ...] = Field(alias="example", min_length=1, strict=False)
 
 
 @cache
-def examples() -> tuple[Example, ...]:
-    """All examples, in the order of the file."""
-    return read_validated(Registry, models_path() / REGISTRY).examples
+def load_examples() -> tuple[Example, ...]:
+    """Load all examples, in the order of the registry.
 
-
-def example_named(name: str) -> Example:
-    """The example of this name; UsageError, with the nearest name or all names, where there is
-    none.
+    Returns
+    -------
+    tuple of Example
+        Read once and then kept.
     """
-    names = [example.name for example in examples()]
+    return read_validated(Registry, find_models_folder() / REGISTRY).examples
+
+
+def find_example(name: str) -> Example:
+    """Find an example by its name.
+
+    Parameters
+    ----------
+    name
+        Name as the user typed it.
+
+    Returns
+    -------
+    Example
+        The example of this name.
+
+    Raises
+    ------
+    UsageError
+        There is none; the message has the nearest name or all names.
+    """
+    names = [example.name for example in load_examples()]
     if name not in names:
         hint = nearest(name, names) or f"; allowed: {', '.join(names)}"
         raise UsageError(f"found '{name[:40]}', which is no example{hint}", field="NAME")
-    return next(example for example in examples() if example.name == name)
+    return next(example for example in load_examples() if example.name == name)
 
 
-TIMEOUT_S = 30.0  # For a connection, and for each block of a file
-BLOCK = 1 << 16
-HEADERS = {
-    "User-Agent": "gaitcal example",
-    "Accept-Encoding": "identity",
-}  # Sizes are those of the files
+# Longest wait (s) for a connection, and for each block of a file
+TIMEOUT_S = 30.0
+BLOCK = 1 << 16  # Bytes read at once
+# Files are not compressed on the way, so that sizes are those of the registry
+HEADERS = {"User-Agent": "gaitcal example", "Accept-Encoding": "identity"}
 TRIES = 3
 _SCHEMES = ("https", "http", "file")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Connection:
-    """How files are asked for."""
+    """How files are requested."""
 
-    mirror: str | None = (
-        None  # Address that stands for `https://HOST` of every file: `MIRROR/path/of/the/file`
-    )
+    # Address that replaces `https://HOST` of every file: `MIRROR/path/of/the/file`
+    mirror: str | None = None
     tries: int = TRIES
 
     def __post_init__(self) -> None:
@@ -138,17 +159,15 @@ class Connection:
             allowed = "an address that begins with https://, http:// or file:///"
             raise UsageError(f"found '{self.mirror[:100]}'; allowed: {allowed}", field="--mirror")
 
-    def address(self, file: RemoteFile) -> str:
-        """Return where this file is asked for."""
+    def resolve_address(self, file: RemoteFile) -> str:
+        """Return the address from which a file is requested."""
         if self.mirror is None:
             return file.url
         return self.mirror.rstrip("/") + urlsplit(file.url).path
 
 
 class _Progress:
-    """A progress bar as pooch asks for one: hands on the bytes so far, and lets no more be read
-    than announced.
-    """
+    """Progress bar for pooch: report the bytes so far, and stop above the announced size."""
 
     def __init__(self, address: str, announced: int, progress: Callable[[int], None]) -> None:
         self.address, self.announced, self.progress = address, announced, progress
@@ -163,34 +182,44 @@ class _Progress:
         self.progress(min(self.done, self.announced))
 
     def reset(self) -> None:
-        """Begin again: pooch calls this with the whole size when it is done."""
+        """Begin again; pooch calls this with the whole size at the end."""
         self.done = 0
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: nothing is open."""
 
 
 def download(
     file: RemoteFile, target: Path, connection: Connection, progress: Callable[[int], None]
 ) -> None:
-    """Fetch `file` to `target`; `progress` gets the bytes so far.
+    """Fetch one file of an example.
+
+    Parameters
+    ----------
+    file
+        Entry of the registry.
+    target
+        File to write; it does not exist after an error.
+    connection
+        Mirror and number of attempts.
+    progress
+        Called with the number of bytes so far.
 
     Raises
     ------
     InputError
-        There is no network, no such file, or another size or SHA-256 than in the registry; `target`
-        is not there then.
+        There is no network, no such file, or its size or SHA-256 differs from the registry.
     """
-    address = connection.address(file)
+    address = connection.resolve_address(file)
 
     def fetch(url: str, output: str, files: pooch.Pooch) -> None:
         if urlsplit(url).scheme == "file":
             shutil.copyfile(url2pathname(urlsplit(url).path), output)
             return
-        answers: list[requests.Response] = []
+        responses: list[requests.Response] = []
 
-        def remember(answer: requests.Response, **_: object) -> None:
-            answers.append(answer)
+        def remember(response: requests.Response, **_: object) -> None:
+            responses.append(response)
 
         bar, hooks = _Progress(address, file.bytes, progress), {"response": remember}
         try:
@@ -198,8 +227,9 @@ def download(
                 url, output, files
             )
         finally:
-            for answer in answers:  # pooch leaves one that broke off open
-                answer.close()
+            # Pooch does not close a response that broke off
+            for response in responses:
+                response.close()
 
     pooch.get_logger().setLevel(logging.WARNING)
     files = pooch.create(
@@ -213,24 +243,10 @@ def download(
         files.fetch(target.name, downloader=fetch)
     except FileNotFoundError:
         message = "no such file in the mirror"
-    except requests.HTTPError as error:
-        answer = error.response
-        message = (
-            "the server refuses"
-            if answer is None
-            else f"the server answers {answer.status_code} {answer.reason}"
-        )
-        if answer is not None and answer.status_code in (404, 410):
-            message += "; the file is no longer there"
-    except requests.exceptions.SSLError:
-        message = "the server's certificate is not accepted"
-    except (requests.ConnectionError, requests.Timeout):
-        message = f"{urlsplit(address).netloc} cannot be reached; tried {connection.tries} times"
     except requests.RequestException as error:
-        message = (
-            f"the connection broke off ({type(error).__name__}); tried {connection.tries} times"
-        )
-    except ValueError:  # pooch: another SHA-256
+        message = _describe_failed_request(error, urlsplit(address).netloc, connection.tries)
+    except ValueError:
+        # Pooch found another SHA-256
         message = (
             f"is not the registered file (SHA-256 {file.sha256[:12]}...): it was changed there or "
             "on the way"
@@ -240,29 +256,59 @@ def download(
     raise InputError(message, source=address, code=Code.DOWNLOAD)
 
 
-# ------------------------------------------------------------------------------------------------------ the folder
+def _describe_failed_request(error: requests.RequestException, host: str, tries: int) -> str:
+    """Describe why a request to `host` failed."""
+    if isinstance(error, requests.HTTPError):
+        response = error.response
+        if response is None:
+            return "the server refuses"
+        gone = "; the file is no longer there" if response.status_code in (404, 410) else ""
+        return f"the server answers {response.status_code} {response.reason}{gone}"
+    if isinstance(error, requests.exceptions.SSLError):
+        return "the server's certificate is not accepted"
+    if isinstance(error, requests.ConnectionError | requests.Timeout):
+        return f"{host} cannot be reached; tried {tries} times"
+    return f"the connection broke off ({type(error).__name__}); tried {tries} times"
+
+
+# --------------------------------------------------------------------------------------- the folder
 
 SOURCE, STUDY = "SOURCE.txt", "study.toml"
 
 
 @dataclass(frozen=True)
 class DownloadProgress:
-    """How far it is."""
+    """Progress of all files of an example."""
 
     name: str  # Of the file that is being fetched
     done: int  # Bytes of all files so far
     total: int
 
 
-def right_files(example: Example, folder: Path) -> tuple[RemoteFile, ...]:
-    """Those that lie in `folder` as the registry has them."""
-    return tuple(file for file in example.files if sha256_of(folder / file.name) == file.sha256)
+def find_verified_files(example: Example, folder: Path) -> tuple[RemoteFile, ...]:
+    """Find the files of an example that are in `folder` with the right SHA-256.
+
+    Parameters
+    ----------
+    example
+        Example of the registry.
+    folder
+        Folder of the user.
+
+    Returns
+    -------
+    tuple of RemoteFile
+        In the order of the registry.
+    """
+    return tuple(
+        file for file in example.files if compute_sha256(folder / file.name) == file.sha256
+    )
 
 
 def is_complete(example: Example, folder: Path) -> bool:
-    """Whether nothing is left to fetch."""
-    is_same = read_object(folder / MANIFEST).get("example") == example.name
-    return is_same and len(right_files(example, folder)) == len(example.files)
+    """Return whether `folder` holds this example with all its files."""
+    is_same = read_json_object(folder / MANIFEST).get("example") == example.name
+    return is_same and len(find_verified_files(example, folder)) == len(example.files)
 
 
 def fetch_example(
@@ -271,36 +317,52 @@ def fetch_example(
     connection: Connection,
     progress: Callable[[DownloadProgress], None],
 ) -> None:
-    """Fetch what is not there, and put all of it into `folder`. A study file that is there stays as
-    its user left it.
+    """Fetch the missing files of an example, and write its folder.
 
-    InputError where the folder holds something else; where a file cannot be had, or is not the
-    registered one, and InterruptedWork after Ctrl-C or a signal: what was fetched before is kept.
+    A study file that exists is not changed.
+
+    Parameters
+    ----------
+    example
+        Example of the registry.
+    folder
+        Folder to fill.
+    connection
+        Mirror and number of attempts.
+    progress
+        Called after each block.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else, or a file is not available or not the registered one.
+    InterruptedWork
+        Ctrl-C or a signal; files fetched before are kept.
     """
     if is_complete(example, folder):
         return
-    other = read_object(folder / MANIFEST).get("example", example.name)
+    other = read_json_object(folder / MANIFEST).get("example", example.name)
     if other != example.name:
         message = f"holds the example '{other}'; name a new or an empty folder"
         raise InputError(message, source=folder, code=Code.FOLDER_TAKEN)
     fault: InputError | KeyboardInterrupt | Stopped | None = None
-    with atomic_directory(folder, ResultKind.EXAMPLE) as content:
-        for file in right_files(example, folder):
+    with write_result_folder(folder, ResultKind.EXAMPLE) as content:
+        for file in find_verified_files(example, folder):
             (content / file.name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(folder / file.name, content / file.name)
         try:
             _fetch_rest(example, content, connection, progress)
         except (InputError, KeyboardInterrupt, Stopped) as ending:
             fault = ending
-        there = right_files(example, content)
+        there = find_verified_files(example, content)
         if fault is not None and not there:
             raise fault
         if (folder / STUDY).is_file():
             shutil.copy2(folder / STUDY, content / STUDY)
         elif example.study:
             (content / STUDY).write_text(example.study.lstrip("\n"), encoding="utf-8")
-        (content / SOURCE).write_text(source_text(example), encoding="utf-8")
-        manifest = {"gaitcal": package_version("gaitcal"), "example": example.name}
+        (content / SOURCE).write_text(format_source(example), encoding="utf-8")
+        manifest = {"gaitcal": get_package_version("gaitcal"), "example": example.name}
         (content / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
     if fault is None:
         return
@@ -328,12 +390,23 @@ def _fetch_rest(
         done += file.bytes
 
 
-def source_text(example: Example) -> str:
-    """Whose the recordings are, and under which licence."""
+def format_source(example: Example) -> str:
+    """Format the origin and licence of the recordings as the text of SOURCE.txt.
+
+    Parameters
+    ----------
+    example
+        Example of the registry.
+
+    Returns
+    -------
+    str
+        Lines of at most 100 characters.
+    """
     paragraphs = (
         f"{example.title}. Fetched by 'gaitcal example {example.name}'; the recordings are no part "
         "of gaitcal.",
-        f"From: {example.of}",
+        f"From: {example.publisher}",
         f"Repository: {example.repository}, commit {example.commit}",
         f"Licence: {example.licence}, {example.licence_text}",
         f"Cite: {example.cite}",

@@ -1,14 +1,12 @@
-"""Ground reactions in tables: which columns are which plate's, in all the ways in which programs
-spell their names.
+"""Find and build the force plates of a table from its column names.
 
-A name is taken apart into what it measures (force, point, moment), its axis, and the rest, which
-says which plate:
+A column name is split into the quantity (force, point, moment), its axis, and the plate:
 
     ground_force_vx   1_ground_force_px   ground_torque_x   1_ground_torque_y
     ground_force_r_vx   ground_force_1_pz   ground_moment_1_mx   R_ground_force_vx   FP1_fx   1_cop_x   left_grf_y
     ground_force_calcn_r_vx   Fx1   COPx_1   ground_force_vx_r   F1X   M1Z
 
-Where all that is given of a moment is its vertical part, it is the free moment.
+If a moment has only its vertical component, it is the free moment.
 """
 
 import re
@@ -20,14 +18,16 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code
-from gaitcal.io.axes import AXES, UP_TO_Y, Turn, force_axis, turn_plate
-from gaitcal.io.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
+from gaitcal.io.axes import AXES, UP_TO_Y, AxisPermutation, find_force_axis, rotate_plate
+from gaitcal.io.force_plate import REVERSED_NOTE, UP, is_reaction_on_plate, reverse_wrench
 from gaitcal.io.recording import ForcePlate
 from gaitcal.io.text_file import FileFault
 
-NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
-LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}
-WORDS = {
+COLUMN_NAME = re.compile(
+    r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE
+)
+AXIS_LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}
+QUANTITY_WORDS = {
     "force": "force",
     "grf": "force",
     "point": "point",
@@ -35,8 +35,8 @@ WORDS = {
     "torque": "moment",
     "moment": "moment",
 }
-FIRST = {"f": "force", "p": "point", "m": "moment", "t": "moment"}  # Of F1X and the like
-SUFFIX = re.compile(
+FIRST_LETTERS = {"f": "force", "p": "point", "m": "moment", "t": "moment"}  # Of F1X and the like
+PLATE_SUFFIX = re.compile(
     r"(?P<rest>.+[xyz])_?(?P<plate>\d+|(?<=_)[rl]|(?<=_)right|(?<=_)left)", re.IGNORECASE
 )
 """Names that end with their plate: Fx1, COPx_1, ground_force_vx_r."""
@@ -45,19 +45,19 @@ FILLERS = frozenset(["ground", "reaction"])
 
 @dataclass(frozen=True)
 class Forces:
-    """Ground reactions of one trial from a file of their own."""
+    """Ground reactions of one trial from a separate file."""
 
     source: str
     plates: tuple[ForcePlate, ...]
     notes: tuple[str, ...] = ()
-    turn: Turn = UP_TO_Y[1, 1]  # From the axes of the file to ours
+    turn: AxisPermutation = UP_TO_Y[1, 1]  # From the axes of the file to ours
     feet: Mapping[str, str] = field(default_factory=dict)
-    """Plate -> "r" or "l", where the file says on which foot it acts."""
+    """Plate -> "r" or "l", if the file gives the foot on which it acts."""
 
 
 @dataclass
 class PlateColumns:
-    """Where the nine columns of one plate stand in a table."""
+    """Positions of the nine columns of one plate in a table."""
 
     columns: dict[str, dict[int, int]] = field(
         default_factory=lambda: {"force": {}, "point": {}, "moment": {}}
@@ -65,19 +65,28 @@ class PlateColumns:
     """Quantity -> axis 0..2 -> column."""
     names: list[str] = field(default_factory=list)
 
-    def take(self, quantity: str, values: Array) -> Array | None:
-        """(ns, 3) or None where the table has no such quantity."""
+    def get_values(self, quantity: str, values: Array) -> Array | None:
+        """Get the (ns, 3) values of a quantity; None if the table lacks one of its columns."""
         columns = self.columns[quantity]
         return values[:, [columns[axis] for axis in range(3)]] if len(columns) == 3 else None
 
 
 def find_plates(names: Sequence[str]) -> list[PlateColumns]:
-    """The plates of a table with these column names, in order of first appearance; only those that
-    have a force.
+    """Find the plates of a table by its column names.
+
+    Parameters
+    ----------
+    names
+        Column names after time.
+
+    Returns
+    -------
+    list of PlateColumns
+        Plates with a force, in order of first appearance.
     """
     plates: dict[tuple[str, int], PlateColumns] = {}
     for column, name in enumerate(names):
-        meaning = _meaning(name.strip())
+        meaning = _parse_column_name(name.strip())
         if meaning is None:
             continue
         quantity, axis, identity = meaning
@@ -90,23 +99,24 @@ def find_plates(names: Sequence[str]) -> list[PlateColumns]:
     return [plate for plate in plates.values() if plate.columns["force"]]
 
 
-def _meaning(name: str) -> tuple[str, int, str] | None:
-    """What a column measures, along which axis 0..2, and of which plate; None where it says none of
-    that.
-    """
-    moved = SUFFIX.fullmatch(name)
+def _parse_column_name(name: str) -> tuple[str, int, str] | None:
+    """Parse a column name into quantity, axis 0..2 and plate; None if it is no force column."""
+    moved = PLATE_SUFFIX.fullmatch(name)
     for spelling in (name, f"_{name}", f"{moved['plate']}_{moved['rest']}" if moved else name):
-        match = NAME.fullmatch(spelling)
+        match = COLUMN_NAME.fullmatch(spelling)
         if match is None:
             continue
         tokens = re.findall(r"[a-z]+|\d+", match["rest"].lower())
-        words = [WORDS[token] for token in tokens if token in WORDS]
-        if not words and not match["letter"] and tokens and tokens[0] in FIRST:
-            words, tokens = [FIRST[tokens[0]]], tokens[1:]
-        quantity = LETTERS.get((match["letter"] or "").lower()) or (words[0] if words else None)
+        quantities = [QUANTITY_WORDS[token] for token in tokens if token in QUANTITY_WORDS]
+        # Of F1X and the like the first letter is the quantity
+        if not quantities and not match["letter"] and tokens and tokens[0] in FIRST_LETTERS:
+            quantities, tokens = [FIRST_LETTERS[tokens[0]]], tokens[1:]
+        quantity = AXIS_LETTERS.get((match["letter"] or "").lower())
+        if quantity is None and quantities:
+            quantity = quantities[0]
         if quantity is not None:
             identity = "_".join(
-                token for token in tokens if token not in WORDS and token not in FILLERS
+                token for token in tokens if token not in QUANTITY_WORDS and token not in FILLERS
             )
             return quantity, "xyz".index(match["axis"].lower()), identity
     return None
@@ -115,23 +125,38 @@ def _meaning(name: str) -> tuple[str, int, str] | None:
 def build_plate(
     name: str, time: Array, values: Array, found: PlateColumns
 ) -> tuple[ForcePlate, tuple[str, ...]]:
-    """The plate of `found` columns in `values` (ns, columns), m, N, N·m, and notes; FileFault if
-    incomplete.
+    """Build a plate from its columns; rows without a force at either end are left out.
 
-    Rows without a force at either end of the table are not part of it.
+    Parameters
+    ----------
+    time
+        (ns,) s.
+    values
+        (ns, columns) m, N, N·m. found Columns of the plate.
+
+    Returns
+    -------
+    plate, notes
+        The plate in the axes of the table, and one sentence for each assumption.
+
+    Raises
+    ------
+    FileFault
+        A quantity is incomplete, or the force has no numbers.
     """
     field, names = f"plate {name}", ", ".join(found.names)
     force, point, moment = (
-        found.take(quantity, values) for quantity in ("force", "point", "moment")
+        found.get_values(quantity, values) for quantity in ("force", "point", "moment")
     )
     free = found.columns["moment"]
     vertical = None
+    # A single moment column along the vertical is the free moment
     if force is not None and len(free) == 1:
         zero = np.zeros_like(force)
         loads = ForcePlate(
             name=name, time=time, force=np.nan_to_num(force), point=zero, moment=zero
         )
-        vertical = force_axis([loads])
+        vertical = find_force_axis([loads])
         if vertical in free:
             moment = np.zeros((len(values), 3))
             moment[:, vertical] = values[:, free[vertical]]
@@ -165,18 +190,33 @@ def build_plate(
     return ForcePlate(name=name, time=time, force=force, point=point, moment=moment), notes
 
 
-def standing(
+def orient_forces(
     path: Path,
     plates: Sequence[ForcePlate],
     notes: tuple[str, ...],
     feet: Mapping[str, str] | None = None,
 ) -> Forces:
-    """The forces of the file at `path`, with y up and acting on the body, and notes on what that
-    took.
+    """Orient plates so that y is up and the force acts on the body.
 
-    The vertical is the axis along which the forces act under load; y where they do not tell it.
+    The vertical is the axis along which the forces act under load; y if they do not show it.
+
+    Parameters
+    ----------
+    path
+        File of the forces, for messages.
+    plates
+        Plates in the axes of the file.
+    notes
+        Notes of the reader.
+    feet
+        Plate -> "r" or "l", if the file gives it.
+
+    Returns
+    -------
+    Forces
+        With a note for each correction.
     """
-    axis = force_axis(plates)
+    axis = find_force_axis(plates)
     turn = UP_TO_Y[1 if axis is None else axis, 1]
     if not turn.is_identity:
         notes += (
@@ -185,20 +225,31 @@ def standing(
         )
     ready = []
     for plate in plates:
-        turned = turn_plate(plate, turn)
-        if pushes_down(turned.force, UP):
-            turned = turned_round(turned)
-            notes += (f"Plate {plate.name}: {TURNED_ROUND}",)
+        turned = rotate_plate(plate, turn)
+        if is_reaction_on_plate(turned.force, UP):
+            turned = reverse_wrench(turned)
+            notes += (f"Plate {plate.name}: {REVERSED_NOTE}",)
         ready.append(turned)
     return Forces(str(path), tuple(ready), notes, turn, feet or {})
 
 
-def on_one_time(plates: tuple[ForcePlate, ...]) -> tuple[Array, Array]:
-    """Times (ns,) of a table of all plates, and its values (ns, 9 * plates): force, point, moment
-    of each.
+def tabulate_plates(plates: tuple[ForcePlate, ...]) -> tuple[Array, Array]:
+    """Put all plates in one table with one time column.
 
-    A plate that begins later or ends sooner than another has NaN there. FileFault where plates are
-    sampled at different times, as one table has one time column.
+    Parameters
+    ----------
+    plates
+        Plates to write.
+
+    Returns
+    -------
+    time, values
+        (ns,) s, and (ns, 9 * plates): force, point and moment of each, NaN outside its time.
+
+    Raises
+    ------
+    FileFault
+        There are no plates, or they are sampled at different times.
     """
     if not plates:
         raise FileFault("there are no force plates to write", code=Code.NOT_WRITABLE)

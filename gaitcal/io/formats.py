@@ -1,16 +1,16 @@
-"""One door for every file: its ending says which reader and which writer it meets.
+"""Read, write and convert recordings; the ending of a file selects its reader and writer.
 
-What `convert` makes of a file:
+`convert` writes:
 
-| from        | to                                                                                     |
-|-------------|----------------------------------------------------------------------------------------|
-| C3D         | CSV (with plates: NAME_forces.csv, too), TRC (NAME_forces.mot); corners: NAME_plates.csv |
-|             | and, for CSV, the person, events and widths: NAME_facts.csv                            |
-| TRC         | CSV, C3D                                                                               |
-| CSV markers | TRC, C3D (with the plates of NAME_forces.csv, where that lies beside it)                |
-| MOT, STO    | CSV of forces                                                                          |
-| XML loads   | CSV of forces, MOT (with the names that the ExternalLoads give)                        |
-| CSV forces  | MOT                                                                                    |
+| from        | to                                                                                 |
+|-------------|------------------------------------------------------------------------------------|
+| C3D         | CSV (plates: NAME_forces.csv), TRC (plates: NAME_forces.mot);                      |
+|             | corners: NAME_plates.csv; CSV, too: person, events and widths in NAME_facts.csv    |
+| TRC         | CSV, C3D                                                                           |
+| CSV markers | TRC, C3D (with the plates of NAME_forces.csv, if it is in the same folder)         |
+| MOT, STO    | CSV of forces                                                                      |
+| XML loads   | CSV of forces, MOT (with the names of the ExternalLoads)                           |
+| CSV forces  | MOT                                                                                |
 """
 
 from collections.abc import Callable, Mapping
@@ -58,25 +58,36 @@ _T = TypeVar("_T")
 def read_recording(
     path: str | PathLike[str], *, forces: str | PathLike[str] | None = None
 ) -> Recording:
-    """Markers of a .c3d, .trc or .csv file, and its plates.
+    """Read the markers and force plates of one trial.
 
-    The plates are those of `forces` (.mot, .sto, .csv, .xml) if given, else the C3D file's own.
-    Metres, seconds, newtons, y up; the turn to the progression is `turn_to_progression`. Sizes are
-    not judged here: millimetres declared as metres are for `gaitcal check`.
+    x is not rotated to the progression (`rotate_to_progression`). Sizes are not checked here;
+    `gaitcal check` reports millimetres declared as metres.
+
+    Parameters
+    ----------
+    path
+        Markers: a .c3d, .trc or .csv file.
+    forces
+        Force plates: a .mot, .sto, .csv or .xml file; unless given, the plates of the C3D file.
+
+    Returns
+    -------
+    Recording
+        Metres, seconds, newtons, y up.
 
     Raises
     ------
     InputError
-        Every fault of a file, in one line: file, field, what was found, what is allowed.
+        A file cannot be read; one line with file, field, what was found and what is allowed.
     """
-    recording = segment_poses.with_landmarks(_read(Path(path), MARKER_READERS))
+    recording = segment_poses.add_landmarks(_read_by_suffix(Path(path), MARKER_READERS))
     if forces is None:
         return recording
     read = read_forces(forces)
     notes = read.notes
     if recording.plates:
         notes = (
-            f"The {len(recording.plates)} plates of the C3D file gave way to those of "
+            f"The {len(recording.plates)} plates of the C3D file were replaced by those of "
             f"{read.source}.",
             *notes,
         )
@@ -84,45 +95,75 @@ def read_recording(
 
 
 def read_forces(path: str | PathLike[str]) -> Forces:
-    """Plates of a .mot, .sto or .csv file or of an ExternalLoads .xml, in m, N and N·m by
-    definition of these formats.
+    """Read the force plates of a .mot, .sto or .csv file or of an ExternalLoads .xml.
 
-    Their corners are those of NAME_plates.csv, where it lies beside NAME_forces.csv.
+    Corners are those of NAME_plates.csv beside NAME_forces.csv, if it exists.
+
+    Parameters
+    ----------
+    path
+        File of the forces, in m, N and N·m.
+
+    Returns
+    -------
+    Forces
+        y up, acting on the body.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
     """
-    return csv_files.with_corners(_read(Path(path), FORCE_READERS), Path(path))
+    return csv_files.add_corners(_read_by_suffix(Path(path), FORCE_READERS), Path(path))
 
 
-def _read(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> _T:
-    """What the reader for the file's ending makes of it."""
+def _read_by_suffix(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> _T:
+    """Read a file with the reader for its ending."""
     reader = readers.get(file.suffix.lower())
     if reader is None:
-        text_file.readable_size(file)  # a missing file or a folder is the plainer fault
+        # A missing file or a folder is reported rather than its ending
+        text_file.check_readable(file)
         ending = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
         allowed = f"allowed are {', '.join(readers)}{nearest(file.suffix, readers)}"
         raise InputError(f"{ending}; {allowed}", source=file, code=Code.FILE_FORMAT)
-    with np.errstate(
-        all="ignore"
-    ):  # absurd numbers of a damaged file may overflow on their way to a message
+    # Absurd numbers of a damaged file may overflow before they are reported
+    with np.errstate(all="ignore"):
         return reader(file)
 
 
 def convert(source: str | PathLike[str], target: str | PathLike[str]) -> tuple[Path, ...]:
-    """Write `source` anew as `target`; the endings say how. Returns the files written, the target
-    first.
+    """Convert a file to another format; the endings select the formats.
+
+    Parameters
+    ----------
+    source
+        File to read.
+    target
+        File to write.
+
+    Returns
+    -------
+    tuple of Path
+        The files written, `target` first.
+
+    Raises
+    ------
+    InputError
+        The source cannot be read, or cannot be written in that format.
     """
     return _convert(Path(target), Path(source))
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def _convert(new: Path, old: Path) -> tuple[Path, ...]:
-    text_file.readable_size(old)
+    text_file.check_readable(old)
     if new.is_dir():
         raise text_file.FileFault("found a folder; a file name is needed", code=Code.NOT_WRITABLE)
     if new.exists() and new.samefile(old):
         raise text_file.FileFault("source and target are the same file", code=Code.NOT_WRITABLE)
-    before, ending = old.suffix.lower(), new.suffix.lower()
-    holds_forces = before in (".mot", ".sto", ".xml") or (
-        before == ".csv" and csv_files.is_force_header(csv_files.read_header(old))
+    old_ending, ending = old.suffix.lower(), new.suffix.lower()
+    holds_forces = old_ending in (".mot", ".sto", ".xml") or (
+        old_ending == ".csv" and csv_files.is_force_header(csv_files.read_header(old))
     )
     allowed = FORCE_WRITERS if holds_forces else MARKER_WRITERS
     if ending not in allowed:
@@ -132,8 +173,9 @@ def _convert(new: Path, old: Path) -> tuple[Path, ...]:
         )
     if holds_forces:
         return _write_forces(new, read_forces(old).plates)
-    beside = old.with_name(f"{old.stem}_forces.csv")
-    forces = beside if (before, ending) == (".csv", ".c3d") and beside.is_file() else None
+    force_file = old.with_name(f"{old.stem}_forces.csv")
+    has_forces = (old_ending, ending) == (".csv", ".c3d") and force_file.is_file()
+    forces = force_file if has_forces else None
     recording = read_recording(old, forces=forces)
     written: tuple[Path, ...] = ()
     if recording.plates and ending != ".c3d":
@@ -142,18 +184,18 @@ def _convert(new: Path, old: Path) -> tuple[Path, ...]:
             new.with_name(f"{new.stem}_forces{forces_ending}"), recording.plates
         )
     MARKER_WRITERS[ending](new, recording)
-    if ending == ".csv" and csv_files.facts_file(new).is_file():
-        written = (*written, csv_files.facts_file(new))
+    if ending == ".csv" and csv_files.locate_facts_file(new).is_file():
+        written = (*written, csv_files.locate_facts_file(new))
     return (new, *written)
 
 
 def _write_forces(path: Path, plates: tuple[ForcePlate, ...]) -> tuple[Path, ...]:
-    """Write forces and, where any plate has them, corners beside them; returns the files written.
+    """Write forces and the corners of plates; return the files written.
 
-    Without corners, a table of them that lies there already is emptied, as it is another's.
+    Without corners, an existing table of corners belongs to other forces and is emptied.
     """
     FORCE_WRITERS[path.suffix.lower()](path, plates)
-    corners = csv_files.plates_file(path)
+    corners = csv_files.locate_plates_file(path)
     if not corners.exists() and all(plate.corners is None for plate in plates):
         return (path,)
     csv_files.write_plates_csv(corners, plates)

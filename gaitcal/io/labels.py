@@ -1,13 +1,11 @@
-"""What a file says beside its samples: names of markers, facts about the person, moments at which
-feet meet the ground.
+"""Interpret marker labels, and read subject data and foot events from the parameters of a C3D file.
 
-A C3D file's POINT list may hold, besides markers, everything a vendor's pipeline computed: angles,
-moments, powers, joint centres, four points for each segment's axes. None of these was measured;
-none may be fitted.
+The POINT list of a C3D file may hold, besides markers, what a vendor's program computed: angles,
+moments, powers, joint centres, four points for each segment's axes. These were not measured and
+must not be fitted.
 
-Its group PROCESSING is where Vicon's programs keep what was measured by hand: kg and mm, angles in
-rad. EVENT is the standard's own group: TIMES is (2, n), minutes and seconds from the beginning of
-the recording, as the frames count.
+Vicon's programs keep manual measurements in the group PROCESSING: kg and mm, angles in rad. EVENT
+is the standard's group: TIMES is (2, n), minutes and seconds from the beginning of the recording.
 """
 
 import contextlib
@@ -24,31 +22,53 @@ import numpy as np
 from gaitcal.arrays import Array
 
 UNLABELLED = re.compile(r"\*\d*|")
-"""Trajectories the operator did not name: `*12` (Vicon) and blanks."""
+"""Trajectories without a name: `*12` (Vicon) and blanks."""
 
-NUMBER = re.compile(r"[LR]?[A-Z]\w*(Angles?|Moments?|Forces?|Powers?|GRF|ProgressAngles)")
-"""Names of computed points that hold three numbers of another kind than places."""
-COMPUTED = re.compile(
+NON_POSITION = re.compile(r"[LR]?[A-Z]\w*(Angles?|Moments?|Forces?|Powers?|GRF|ProgressAngles)")
+"""Names of computed points that are no positions: angles, moments, forces, powers."""
+COMPUTED_POINT = re.compile(
     r"Cent(re|er)OfMass\w*"
-    rf"|{NUMBER.pattern}"
+    rf"|{NON_POSITION.pattern}"
     r"|[LR]?(HJC|KJC|AJC|SJC|EJC|WJC)"
 )
-"""Names that vendors give to computed points; used besides the file's own lists."""
+"""Names that vendors give to computed points; used besides the lists of the file."""
 
 SEGMENT_POINT = re.compile(r"(?P<stem>[A-Z][A-Z0-9]{2}|\w+_M?)(?P<point>[OALP])", re.IGNORECASE)
-"""Segment axes: origin, anterior, lateral, proximal, as PELO PELA PELL PELP (Vicon) or Pelvis_MO
-_MA _ML _MP, in capitals or not. Only where all four are there."""
+"""Points of segment axes: origin, anterior, lateral, proximal, in upper or lower case.
+
+Examples are PELO PELA PELL PELP (Vicon) and Pelvis_MO _MA _ML _MP. All four must be present.
+"""
 
 
-def clean(label: str) -> str:
-    """The label without outer blanks; control characters and broken encodings become `?`."""
+def clean_label(label: str) -> str:
+    """Strip a label, and replace control characters and broken encodings by `?`.
+
+    Parameters
+    ----------
+    label
+        Label as in the file.
+
+    Returns
+    -------
+    str
+        Printable text.
+    """
     text = label.encode("utf-8", "replace").decode("utf-8").strip()
     return "".join("?" if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") else c for c in text)
 
 
-def common_prefix(labels: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """`Subj:` where every label begins so, else the empty string; and a note that it is taken off,
-    if any.
+def find_common_prefix(labels: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+    """Find the prefix `Subj:` that all labels share.
+
+    Parameters
+    ----------
+    labels
+        Labels of a file.
+
+    Returns
+    -------
+    prefix, notes
+        Empty if there is none; else with a note that it is removed.
     """
     heads = {label.partition(":")[0] if ":" in label else "" for label in labels}
     head = heads.pop() if len(heads) == 1 else ""
@@ -56,9 +76,18 @@ def common_prefix(labels: Sequence[str]) -> tuple[str, tuple[str, ...]]:
     return prefix, (f"Prefix '{prefix}' taken off the marker names.",) if prefix else ()
 
 
-def unique(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Labels with every repetition numbered, `X`, `X#2`, `X#3`, and a note that tells the new
-    names, if any.
+def number_repetitions(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Make labels unique by numbering repetitions: `X`, `X#2`, `X#3`.
+
+    Parameters
+    ----------
+    labels
+        Labels of a file.
+
+    Returns
+    -------
+    labels, notes
+        Unique labels, and a note with the new names if any.
     """
     given = list(labels)
     spellings = set(given)
@@ -83,19 +112,28 @@ def unique(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def is_unlabelled(label: str) -> bool:
-    """True for trajectories without a name."""
+    """Return whether a trajectory has no name."""
     return UNLABELLED.fullmatch(label) is not None
 
 
 def is_number(label: str) -> bool:
-    """True for computed points that are no places by their spelling: angles, moments, forces,
-    powers.
+    """Return whether a computed point is no position by its name: angle, moment, force or power."""
+    return NON_POSITION.fullmatch(label) is not None
+
+
+def find_axes_points(labels: Sequence[str]) -> set[str]:
+    """Find the labels of complete sets of four points of a segment's axes.
+
+    Parameters
+    ----------
+    labels
+        Labels of a file.
+
+    Returns
+    -------
+    set of str
+        Those of `labels`.
     """
-    return NUMBER.fullmatch(label) is not None
-
-
-def axes_points(labels: Sequence[str]) -> set[str]:
-    """Those of `labels` that are the four points of a segment's axes."""
     matches = {label: SEGMENT_POINT.fullmatch(label) for label in labels}
     points: dict[str, set[str]] = {}
     for match in matches.values():
@@ -105,13 +143,24 @@ def axes_points(labels: Sequence[str]) -> set[str]:
     return {label for label, match in matches.items() if match and match["stem"] in whole}
 
 
-def computed_points(labels: Sequence[str]) -> set[str]:
-    """Those of `labels` that name computed points, judged by their spelling."""
-    return axes_points(labels) | {label for label in labels if COMPUTED.fullmatch(label)}
+def find_computed_points(labels: Sequence[str]) -> set[str]:
+    """Find the labels that are computed points by their names.
+
+    Parameters
+    ----------
+    labels
+        Labels of a file.
+
+    Returns
+    -------
+    set of str
+        Those of `labels`.
+    """
+    return find_axes_points(labels) | {label for label in labels if COMPUTED_POINT.fullmatch(label)}
 
 
 class FootMoment(Enum):
-    """What a foot does at an event."""
+    """Type of a foot event."""
 
     STRIKE = "foot strike"
     OFF = "foot off"
@@ -119,23 +168,38 @@ class FootMoment(Enum):
 
 @dataclass(frozen=True)
 class FootEvent:
-    """One foot meets or leaves the ground."""
+    """Instant at which a foot meets or leaves the ground."""
 
     moment: FootMoment
     side: str
     """`r` or `l`."""
     time: float
-    """s, on the clock of the recording."""
+    """s, on the time axis of the recording."""
 
 
-def times_of(events: Iterable[FootEvent], side: str, moment: FootMoment) -> list[float]:
-    """Times (s) of the events of one kind."""
+def select_event_times(events: Iterable[FootEvent], side: str, moment: FootMoment) -> list[float]:
+    """Select the times of the events of one side and type.
+
+    Parameters
+    ----------
+    events
+        Foot events.
+    side
+        "r" or "l".
+    moment
+        Type of event.
+
+    Returns
+    -------
+    list of float
+        s, in the order of `events`.
+    """
     return [e.time for e in events if e.side == side and e.moment is moment]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What a file says about the person; None, or no entry for a side, where it says nothing."""
+    """Subject data of a file; None, or no entry for a side, where it has none."""
 
     name: str | None = None
     mass: float | None = None
@@ -159,25 +223,36 @@ class Facts:
     (`StaticPlantFlex`).
     """
     doubtful: dict[str, tuple[str, float | None]] = field(default_factory=dict)
-    """Fact, as `height` or `knee_width_r` -> what the file says that cannot be in its units, in
-    words, and what it is in the only other unit that makes sense of it; None where several do, or
-    none."""
+    """Fact, such as `height` or `knee_width_r` -> description and proposed value.
+
+    The file has a number that is impossible in its units. The proposed value (kg, m) is the one in
+    the only other unit that makes sense; None if there are several or none.
+    """
     session_date: str | None = None
     """Day of the recording, as 2016-03-09."""
     birth_date: str | None = None
-    """As 2008-11-30. It gives the age; of itself it goes into no result."""
+    """As 2008-11-30. It is used for the age and appears in no result."""
     is_static: bool | None = None
-    """Whether the file calls itself a static trial."""
+    """Whether the file is marked as a static trial."""
 
 
 DAYS_A_YEAR: Final = 365.2425
-OLDEST: Final = 110.0
-"""Years: who does not tell a date of birth often leaves 1900-01-01 in it."""
+GREATEST_AGE: Final = 110.0
+"""Years. An unknown date of birth is often 1900-01-01."""
 
 
-def years_between(birth_date: str | None, session_date: str | None) -> float | None:
-    """Age by two dates as 2016-03-09, negative where the first is the later one; None where one is
-    not known.
+def compute_age(birth_date: str | None, session_date: str | None) -> float | None:
+    """Compute the age from two dates such as 2016-03-09.
+
+    Parameters
+    ----------
+    birth_date, session_date
+        Dates, or None.
+
+    Returns
+    -------
+    float or None
+        Years, negative if the dates are reversed; None if a date is missing or invalid.
     """
     try:
         born, then = (datetime.date.fromisoformat(day or "") for day in (birth_date, session_date))
@@ -188,19 +263,17 @@ def years_between(birth_date: str | None, session_date: str | None) -> float | N
 
 @dataclass(frozen=True)
 class ComputedPoints:
-    """Points that another program computed: joint centres, modelled markers. Not measured, and in
-    no fit.
-    """
+    """Points that another program computed, such as joint centres; not measured, never fitted."""
 
     labels: tuple[str, ...]
     points: Array
     """(nf, np, 3) m, at the frames of the recording and in its axes; NaN where not known."""
 
 
-# ------------------------------------------------------------------------- facts and events of a C3D file's parameters
+# ------------------------------------------------------ facts and events of a C3D file's parameters
 
 SIDES: Final = {"right": "r", "left": "l"}
-MOMENTS: Final = {
+EVENT_MOMENTS: Final = {
     "foot strike": FootMoment.STRIKE,
     "heel strike": FootMoment.STRIKE,
     "initial contact": FootMoment.STRIKE,
@@ -208,34 +281,26 @@ MOMENTS: Final = {
     "foot off": FootMoment.OFF,
     "toe off": FootMoment.OFF,
 }
-_SESSION_DAYS: Final = ("DATE", "RECORDING_DATE", "CAPTURE_DATE", "SESSION_DATE")
-_BIRTH_DAYS: Final = ("DATE_OF_BIRTH", "BIRTH_DATE")
+_SESSION_DATES: Final = ("DATE", "RECORDING_DATE", "CAPTURE_DATE", "SESSION_DATE")
+_BIRTH_DATES: Final = ("DATE_OF_BIRTH", "BIRTH_DATE")
 _MM, _CM, _INCH, _NEWTON = 1e-3, 1e-2, 0.0254, 1 / 9.80665
 _Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class _Figure:
-    """A number of PROCESSING: its parameters (of a side: without R and L), its units, and what it
-    may be.
-    """
+    """Number of PROCESSING: its parameters (without R and L of a side), units and range."""
 
     parameters: tuple[str, ...]
     units: tuple[float, ...]
-    """Each in kg, m or rad; the first in which the number lies in `allowed` is the one that was
-    meant.
-    """
+    """In kg, m or rad; the first in which the number is in `allowed` is used."""
     allowed: _Range
-    """kg, m, rad; outside of it a number is none of these: 0 stands where nobody filled in the
-    form.
-    """
+    """kg, m, rad. A number outside is not a measurement; forms that were not filled in hold 0."""
     no: str = ""
-    """What a number is not where none of `units` fits; then it may be in one of the `others`."""
+    """What a number is not, if none of `units` fits; then it may be in one of the `others`."""
     others: Mapping[str, float] = field(default_factory=dict)
     likely: _Range = (0.0, 0.0)
-    """Of a person whose figures are in another unit than they should be: a guess has to be a likely
-    one.
-    """
+    """Range in which a number in another unit is accepted as a proposal."""
 
 
 _MASS = _Figure(
@@ -270,9 +335,18 @@ _SIDED = {
 }
 
 
-def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
-    """What the groups PROCESSING and SUBJECTS say; a number that cannot be meant is taken as not
-    given.
+def parse_facts(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
+    """Parse the subject data of the groups PROCESSING, SUBJECTS and TRIAL.
+
+    Parameters
+    ----------
+    parameters
+        Group -> parameter -> value.
+
+    Returns
+    -------
+    Facts
+        SI units; an impossible number counts as not given and may be in `doubtful`.
     """
     group = {str(name).lower(): value for name, value in parameters.get("PROCESSING", {}).items()}
     subjects = parameters.get("SUBJECTS", {})
@@ -281,25 +355,16 @@ def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
     def number(fact: str, figure: _Figure, side: str = "") -> float | None:
         names = [side.upper() + name for name in figure.parameters]
         values = {
-            name: value for name in names if (value := _first_number(group.get(name.lower())))
+            name: value for name in names if (value := _find_first_number(group.get(name.lower())))
         }
         for unit in figure.units:
             for value in values.values():
                 if figure.allowed[0] <= value * unit <= figure.allowed[1]:
                     return value * unit
+        # No unit fits: propose the value in another one for the first number that allows it
         for name, value in values.items():
-            low, high = figure.likely
-            meant = {
-                unit: value * by for unit, by in figure.others.items() if low <= value * by <= high
-            }
-            if meant:
-                si = "kg" if figure is _MASS else "m"
-                words = " or ".join(f"{size:.4g} {si} if {unit}" for unit, size in meant.items())
-                only = next(iter(meant.values())) if len(meant) == 1 else None
-                doubtful[f"{fact}_{side}" if side else fact] = (
-                    f"{name} = {value:g}: no {figure.no}; {words}",
-                    only,
-                )
+            if proposal := _propose_unit(name, value, figure):
+                doubtful[f"{fact}_{side}" if side else fact] = proposal
                 break
         return None
 
@@ -308,62 +373,90 @@ def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
     for fact, figure in _SIDED.items():
         found = {side: number(fact, figure, side) for side in SIDES.values()}
         sided[fact] = {side: value for side, value in found.items() if value is not None}
-    static = _first_number(subjects.get("IS_STATIC"))
+    static = _find_first_number(subjects.get("IS_STATIC"))
     return Facts(
-        name=_first_text(subjects.get("NAMES")),
+        name=_find_first_text(subjects.get("NAMES")),
         mass=mass,
         height=height,
-        marker_set=_first_text(subjects.get("MARKER_SETS")),
+        marker_set=_find_first_text(subjects.get("MARKER_SETS")),
         marker_diameter=number("marker_diameter", _DIAMETER),
         asis_distance=number("asis_distance", _ASIS),
         **sided,
         doubtful=doubtful,
-        session_date=_first_day(parameters, ("TRIAL", "PROCESSING", "SUBJECTS"), _SESSION_DAYS),
-        birth_date=_first_day(parameters, ("SUBJECT", "SUBJECTS", "PROCESSING"), _BIRTH_DAYS),
+        session_date=_find_first_date(
+            parameters, ("TRIAL", "PROCESSING", "SUBJECTS"), _SESSION_DATES
+        ),
+        birth_date=_find_first_date(
+            parameters, ("SUBJECT", "SUBJECTS", "PROCESSING"), _BIRTH_DATES
+        ),
         is_static=True if static else None,
     )
 
 
-def events_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[FootEvent, ...]:
-    """Foot strikes and offs with a side, in order of time."""
+def _propose_unit(name: str, value: float, figure: _Figure) -> tuple[str, float | None] | None:
+    """Describe an impossible number, with its value (kg, m) if a single other unit is likely."""
+    low, high = figure.likely
+    likely = {unit: value * by for unit, by in figure.others.items() if low <= value * by <= high}
+    if not likely:
+        return None
+    si = "kg" if figure is _MASS else "m"
+    proposals = " or ".join(f"{size:.4g} {si} if {unit}" for unit, size in likely.items())
+    only = next(iter(likely.values())) if len(likely) == 1 else None
+    return f"{name} = {value:g}: no {figure.no}; {proposals}", only
+
+
+def parse_events(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[FootEvent, ...]:
+    """Parse foot strikes and offs that have a side.
+
+    Parameters
+    ----------
+    parameters
+        Group -> parameter -> value.
+
+    Returns
+    -------
+    tuple of FootEvent
+        In order of time.
+    """
     group = parameters.get("EVENT", {})
-    labels, contexts = _texts(group.get("LABELS")), _texts(group.get("CONTEXTS"))
+    labels, contexts = _clean_texts(group.get("LABELS")), _clean_texts(group.get("CONTEXTS"))
     times = np.asarray(group.get("TIMES", ()), dtype=np.float64)
     if times.ndim != 2 or times.shape[0] != 2:
         return ()
     seconds = 60.0 * times[0] + times[1]
     events = [
-        FootEvent(MOMENTS[label.lower()], SIDES[context.lower()], float(second))
+        FootEvent(EVENT_MOMENTS[label.lower()], SIDES[context.lower()], float(second))
         for label, context, second in zip(labels, contexts, seconds, strict=False)
-        if label.lower() in MOMENTS and context.lower() in SIDES and np.isfinite(second)
+        if label.lower() in EVENT_MOMENTS and context.lower() in SIDES and np.isfinite(second)
     ]
     return tuple(sorted(events, key=lambda e: e.time))
 
 
-def _texts(values: Any) -> list[str]:
+def _clean_texts(values: Any) -> list[str]:
     return [
-        clean(text) if isinstance(text, str) else "" for text in ([] if values is None else values)
+        clean_label(text) if isinstance(text, str) else ""
+        for text in ([] if values is None else values)
     ]
 
 
-def _first_text(values: Any) -> str | None:
-    return next((text for text in _texts(values) if text), None)
+def _find_first_text(values: Any) -> str | None:
+    return next((text for text in _clean_texts(values) if text), None)
 
 
-def _first_day(
+def _find_first_date(
     parameters: Mapping[str, Mapping[str, Any]], groups: Sequence[str], names: Sequence[str]
 ) -> str | None:
-    """The first date among such parameters that can be read in one way only: year, month, day."""
+    """Find the first date that is unambiguous: year, month, day."""
     for group in groups:
-        told = {str(name).upper(): value for name, value in parameters.get(group, {}).items()}
-        for text in (_first_text(told.get(name)) or "" for name in names):
+        given = {str(name).upper(): value for name, value in parameters.get(group, {}).items()}
+        for text in (_find_first_text(given.get(name)) or "" for name in names):
             if found := re.fullmatch(r"(\d{4})[-/.]?(\d\d)[-/.]?(\d\d)([T ].*)?", text):
                 with contextlib.suppress(ValueError):
                     return datetime.date(*(int(found[k]) for k in (1, 2, 3))).isoformat()
     return None
 
 
-def _first_number(values: Any) -> float | None:
+def _find_first_number(values: Any) -> float | None:
     try:
         found = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError):

@@ -1,21 +1,18 @@
-"""Files of OpenSim and its neighbours: markers in TRC, ground reactions in MOT and STO tables,
-ExternalLoads.
+"""Read and write files of OpenSim: markers in TRC, ground reactions in MOT and STO, ExternalLoads.
 
-TRC (Motion Analysis): marker coordinates, tab-separated. The header is believed only where nothing
-better is there: marker names and data columns are counted, the number of frames is what follows,
-and the Time column is the clock. Line 3 gives the unit; the vertical is found from the data.
+TRC (Motion Analysis): marker coordinates, tab-separated. Marker names, data columns and frames are
+counted instead of read from the header, and times are those of the Time column. Line 3 gives the
+unit; the vertical is found from the data.
 
-MOT, STO (OpenSim, SIMM): the header ends at `endheader`; its counts are not believed. Files of
-forces are in m, N and N·m, by definition of the format's users (OpenSim's ExternalLoads in the
-ground frame), and already as their maker wants them: no offset is removed here. They are y up
-there; one whose forces act along another axis is turned as its markers are (`axes.py`).
+MOT, STO (OpenSim, SIMM): the header ends at `endheader`; its counts are not used. Files of forces
+are in m, N and N·m, as OpenSim's ExternalLoads define, and no offset is removed. They have y up; a
+file with forces along another axis is rotated as markers are (`axes.py`).
 
-ExternalLoads (`grf.xml`): a table of forces (`datafile`, relative to its own folder; it overrides
-the `data_source_name` of single forces) and, for each ExternalForce, the body it acts on and how
-the names of its columns begin: with `ground_force_v` for the force, its columns are
-`ground_force_vx`, `_vy`, `_vz`. Each becomes a plate of that name, given to the foot to which its
-body belongs. Refused by name: a force on another body than a foot, and one expressed in the frame
-of a body that moves.
+ExternalLoads (`grf.xml`): a table of forces (`datafile`, relative to its folder; it overrides the
+`data_source_name` of single forces). Each ExternalForce has a body and the beginning of its column
+names: with `ground_force_v` the columns are `ground_force_vx`, `_vy`, `_vz`. Each becomes a plate
+of that name on the foot of that body. A force on another body than a foot, or one expressed in the
+frame of a moving body, is refused.
 """
 
 import re
@@ -36,41 +33,73 @@ from gaitcal.io.force_tables import (
     PlateColumns,
     build_plate,
     find_plates,
-    on_one_time,
-    standing,
+    orient_forces,
+    tabulate_plates,
 )
-from gaitcal.io.labels import clean, common_prefix, is_unlabelled, unique
-from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
+from gaitcal.io.labels import clean_label, find_common_prefix, is_unlabelled, number_repetitions
+from gaitcal.io.recording import ForcePlate, Recording, replace_zeros, require_plain_labels
 
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
 AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)  # X1 Y1 Z1 X2 ..., or nothing
-USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not tell")
+USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not show it")
 
-# ------------------------------------------------------------------------------------------------------------- TRC
+# ---------------------------------------------------------------------------------------------- TRC
 
 
 def read_trc(path: Path) -> Recording:
-    """Markers of a TRC file, in metres, y up."""
+    """Read the markers of a TRC file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Recording
+        Metres, y up.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
     return axes.make_y_up(parse_trc(path), USUAL_VERTICAL)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def parse_trc(path: Path) -> Recording:
-    """Markers of a TRC file, in metres, in the axes of the file."""
-    lines = [_single_tabs(line) for line in text_file.read_lines(path)]
+    """Read the markers of a TRC file in the axes of the file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Recording
+        Metres.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    lines = [_collapse_double_tabs(line) for line in text_file.read_lines(path)]
     starts = [line.split("\t")[0].strip().lower() for line in lines[:LONGEST_HEADER]]
-    label_line = next((i for i, word in enumerate(starts) if word.startswith("frame#")), None)
+    label_line = next((i for i, start in enumerate(starts) if start.startswith("frame#")), None)
     if label_line is None:
         needed = f"a line that begins with 'Frame#' is needed among the first {LONGEST_HEADER}"
         raise text_file.FileFault(f"found no line of marker names; {needed}")
     separator = "\t" if "\t" in lines[label_line] else None
-    facts = _facts(lines[:label_line])
+    facts = _read_header_values(lines[:label_line])
     start = label_line + 1
     while start < len(lines) and AXIS_LINE.fullmatch(lines[start]):
         start += 1
     width = len(lines[start].rstrip().split(separator)) if start < len(lines) else 0
-    names = _names(lines[label_line], separator, width)
+    names = _parse_marker_names(lines[label_line], separator, width)
     # Cortex writes unnamed trajectories after the others, without a cell in the line of names
     widest = max((len(line.rstrip().split(separator)) for line in lines[start:]), default=0)
     unnamed, rest = divmod(widest - 2 - 3 * len(names), 3)
@@ -84,7 +113,7 @@ def parse_trc(path: Path) -> Recording:
             f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",
         )
     if facts.get("numframes", str(frames)) not in (str(frames), f"{frames}.0"):
-        notes += (f"Header says {facts['numframes'][:20]} frames; {frames} found.",)
+        notes += (f"Header declares {facts['numframes'][:20]} frames; {frames} found.",)
     keep = [i for i, name in enumerate(names) if not is_unlabelled(name)]
     if len(keep) < len(names):
         notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
@@ -99,17 +128,30 @@ def parse_trc(path: Path) -> Recording:
     if "units" not in facts:
         notes += ("The header names no unit; millimetres were taken.",)
     markers = table.values[:, 2:].reshape(frames, len(names), 3)[:, keep] / unit
-    markers, gap_notes = zeros_to_missing(markers)
-    prefix, prefix_notes = common_prefix([names[i] for i in keep])
-    labels, repetition_notes = unique(names[i].removeprefix(prefix) for i in keep)
+    markers, gap_notes = replace_zeros(markers)
+    prefix, prefix_notes = find_common_prefix([names[i] for i in keep])
+    labels, repetition_notes = number_repetitions(names[i].removeprefix(prefix) for i in keep)
     notes += gap_notes + prefix_notes + repetition_notes
     return Recording(source=str(path), time=time, labels=labels, markers=markers, notes=notes)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def write_trc(path: Path, recording: Recording) -> None:
-    """Markers in metres, y up; every float in the shortest form that reads back to the same bits. A
-    gap is NaN, as OpenSim refuses a row that ends with an empty cell.
+    """Write markers as a TRC file in metres, y up; numbers read back to the same bits.
+
+    A gap is NaN, as OpenSim refuses a row that ends with an empty cell.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    recording
+        Markers, m.
+
+    Raises
+    ------
+    InputError
+        A name cannot be written as text, or the file cannot be written.
     """
     require_plain_labels(recording)
     rate = recording.rate if len(recording.time) > 1 else 0.0
@@ -122,9 +164,12 @@ def write_trc(path: Path, recording: Recording) -> None:
         "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(markers) for axis in "XYZ"),
         "",
     ]
-    with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
+    with (
+        atomic.write_atomically(path) as part,
+        part.open("w", encoding="utf-8", newline="\n") as file,
+    ):
         file.write("\n".join(rows) + "\n")
-        numbers = text_file.number_lines(
+        numbers = text_file.format_number_lines(
             np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t", "NaN"
         )
         file.writelines(
@@ -133,40 +178,35 @@ def write_trc(path: Path, recording: Recording) -> None:
         )
 
 
-def _facts(lines: Sequence[str]) -> dict[str, str]:
-    """The two lines of keys and values, keys in small letters."""
+def _read_header_values(lines: Sequence[str]) -> dict[str, str]:
+    """Read the two header lines of keys and values, keys in lower case."""
     for keys, values in pairwise(lines):
         if "units" in keys.lower():
             separator = "\t" if "\t" in keys else None
             given = [keys.lower().split(separator), values.split(separator)]
-            filled = [[cell for cell in cells if cell.strip()] for cells in given]
-            words, numbers = (
-                filled if len(filled[0]) == len(filled[1]) else given
-            )  # tabs may be doubled in one line
-            return {key.strip(): value.strip() for key, value in zip(words, numbers, strict=False)}
+            # Tabs may be doubled in one of the two lines
+            filled = [list(filter(str.strip, cells)) for cells in given]
+            names, entries = filled if len(filled[0]) == len(filled[1]) else given
+            return {key.strip(): entry.strip() for key, entry in zip(names, entries, strict=False)}
     return {}
 
 
-def _single_tabs(line: str) -> str:
-    """The line with single tabs, where all its tabs are doubled (some programs write so, in headers
-    or throughout).
+def _collapse_double_tabs(line: str) -> str:
+    """Collapse the tabs of a line where all of them are doubled, as some programs write.
 
-    A gap in a line with single tabs leaves some tabs alone, so that it is not touched.
+    A gap in a line with single tabs leaves some tabs single, so that the line is unchanged.
     """
     runs = re.findall(r"\t+", line.rstrip())
     doubled = bool(runs) and all(len(run) % 2 == 0 for run in runs) and not line.startswith("\t")
     return line.replace("\t\t", "\t") if doubled else line
 
 
-def _names(line: str, separator: str | None, width: int) -> list[str]:
-    """Names by their places, three columns each; by their order, where that alone fits the `width`
-    of a row.
-    """
-    cells = [clean(cell) for cell in line.split(separator)]
-    place = next(
-        (i for i, cell in enumerate(cells[1:], start=1) if cell), 0
-    )  # after tabs of its own, in some files
-    cells = cells[:1] + cells[place:]
+def _parse_marker_names(line: str, separator: str | None, width: int) -> list[str]:
+    """Parse marker names by position, three columns each; by order if only that fits `width`."""
+    cells = [clean_label(cell) for cell in line.split(separator)]
+    # Some files have further tabs before 'Time'
+    first = next((i for i, cell in enumerate(cells[1:], start=1) if cell), 0)
+    cells = cells[:1] + cells[first:]
     if len(cells) < 3 or cells[1].lower() != "time":
         raise text_file.FileFault(
             "'Frame#' must be followed by 'Time' and marker names", "marker names"
@@ -180,27 +220,38 @@ def _names(line: str, separator: str | None, width: int) -> list[str]:
     return [cells[2 + i] for i in filled]
 
 
-# -------------------------------------------------------------------------------------------------------- MOT, STO
+# ----------------------------------------------------------------------------------------- MOT, STO
 
 MOT_LONGEST_HEADER = 500
 
 
 @dataclass(frozen=True)
 class StorageTable:
-    """What stands in a MOT or STO file."""
+    """Content of a MOT or STO file."""
 
     time: Array  # (rows,) s, as written
     names: tuple[str, ...]  # Columns after time
     values: Array  # (rows, columns), in the units of the file
-    in_degrees: bool | None  # What the header says of angles; None where it does not
+    in_degrees: bool | None  # Unit of angles by the header; None if not given
 
-    def column(self, name: str) -> Array:
-        """(rows,) of one column."""
+    def get_column(self, name: str) -> Array:
+        """Get the values (rows,) of one column."""
         return np.asarray(self.values[:, self.names.index(name)])
 
-    def text(self, title: str, comments: tuple[str, ...] = ()) -> str:
-        """The table as a file holds it: every number in the shortest form that reads back to the
-        same bits.
+    def format_text(self, title: str, comments: tuple[str, ...] = ()) -> str:
+        """Format the table as the text of a file; numbers read back to the same bits.
+
+        Parameters
+        ----------
+        title
+            First line.
+        comments
+            Further lines of the header.
+
+        Returns
+        -------
+        str
+            Text of the file.
         """
         header = [
             title,
@@ -215,20 +266,34 @@ class StorageTable:
         return (
             "\n".join(header)
             + "\n"
-            + text_file.number_lines(np.column_stack([self.time, self.values]), "\t", missing="nan")
+            + text_file.format_number_lines(
+                np.column_stack([self.time, self.values]), "\t", missing="nan"
+            )
         )
 
 
 def read_table(path: str | PathLike[str]) -> StorageTable:
-    """Any MOT or STO table.
+    """Read any MOT or STO table.
 
-    Raises InputError: Every fault of the file, in one line: file, field, what was found, what is
-    allowed.
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    StorageTable
+        Values in the units of the file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read; one line with file, field, what was found and what is allowed.
     """
     return _read_table(Path(path))
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def _read_table(path: Path) -> StorageTable:
     lines = text_file.read_lines(path)
     header = [line.strip().lower() for line in lines[:MOT_LONGEST_HEADER]]
@@ -253,9 +318,25 @@ def _read_table(path: Path) -> StorageTable:
     return StorageTable(time, tuple(names[1:]), rows.values[:, 1:], in_degrees)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def read_mot_forces(path: Path) -> Forces:
-    """Plates "1", "2", ... of a MOT or STO file, in the order in which their columns first appear."""
+    """Read plates "1", "2", ... of a MOT or STO file, in order of their columns.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Forces
+        m, N, N·m, y up.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has no force columns.
+    """
     table = read_table(path)
     found = find_plates(table.names)
     if not found:
@@ -272,15 +353,28 @@ def read_mot_forces(path: Path) -> Forces:
             *plate_notes,
             f"Plate {number} holds the columns {columns.names[0]} and following.",
         )
-    return standing(path, plates, notes)
+    return orient_forces(path, plates, notes)
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
-    """Plates with one common time as an OpenSim MOT file: ground_force_1_vx, _px,
-    ground_moment_1_mx, and so on.
+    """Write plates with common times as an OpenSim MOT file.
+
+    Columns are ground_force_1_vx, _px, ground_moment_1_mx, and so on.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    plates
+        Plates, m, N, N·m, y up.
+
+    Raises
+    ------
+    InputError
+        The plates have different times, or the file cannot be written.
     """
-    time, values = on_one_time(plates)
+    time, values = tabulate_plates(plates)
     kinds = ("ground_force_{}_v", "ground_force_{}_p", "ground_moment_{}_m")
     names = [
         f"{kind.format(k + 1)}{axis}"
@@ -288,46 +382,58 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
         for kind in kinds
         for axis in "xyz"
     ]
-    atomic.atomic_text(path, StorageTable(time, tuple(names), values, True).text(path.name))
+    atomic.write_text_atomically(
+        path, StorageTable(time, tuple(names), values, True).format_text(path.name)
+    )
 
 
-# --------------------------------------------------------------------------------------------------- ExternalLoads
+# ------------------------------------------------------------------------------------ ExternalLoads
 
-FOOT = re.compile(r"calc|foot|toe|talus|heel|mtp|forefoot|hindfoot|rearfoot|midfoot", re.IGNORECASE)
-"""Bodies of a foot, in the models that people use."""
-GROUND = ("", "ground", "/ground", "/", "unassigned")
-NOTHING = ("", "unassigned")  # What an identifier says that names no columns
+FOOT_BODY = re.compile(
+    r"calc|foot|toe|talus|heel|mtp|forefoot|hindfoot|rearfoot|midfoot", re.IGNORECASE
+)
+"""Names of bodies of a foot in common models."""
+GROUND_NAMES = ("", "ground", "/ground", "/", "unassigned")
+NO_COLUMNS = ("", "unassigned")  # Identifiers that name no columns
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalForce:
-    """One force of the file, as it is written there."""
+    """One force of an ExternalLoads file as written there."""
 
     name: str
     body: str
     frames: dict[str, str]  # `force` and `point` -> the body in whose frame they are expressed
     columns: dict[str, str]
-    """`force`, `point`, `moment` -> how the names of its columns begin; the empty string where none
-    are named.
-    """
-    table: str  # File of its columns, as written; the empty string where the file does not say
+    """`force`, `point`, `moment` -> beginning of its column names; empty if not given."""
+    table: str  # File of its columns, as written; empty if not given
 
 
-@text_file.naming_file
+@text_file.name_file_in_faults
 def read_external_loads(path: Path) -> Forces:
-    """The plates of an ExternalLoads file, and the foot of each.
+    """Read the plates of an ExternalLoads file, and the foot of each.
 
-    Raises InputError: The file or its table cannot be read, or it holds a force that is none of the
-    ground on a foot.
+    Parameters
+    ----------
+    path
+        The .xml file.
+
+    Returns
+    -------
+    Forces
+        m, N, N·m, y up; `feet` has the foot of each plate.
+
+    Raises
+    ------
+    InputError
+        The file or its table cannot be read, or a force does not act from the ground on a foot.
     """
-    forces, off = _forces(path)
+    forces, off = _read_forces(path)
     notes = tuple(f"The force '{name}' is switched off in the file and left out." for name in off)
     if not forces:
         raise text_file.FileFault("found no ExternalForce that is switched on")
-    tables = {
-        name: read_table(_table(path, name)) for name in dict.fromkeys(f.table for f in forces)
-    }
-    names, _ = unique(clean(force.name) or "force" for force in forces)
+    tables = {name: read_table(_locate_table(path, name)) for name in _name_tables(forces)}
+    names, _ = number_repetitions(clean_label(force.name) or "force" for force in forces)
     plates, feet = [], {}
     for name, force in zip(names, forces, strict=True):
         field = f"ExternalForce {name}"
@@ -335,9 +441,9 @@ def read_external_loads(path: Path) -> Forces:
         if not force.columns["force"]:
             notes += (f"The force '{name}' has no columns and was left out.",)
             continue
-        found = _columns(force, table)
+        found = _find_columns(force, table)
         side = side_named(force.body)
-        if not (side and FOOT.search(force.body)):
+        if not (side and FOOT_BODY.search(force.body)):
             if not np.nan_to_num(table.values[:, list(found.columns["force"].values())]).any():
                 notes += (
                     f"The force '{name}' on {force.body} is zero throughout and was left out.",
@@ -346,7 +452,7 @@ def read_external_loads(path: Path) -> Forces:
             allowed = "allowed are forces on the right and left foot (calcn_r, calcn_l)"
             raise text_file.FileFault(f"found a force on '{force.body}'; {allowed}", field)
         for quantity, frame in force.frames.items():
-            if frame.lower() not in GROUND:
+            if frame.lower() not in GROUND_NAMES:
                 raise text_file.FileFault(
                     f"found its {quantity} expressed in '{frame}'; allowed is ground", field
                 )
@@ -361,30 +467,50 @@ def read_external_loads(path: Path) -> Forces:
         notes += (*(n for n in time_notes if n not in notes), *plate_notes, columns)
     if not plates:
         raise text_file.FileFault("found no force on a foot")
-    return standing(path, plates, notes, feet)
+    return orient_forces(path, plates, notes, feet)
 
 
-@text_file.naming_file
-def loads_tables(path: Path) -> tuple[Path, ...]:
-    """The tables that an ExternalLoads file draws on; none for a file of another kind."""
+@text_file.name_file_in_faults
+def find_loads_tables(path: Path) -> tuple[Path, ...]:
+    """Find the tables of an ExternalLoads file.
+
+    Parameters
+    ----------
+    path
+        Any file of forces.
+
+    Returns
+    -------
+    tuple of Path
+        Empty for a file of another kind.
+
+    Raises
+    ------
+    InputError
+        The .xml file cannot be read, or a table does not exist.
+    """
     if path.suffix.lower() != ".xml":
         return ()
-    return tuple(
-        _table(path, name) for name in dict.fromkeys(force.table for force in _forces(path)[0])
-    )
+    forces, _ = _read_forces(path)
+    return tuple(_locate_table(path, name) for name in _name_tables(forces))
 
 
-def tables_there(path: Path) -> tuple[Path, ...]:
-    """The same of a file that may be none at all: the tables that are there."""
+def _name_tables(forces: Sequence[ExternalForce]) -> list[str]:
+    """Name each table once, in order of first use."""
+    return list(dict.fromkeys(force.table for force in forces))
+
+
+def find_existing_tables(path: Path) -> tuple[Path, ...]:
+    """Find the tables of a file that may be no ExternalLoads file; empty if it cannot be read."""
     try:
-        return loads_tables(path)
+        return find_loads_tables(path)
     except InputError:
         return ()
 
 
-def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
-    """Forces that are switched on, and the names of those that are not."""
-    text_file.readable_size(path)
+def _read_forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
+    """Read the forces that are switched on, and the names of the others."""
+    text_file.check_readable(path)
     try:
         root = ET.parse(path).getroot()
     except (ET.ParseError, ValueError, LookupError, OSError) as error:
@@ -395,7 +521,7 @@ def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
 
     def text(element: ET.Element, tag: str) -> str:
         found = (element.findtext(tag) or "").strip()
-        return "" if found.lower() in NOTHING else found
+        return "" if found.lower() in NO_COLUMNS else found
 
     common = (loads.findtext("datafile") or "").strip()
     forces, off = [], []
@@ -426,23 +552,21 @@ def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
     return forces, off
 
 
-def _table(path: Path, name: str) -> Path:
-    """The table of that name: from the folder of the file, or of the same name in it, where it was
-    moved with it.
-    """
+def _locate_table(path: Path, name: str) -> Path:
+    """Locate a table as written, or by its name alone in the folder of the file."""
     if not name:
         raise text_file.FileFault("names no table of forces", "datafile")
-    written = PureWindowsPath(name)  # takes / and \\ alike
-    for place in (path.parent / Path(*written.parts), path.parent / written.name):
-        if place.is_file():
-            return place
+    written = PureWindowsPath(name)  # Accepts / and \\
+    for candidate in (path.parent / Path(*written.parts), path.parent / written.name):
+        if candidate.is_file():
+            return candidate
     raise text_file.FileFault(
         f"found '{name}', which does not exist beside it", "datafile", Code.NO_FILE
     )
 
 
-def _columns(force: ExternalForce, table: StorageTable) -> PlateColumns:
-    """The columns of one force."""
+def _find_columns(force: ExternalForce, table: StorageTable) -> PlateColumns:
+    """Find the columns of one force in its table."""
     found = PlateColumns()
     lower = [name.lower() for name in table.names]
     for quantity, start in force.columns.items():

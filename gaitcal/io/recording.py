@@ -1,16 +1,15 @@
-"""What one trial holds after reading, whatever file it came from: markers with their gaps, and
-force plates.
+"""Hold the markers and force plates of one trial, and find visible, still and marked frames.
 
-Frames and units are settled once, on reading: metres, seconds, newtons, newton metres; y up,
-right-handed. The turn about the vertical that brings x along the progression is a step of its own
-(`axes.py`). Gaps stay gaps, weighed with zero later, and never filled.
+Frames and units are fixed on reading: metres, seconds, newtons, newton metres; y up, right-handed.
+The rotation about the vertical that brings x along the progression is a separate step (`axes.py`).
+Gaps are never filled; later they have zero weight.
 
-Stretches of frames are slices. A static trial may hold walking before and after its stillest
-stretch. The speed of one is the RMS, over its frames and markers, of displacement across LAG_S
-divided by LAG_S. The lag keeps measurement noise out: 0.2 mm of it would read as 28 mm/s from one
-100 Hz frame to the next, and so as 3 mm/s. Where noise is so large that no stretch looks still,
-paths are first averaged over SMOOTH_S: 3 mm of white noise reads as 73 mm/s across the lag at 100
-Hz, and as 12 mm/s after that; whoever walks or sways slowly keeps the speed.
+Periods of frames are slices. A static trial may contain walking before and after its stillest
+period. The speed of a period is the RMS, over its frames and markers, of the displacement during
+LAG_S divided by LAG_S. The lag suppresses measurement noise: noise of 0.2 mm reads as 28 mm/s from
+one 100 Hz frame to the next, and as 3 mm/s with the lag. If no period looks still, paths are first
+averaged over SMOOTH_S: white noise of 3 mm then reads as 12 mm/s instead of 73 mm/s, while walking
+and slow sway keep their speed.
 """
 
 import warnings
@@ -24,7 +23,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.display import Displayed, describe_time, shorten
 from gaitcal.errors import Code, InputError
-from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, clean
+from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, clean_label
 from gaitcal.io.text_file import FileFault
 
 if TYPE_CHECKING:
@@ -32,22 +31,29 @@ if TYPE_CHECKING:
 
 LAG_S = 0.1
 STILL_M_S = 0.05
-"""Quiet standing sways at up to 0.02 m/s at the height of the head; the slowest walk moves a body
-at over 0.2 m/s. In a window of 0.5 s at this speed a marker strays by 12 mm from its mean, at
-worst."""
+"""Largest speed (m/s) of a still window.
+
+Quiet standing sways at up to 0.02 m/s at head height; the slowest walk moves a body at over
+0.2 m/s. In 0.5 s at this speed a marker moves by at most 12 mm from its mean.
+"""
 RESTLESS_M_S = 0.1
-"""Most of a window that is used with a doubt, where none is still: half of the slowest walk. The
-mean of a marker over 0.5 s is within 12 mm of where it was for half of the time."""
+"""Largest speed (m/s) of a window that is used with a warning if none is still.
+
+It is half of the slowest walk. The mean of a marker over 0.5 s is within 12 mm of where it was for
+half of the time.
+"""
 WALKS_M_S = 0.3
-"""The slowest walk moves a body at over 0.2 m/s, and noise of 1 mm moves two frames at 100 Hz at
-0.2 m/s.
+"""Largest speed (m/s) of a recording shorter than LAG_S.
+
+The slowest walk moves a body at over 0.2 m/s; noise of 1 mm reads as 0.2 m/s at 100 Hz.
 """
 SMOOTH_S = 0.2
-SEEN = 0.7
-"""Share of the frames averaged in which a marker must be seen: the mean of a part of a movement
-lies elsewhere.
+VISIBLE_SHARE = 0.7
+"""Least share of the averaged frames in which a marker must be visible.
+
+The mean of a part of a movement is at another position.
 """
-DURATION_S = 0.5
+WINDOW_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +68,7 @@ class ForcePlate:
     name: str
     """Plate number or name as the study file refers to it: "1", "2", ..."""
     time: Array
-    """(ns,) s, on the same clock as the markers; may be denser than the marker frames."""
+    """(ns,) s, on the same time axis as the markers; may be denser than the marker frames."""
     force: Array
     """(ns, 3) N."""
     point: Array
@@ -70,10 +76,10 @@ class ForcePlate:
     moment: Array
     """(ns, 3) N·m about `point`."""
     corners: Array | None = None
-    """(4, 3) m, or None where the file does not tell."""
+    """(4, 3) m, or None if the file does not have them."""
 
     def wrench(self) -> Array:
-        """(ns, 6) force and moment about the laboratory origin."""
+        """Compute the (ns, 6) force and moment about the laboratory origin, N and N·m."""
         return np.hstack([self.force, self.moment + cross(self.point, self.force)])
 
 
@@ -88,20 +94,19 @@ class Recording(Displayed):
     labels: tuple[str, ...]
     """Marker names, unique."""
     markers: Array
-    """(nf, nm, 3) m; NaN where a marker was not seen."""
+    """(nf, nm, 3) m; NaN where a marker was not visible."""
     plates: tuple[ForcePlate, ...] = ()
     """Force plates, in the order of the file; none where forces were not recorded."""
     feet: Mapping[str, str] = field(default_factory=dict)
-    """Plate -> "r" or "l", where the file of the forces says on which foot it acts."""
+    """Plate -> "r" or "l", if the file of the forces gives the foot on which it acts."""
     notes: tuple[str, ...] = field(default=())
-    """What was assumed, converted or left out on reading, one sentence each; shown in every output.
-    """
+    """Assumptions, conversions and omissions on reading, one sentence each; in every output."""
     events: tuple[FootEvent, ...] = ()
-    """Foot strikes and offs that the file tells, in order of time."""
+    """Foot strikes and offs of the file, in order of time."""
     corrected: bool = False
-    """Whether a person set `events` (`events.csv`): then there are no others."""
+    """Whether a person corrected `events` (`events.csv`); then no others are used."""
     facts: Facts = field(default=Facts())
-    """What the file says about the person."""
+    """Subject data of the file."""
     computed: ComputedPoints | None = None
     """Points of other programs, at the same frames and in the same axes; None where the file has
     none.
@@ -135,11 +140,11 @@ class Recording(Displayed):
             len(self.time), self.rate, float(np.ptp(self.time)) if len(self.time) else 0.0
         )
         visible = (
-            f", {100 * seen_mask(self.markers).mean():.1f} % of samples visible"
+            f", {100 * find_visible(self.markers).mean():.1f} % of samples visible"
             if self.markers.size
             else ""
         )
-        plates = [f"{plate.name} ({plate_rate(plate):.0f} Hz)" for plate in self.plates]
+        plates = [f"{plate.name} ({compute_plate_rate(plate):.0f} Hz)" for plate in self.plates]
         rows = [
             ("time", extent),
             ("markers", f"{len(self.labels)}{visible}: {shorten(self.labels)}"),
@@ -152,12 +157,21 @@ class Recording(Displayed):
         return f"Recording {Path(self.source).name}", rows
 
     def with_notes(self, *notes: str) -> "Recording":
-        """The same recording with more notes."""
+        """Return the recording with further notes, one sentence each."""
         return replace(self, notes=self.notes + notes)
 
     def frames(self, chosen: BoolArray) -> "Recording":
-        """The recording at its frames `chosen` (nf,) only; plates keep their own clock, and all
-        their samples.
+        """Return the recording with its frames `chosen` only; plates keep all their samples.
+
+        Parameters
+        ----------
+        chosen : (nf,)
+            Frames to keep.
+
+        Returns
+        -------
+        Recording
+            With fewer frames.
         """
         computed = self.computed
         if computed is not None:
@@ -170,29 +184,58 @@ class Recording(Displayed):
 AXES = tuple(enumerate("xyz"))
 
 
-def plate_rate(plate: ForcePlate) -> float:
+def compute_plate_rate(plate: ForcePlate) -> float:
     """Return the samples per second of a force plate (median step); NaN for fewer than two."""
     return float(1.0 / np.median(np.diff(plate.time))) if len(plate.time) > 1 else float("nan")
 
 
-def seen_mask(markers: Array) -> BoolArray:
-    """(nf, nm) bool: which of markers (nf, nm, 3) were seen; a marker is seen whole or not at all."""
+def find_visible(markers: Array) -> BoolArray:
+    """Find in which frames each marker is visible; a marker with one NaN coordinate is not.
+
+    Parameters
+    ----------
+    markers : (nf, nm, 3)
+        Marker positions, m.
+
+    Returns
+    -------
+    BoolArray
+        (nf, nm)
+    """
     return np.asarray(np.isfinite(markers).all(axis=2), dtype=np.bool_)
 
 
-def seen_means(paths: Mapping[str, Array]) -> dict[str, Array]:
-    """Name -> (3,) m, mean of a path (nf, 3) over the frames in which it is known; without those
-    that never are.
+def average_visible(paths: Mapping[str, Array]) -> dict[str, Array]:
+    """Average paths over the frames in which they are known.
+
+    Parameters
+    ----------
+    paths
+        Name -> (nf, 3) m, NaN where unknown.
+
+    Returns
+    -------
+    dict
+        Name -> (3,) m, without paths that are never known.
     """
     known = {name: path[np.isfinite(path).all(axis=1)] for name, path in paths.items()}
     return {name: path.mean(axis=0) for name, path in known.items() if len(path)}
 
 
-def zeros_to_missing(markers: Array) -> tuple[Array, tuple[str, ...]]:
-    """Markers (nf, nm, 3) with the literal 0 0 0 that some programs write for a gap made NaN, and a
-    note if any was.
+def replace_zeros(markers: Array) -> tuple[Array, tuple[str, ...]]:
+    """Replace positions of exactly 0 0 0, which some programs write for a gap, by NaN.
 
-    A marker known in part is not known: where one coordinate is NaN, all three are.
+    A marker with one NaN coordinate becomes NaN in all three.
+
+    Parameters
+    ----------
+    markers : (nf, nm, 3)
+        Marker positions as read.
+
+    Returns
+    -------
+    markers, notes
+        The positions, and a note if any was replaced.
     """
     zero = (markers == 0).all(axis=2)
     part = np.isnan(markers).any(axis=2)
@@ -206,15 +249,34 @@ def zeros_to_missing(markers: Array) -> tuple[Array, tuple[str, ...]]:
 
 
 def require_plain_labels(recording: Recording) -> None:
-    """FileFault for marker or plate names that no text table can hold."""
+    """Require marker and plate names that a text table can hold.
+
+    Raises
+    ------
+    FileFault
+        A name has control characters or is empty.
+    """
     for name in (*recording.labels, *(plate.name for plate in recording.plates)):
-        if clean(name) != name or not name:
+        if clean_label(name) != name or not name:
             message = f"the name {name[:40]!r} cannot be written; it has odd characters"
             raise FileFault(message, code=Code.NOT_WRITABLE)
 
 
-def runs(marked: BoolArray, shortest: int = 1) -> list[slice]:
-    """Stretches of at least `shortest` marked frames."""
+def find_runs(marked: BoolArray, shortest: int = 1) -> list[slice]:
+    """Find the runs of at least `shortest` consecutive marked frames.
+
+    Parameters
+    ----------
+    marked : (nf,)
+        Marked frames.
+    shortest
+        Least number of frames.
+
+    Returns
+    -------
+    list of slice
+        In order of time.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8)))
     return [
         slice(int(a), int(b))
@@ -223,13 +285,28 @@ def runs(marked: BoolArray, shortest: int = 1) -> list[slice]:
     ]
 
 
-def duration(time: Array, stretch: slice) -> float:
-    """Time (s) from the first to the last frame of a stretch."""
+def measure_duration(time: Array, stretch: slice) -> float:
+    """Measure the time (s) from the first to the last frame of a run."""
     return float(time[stretch.stop - 1] - time[stretch.start])
 
 
-def spans(time: Array, stretches: Sequence[slice], most: int = 3) -> str:
-    """Stretches of frames as times, `0.42-0.58, 1.10-1.12 s`."""
+def format_spans(time: Array, stretches: Sequence[slice], most: int = 3) -> str:
+    """Format runs of frames as times, such as `0.42-0.58, 1.10-1.12 s`.
+
+    Parameters
+    ----------
+    time : (nf,)
+        s.
+    stretches
+        Runs of frames.
+    most
+        Number of runs that are written out; further ones are counted.
+
+    Returns
+    -------
+    str
+        Times in s.
+    """
     named = [f"{time[s.start]:.2f}-{time[s.stop - 1]:.2f}" for s in stretches[:most]]
     more = f" and {len(stretches) - most} more" if len(stretches) > most else ""
     return ", ".join(named) + f" s{more}"
@@ -237,19 +314,31 @@ def spans(time: Array, stretches: Sequence[slice], most: int = 3) -> str:
 
 @dataclass(frozen=True)
 class MarkerGaps:
-    """The gaps of one marker."""
+    """Visibility and longest gap of one marker."""
 
     label: str
-    seen: float  # Share of the frames in which it was seen, 0 to 1
+    visible_share: float  # Share of the frames in which it was visible, 0 to 1
     longest_gap: float
-    """s from the last frame before to the first frame after the longest gap; at an end of the
-    trial, to that end.
+    """s, from the last frame before to the first frame after the longest gap.
+
+    A gap at an end of the trial counts to that end.
     """
 
 
-def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
-    """One entry for each marker, in the order of the labels."""
-    visible = seen_mask(recording.markers)
+def measure_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
+    """Measure the gaps of every marker, in the order of the labels.
+
+    Parameters
+    ----------
+    recording
+        Recording with at least one frame.
+
+    Returns
+    -------
+    tuple of MarkerGaps
+        One entry for each marker.
+    """
+    visible = find_visible(recording.markers)
     time = recording.time
     gaps = []
     for index, label in enumerate(recording.labels):
@@ -264,32 +353,51 @@ def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
     return tuple(gaps)
 
 
-# ------------------------------------------------------------------------------------- the still part of a trial
+# ------------------------------------------------------------------------ the still part of a trial
 
 
 @dataclass(frozen=True)
 class StillWindow:
-    """Where a subject stood still."""
+    """Window in which a subject stood still."""
 
     frames: slice  # Frames of the recording
     speed: float
-    """m/s, RMS over frames and markers of the averaged paths; of a recording shorter than LAG_S the
-    median over its markers; 0 for a single frame, which has none."""
+    """m/s, RMS over frames and markers of the averaged paths.
+
+    For a recording shorter than LAG_S it is the median over its markers; for a single frame, 0.
+    """
     start: float  # s
     stop: float  # s, time of the last frame
     scatter: float = 0.0
-    """m, RMS distance of the markers from their means over the window: how far a landmark of this
-    posture is uncertain because the person moved."""
+    """m, RMS distance of the markers from their means over the window.
+
+    It is the uncertainty of a landmark of this posture that is due to movement.
+    """
 
 
-def still_window(recording: Recording, labels: Iterable[str]) -> StillWindow:
-    """The window of `DURATION_S` in which most of the markers `labels` are seen, and of those the
-    stillest.
+def find_still_window(recording: Recording, labels: Iterable[str]) -> StillWindow:
+    """Find the stillest window of `WINDOW_S` among those with the most visible markers.
 
-    Without a still one, the stillest that is merely restless. A recording shorter than `DURATION_S`
-    is taken whole, one shorter than LAG_S even where it moves a little: noise moves it, too.
-    InputError where none of the labels is ever seen, or where no window is slower than
-    RESTLESS_M_S; it names the smallest speed found.
+    If none is still, the stillest restless one is taken. A recording shorter than `WINDOW_S` is
+    taken whole. One shorter than `LAG_S` may move a little more, as noise dominates its speed.
+
+    Parameters
+    ----------
+    recording
+        Recording of a static trial.
+    labels
+        Markers to look at.
+
+    Returns
+    -------
+    StillWindow
+        The window.
+
+    Raises
+    ------
+    InputError
+        No marker of `labels` is visible, or no window is slower than `RESTLESS_M_S`; the message
+        has the smallest speed.
     """
 
     def fault(message: str, code: Code = Code.NO_STILL_WINDOW) -> InputError:
@@ -298,12 +406,12 @@ def still_window(recording: Recording, labels: Iterable[str]) -> StillWindow:
     wanted = list(dict.fromkeys(labels))
     places = [recording.labels.index(label) for label in wanted if label in recording.labels]
     time, markers = recording.time, recording.markers[:, places]
-    if not places or not seen_mask(markers).any():
+    if not places or not find_visible(markers).any():
         some = ", ".join(wanted[:6]) + ("..." if len(wanted) > 6 else "")
-        raise fault(f"none of the markers {some} is seen", Code.TOO_LITTLE_SEEN)
+        raise fault(f"none of the markers {some} is visible", Code.TOO_LITTLE_SEEN)
     frames = len(time)
     if time[-1] - time[0] < LAG_S:
-        speed = _speed_of_few(time, markers)
+        speed = _estimate_speed_of_few(time, markers)
         if speed > WALKS_M_S:
             message = (
                 f"no still window: {frames} frames in all, half of the markers move at {speed:.3g} "
@@ -312,13 +420,14 @@ def still_window(recording: Recording, labels: Iterable[str]) -> StillWindow:
             message += f"at most {WALKS_M_S:g} m/s is allowed where there are so few"
             raise fault(message)
         return StillWindow(
-            slice(0, frames), speed, float(time[0]), float(time[-1]), _scatter(markers)
+            slice(0, frames), speed, float(time[0]), float(time[-1]), _measure_scatter(markers)
         )
-    length = min(frames, max(2, round(DURATION_S * recording.rate) + 1))
+    # Speeds of all windows, of the paths as measured and averaged; the first that is slow enough
+    length = min(frames, max(2, round(WINDOW_S * recording.rate) + 1))
     lag = min(length - 1, max(1, round(LAG_S * recording.rate)))
-    speeds = _speeds(time, markers, lag, length)
+    speeds = _compute_speeds(time, markers, lag, length)
     wide = max(1, min(round(SMOOTH_S * recording.rate), length - lag))
-    smooth = _speeds(*_averaged(time, markers, wide), lag, length - wide + 1)
+    smooth = _compute_speeds(*_average_paths(time, markers, wide), lag, length - wide + 1)
     for ranking, limit in ((speeds, STILL_M_S), (smooth, STILL_M_S), (smooth, RESTLESS_M_S)):
         slow = ranking <= limit
         if slow.any():
@@ -329,42 +438,42 @@ def still_window(recording: Recording, labels: Iterable[str]) -> StillWindow:
             f"{np.nanmin([*smooth, np.inf]):.3g} m/s RMS"
         )
         if np.isnan(smooth).all():
-            reason = "no marker is seen twice within a window"
+            reason = "no marker is visible in two frames of a window"
         raise fault(f"no still window: {reason}; at most {RESTLESS_M_S:g} m/s is allowed")
-    coverage = (_moving_sum(seen_mask(markers).astype(np.float64), length) > 0.5).sum(axis=1)
+    coverage = (_sum_moving(find_visible(markers).astype(np.float64), length) > 0.5).sum(axis=1)
     start = int(np.argmin(np.where(slow & (coverage == coverage[slow].max()), ranking, np.inf)))
     window = slice(start, start + length)
     speed = float(smooth[start] if np.isfinite(smooth[start]) else speeds[start])
     return StillWindow(
-        window, speed, float(time[window][0]), float(time[window][-1]), _scatter(markers[window])
+        window,
+        speed,
+        float(time[window][0]),
+        float(time[window][-1]),
+        _measure_scatter(markers[window]),
     )
 
 
-def _speed_of_few(time: Array, markers: Array) -> float:
-    """m/s from the first to the second half of frames too few to tell noise from movement; 0 of a
-    single one.
+def _estimate_speed_of_few(time: Array, markers: Array) -> float:
+    """Estimate the speed (m/s) from the first to the second half of a few frames.
 
-    The median over the markers, as one of them that jumps would make the RMS of all look like a
-    walk.
+    The median over the markers is used, as one marker that jumps would dominate an RMS. A single
+    frame has speed 0.
     """
     half = len(time) // 2
     if half == 0:
         return 0.0
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RuntimeWarning
-        )  # a marker seen in one half alone says nothing
+        # A marker that is visible in one half only has no speed
+        warnings.simplefilter("ignore", RuntimeWarning)
         way = np.nanmean(markers[half:], axis=0) - np.nanmean(markers[:half], axis=0)
     ways = np.linalg.norm(way[np.isfinite(way).all(axis=1)], axis=1)
     lasts = float(time[half:].mean() - time[:half].mean())
     return float(np.median(ways)) / lasts if len(ways) else 0.0
 
 
-def _scatter(markers: Array) -> float:
-    """m, RMS distance of markers (nf, nm, 3) from their means over the frames; those seen once say
-    nothing.
-    """
-    visible = seen_mask(markers)
+def _measure_scatter(markers: Array) -> float:
+    """Measure the RMS distance (m) of markers from their means; one visible frame is too few."""
+    visible = find_visible(markers)
     often = visible.sum(axis=0) > 1
     kept = np.where(visible[:, often, None], markers[:, often], 0.0)
     count = visible[:, often].sum(axis=0)
@@ -374,33 +483,31 @@ def _scatter(markers: Array) -> float:
     return float(np.sqrt((away**2).sum() / max(int(count.sum()), 1)))
 
 
-def _averaged(time: Array, markers: Array, wide: int) -> tuple[Array, Array]:
-    """Times and paths (nf - wide + 1, nm, 3), each the mean over `wide` frames; NaN where a marker
-    is seldom seen.
-    """
-    known = seen_mask(markers)
-    count = _moving_sum(known.astype(np.float64), wide)
-    total = _moving_sum(np.where(known[..., None], markers, 0.0), wide)
+def _average_paths(time: Array, markers: Array, wide: int) -> tuple[Array, Array]:
+    """Average times and paths over `wide` frames; NaN where a marker is seldom visible."""
+    known = find_visible(markers)
+    count = _sum_moving(known.astype(np.float64), wide)
+    total = _sum_moving(np.where(known[..., None], markers, 0.0), wide)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / count[..., None]
-    mean[count < SEEN * wide] = np.nan
-    return _moving_sum(time, wide) / wide, mean
+    mean[count < VISIBLE_SHARE * wide] = np.nan
+    return _sum_moving(time, wide) / wide, mean
 
 
-def _speeds(time: Array, markers: Array, lag: int, length: int) -> Array:
-    """RMS speed of each window of `length` frames, m/s; NaN where unknown."""
+def _compute_speeds(time: Array, markers: Array, lag: int, length: int) -> Array:
+    """Compute the RMS speed (m/s) of each window of `length` frames; NaN where unknown."""
     steps = (time[lag:] - time[:-lag])[:, None]
     squares = np.sum((markers[lag:] - markers[:-lag]) ** 2, axis=2) / steps**2
     known = np.isfinite(squares)
-    total = _moving_sum(np.where(known, squares, 0.0).sum(axis=1), length - lag)
-    count = _moving_sum(known.sum(axis=1).astype(np.float64), length - lag)
+    total = _sum_moving(np.where(known, squares, 0.0).sum(axis=1), length - lag)
+    count = _sum_moving(known.sum(axis=1).astype(np.float64), length - lag)
     with np.errstate(invalid="ignore", divide="ignore"):
         speeds: Array = np.sqrt(np.maximum(total, 0.0) / count)
     speeds[count < 0.5] = np.nan
     return speeds
 
 
-def _moving_sum(values: Array, length: int) -> Array:
-    """Sums over `length` successive values (n, ...), one for each start."""
+def _sum_moving(values: Array, length: int) -> Array:
+    """Sum `length` successive values (n, ...), for each start."""
     cumulative = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     return np.asarray(cumulative[length:] - cumulative[:-length])

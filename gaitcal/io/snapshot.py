@@ -1,8 +1,7 @@
-"""Reading a result as it was written, all files of one state, and whether they still are the same
-when work is done.
+"""Read a result with all files in one state, and check that they are unchanged when work is done.
 
-A file that does not match the SHA-256 in the manifest was damaged (a flipped bit, a half copied
-folder) or edited, and is named before it is used.
+A file that does not match the SHA-256 in the manifest was damaged (a flipped bit, an incomplete
+copy) or edited, and is reported before it is used.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -11,9 +10,15 @@ from pathlib import Path
 from typing import TypeVar
 
 from gaitcal.errors import Code, InputError
-from gaitcal.io.result_folder import MANIFEST, ResultKind, listed, read_object, sha256_of
+from gaitcal.io.result_folder import (
+    MANIFEST,
+    ResultKind,
+    compute_sha256,
+    read_json_object,
+    read_listed_hashes,
+)
 
-PEOPLE = "people"
+PEOPLE_FOLDER = "people"
 """Folder of the results of all people within that of a cohort."""
 
 Content = TypeVar("Content")
@@ -21,7 +26,7 @@ Content = TypeVar("Content")
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Files of a folder as they were when they were read."""
+    """Files of a folder at the time they were read."""
 
     folder: Path
     sha256: Mapping[str, str | None]
@@ -31,7 +36,7 @@ class Snapshot:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a reader of results that come from these files should know, a line for each."""
+        """One sentence for each edited file, for readers of results that come from these files."""
         return tuple(
             f"{name} is not as 'gaitcal calibrate' wrote it: these results are of the edited file; "
             "if you did not edit "
@@ -40,48 +45,76 @@ class Snapshot:
         )
 
     def require_unchanged(self) -> None:
-        """InputError where a file is no longer what was read."""
+        """Require that all files are as they were read.
+
+        Raises
+        ------
+        InputError
+            A file has changed.
+        """
         for name, digest in self.sha256.items():
-            if sha256_of(self.folder / name) != digest:
+            if compute_sha256(self.folder / name) != digest:
                 message = "changed while this ran; nothing was written, run again"
                 raise InputError(message, source=self.folder / name, code=Code.CHANGED_FILE)
 
 
 def require_person(folder: Path) -> None:
-    """Raise InputError where the folder is a cohort, and name the result of one of its people."""
-    if read_object(folder / MANIFEST).get("kind") != ResultKind.COHORT.value:
+    """Require that a folder is not a cohort; the message names the result of one person.
+
+    Raises
+    ------
+    InputError
+        The folder is the result of a cohort.
+    """
+    if read_json_object(folder / MANIFEST).get("kind") != ResultKind.COHORT.value:
         return
     results = (
         path.parent
         for level in ("*", "*/*")
-        for path in sorted(folder.glob(f"{PEOPLE}/{level}/{MANIFEST}"))
+        for path in sorted(folder.glob(f"{PEOPLE_FOLDER}/{level}/{MANIFEST}"))
     )
     one = next(results, None)
     such = "" if one is None else f", such as {one.as_posix()}"
-    message = f"is a cohort; name the result of one person, a folder in its {PEOPLE}/{such}"
+    message = f"is a cohort; name the result of one person, a folder in its {PEOPLE_FOLDER}/{such}"
     raise InputError(message, source=folder, code=Code.NO_RESULT)
 
 
 def read_whole(
     folder: Path, names: Iterable[str], read: Callable[[], Content], editable: Iterable[str] = ()
 ) -> tuple[Content, Snapshot]:
-    """Call `read`, which reads these files of a result, such that all of them are of one state of
-    the folder.
+    """Call `read` such that all files that it reads are in one state of the folder.
 
-    `editable` are those of `names` that people may edit; the snapshot lists them, and they are not
-    refused. InputError where it is a cohort, a file is damaged, missing or changes meanwhile; and
-    what `read` raises.
+    Parameters
+    ----------
+    folder
+        Result folder.
+    names
+        Files that `read` reads.
+    read
+        Function that reads them.
+    editable
+        Those of `names` that users may edit; they are listed in the snapshot, not refused.
+
+    Returns
+    -------
+    content, snapshot
+        What `read` returns, and the hashes of the files.
+
+    Raises
+    ------
+    InputError
+        The folder is a cohort, or a file is damaged, missing or changes meanwhile.
     """
     require_person(folder)
     wanted, may_differ = (MANIFEST, *names), set(editable)
-    before = {name: sha256_of(folder / name) for name in wanted}
+    before = {name: compute_sha256(folder / name) for name in wanted}
     fault: InputError | None = None
     try:
-        edited = _edited(folder, before, may_differ)
+        edited = _find_edited(folder, before, may_differ)
         content = read()
     except InputError as error:
         fault = error
-    if {name: sha256_of(folder / name) for name in wanted} != before:
+    if {name: compute_sha256(folder / name) for name in wanted} != before:
         message = "changed while it was read; run again when nothing writes there"
         raise InputError(message, source=folder, code=Code.CHANGED_FILE)
     if fault is not None:
@@ -91,10 +124,14 @@ def read_whole(
     )
 
 
-def _edited(folder: Path, found: Mapping[str, str | None], editable: set[str]) -> tuple[str, ...]:
-    """Files that differ from what the manifest lists and may; InputError for one that may not."""
+def _find_edited(
+    folder: Path, found: Mapping[str, str | None], editable: set[str]
+) -> tuple[str, ...]:
+    """Find files that differ from the manifest and may; InputError for one that may not."""
     differ = tuple(
-        name for name, digest in listed(folder).items() if name in found and found[name] != digest
+        name
+        for name, digest in read_listed_hashes(folder).items()
+        if name in found and found[name] != digest
     )
     for name in differ:
         if found[name] is None:

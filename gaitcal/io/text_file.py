@@ -1,12 +1,9 @@
-"""What all readers of files share: faults that name the file, lines, rows of numbers, a column of
-times.
+"""Read lines, rows of numbers and times of text files, with errors that name file and line.
 
-Every way in which a file cannot be read ends in one InputError that names file, line and column.
-
-Times increase strictly, and are freed of the rounding that text suffers: a file that prints 60 Hz
-to the millisecond says 0.017, 0.033, 0.050, up to 0.5 ms off, which at 5 m/s is 2.5 mm. Where all
-times lie within their own rounding of a uniform grid of a whole number of hertz, that grid is what
-was meant, and is put back. Else they stay as they are.
+Times must increase strictly. Rounding of times in text is removed: a file that prints 60 Hz in
+milliseconds has 0.017, 0.033, 0.050, up to 0.5 ms off, which at 5 m/s is 2.5 mm. If all times are
+within their rounding of a uniform grid of a whole number of hertz, that grid is restored. Otherwise
+they stay as they are.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,17 +34,28 @@ MISSING = frozenset(
         "-1.#ind",
     ]
 )
-"""What writers put where there is no number."""
+"""Texts that writers use for a missing number."""
 MOST_DECIMALS = 6  # Times given more finely than this are as good as exact
-EXACT_S = 1e-9  # A grid closer than this to the times given changes nothing
-UNEVEN = 0.2  # Relative departure of a time step from the median above which the user is told
+EXACT_TOLERANCE_S = 1e-9  # A grid closer than this to the times given changes nothing
+# Relative deviation of a time step from the median above which a note is given
+UNEVEN_STEP_SHARE = 0.2
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-class FileFault(Exception):  # noqa: N818  it never leaves this package: `naming_file` makes an InputError of it
-    """What is wrong with the file that is being read or written."""
+class FileFault(Exception):  # noqa: N818  it never leaves this package: `name_file_in_faults` makes an InputError of it
+    """Error in the file that is being read or written.
+
+    Parameters
+    ----------
+    message
+        What was found, and what is allowed.
+    field
+        Where in the file.
+    code
+        Code of the error.
+    """
 
     def __init__(
         self, message: str, field: str | None = None, code: Code = Code.FILE_FORMAT
@@ -56,12 +64,10 @@ class FileFault(Exception):  # noqa: N818  it never leaves this package: `naming
         self.field, self.code = field, code
 
 
-def naming_file(
+def name_file_in_faults(
     function: Callable[Concatenate[Path, _P], _T],
 ) -> Callable[Concatenate[Path, _P], _T]:
-    """A reader or writer whose every FileFault becomes an InputError on the file that is its first
-    argument.
-    """
+    """Decorate a reader or writer: a FileFault becomes an InputError on its first argument."""
 
     @wraps(function)
     def named(path: Path, /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -73,9 +79,25 @@ def naming_file(
     return named
 
 
-@naming_file
-def readable_size(path: Path) -> int:
-    """Size in bytes of a readable, non-empty file; InputError for anything else."""
+@name_file_in_faults
+def check_readable(path: Path) -> int:
+    """Check that a file is readable and not empty.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    int
+        Its size, bytes.
+
+    Raises
+    ------
+    InputError
+        It is missing, a folder, unreadable or empty.
+    """
     try:
         if path.is_dir():
             raise FileFault("found a folder; a file is needed", code=Code.NO_FILE)
@@ -89,34 +111,63 @@ def readable_size(path: Path) -> int:
     return size
 
 
-def number_lines(values: Array, separator: str, missing: str = "") -> str:
-    """Rows of numbers as lines, each number in the shortest form that reads back to the same bits."""
-    rows = _number_text(values, missing)[2:-2].replace("],[", "\n").replace(",", separator)
+def format_number_lines(values: Array, separator: str, missing: str = "") -> str:
+    """Format rows of numbers as lines that read back to the same bits.
+
+    Parameters
+    ----------
+    values : (rows, columns)
+        Numbers.
+    separator
+        Text between two numbers.
+    missing
+        Text for NaN.
+
+    Returns
+    -------
+    str
+        Lines with ends.
+    """
+    rows = _format_numbers(values, missing)[2:-2].replace("],[", "\n").replace(",", separator)
     return rows + "\n" if len(values) else ""
 
 
-def number_cells(values: NDArray[Any]) -> list[str]:
-    """Numbers (n,) one by one in that form; nothing where there is none."""
-    return _number_text(values, "")[1:-1].split(",") if len(values) else []
+def format_number_cells(values: NDArray[Any]) -> list[str]:
+    """Format numbers (n,) one by one as by `format_number_lines`; NaN becomes empty."""
+    return _format_numbers(values, "")[1:-1].split(",") if len(values) else []
 
 
-def _number_text(values: NDArray[Any], missing: str) -> str:
-    """Write numbers as pydantic does, in a quarter of the time of `repr`."""
-    from pydantic_core import (
-        to_json,
-    )  # the process that parses C3D files does without: it is ready sooner
+def _format_numbers(values: NDArray[Any], missing: str) -> str:
+    """Format numbers with pydantic, which takes a quarter of the time of `repr`."""
+    # Imported here, as the process that parses C3D files does not need it and starts sooner
+    from pydantic_core import to_json
 
     return to_json(values.tolist()).decode().replace("NaN", missing).replace("Infinity", "inf")
 
 
-@naming_file
+@name_file_in_faults
 def read_lines(path: Path) -> list[str]:
-    """Lines of a text file, without their ends; UTF-8 (with or without mark), else Latin-1.
+    """Read the lines of a text file: UTF-8 (with or without mark), else Latin-1.
 
-    Only CR and LF end a line: `str.splitlines` would also break at separators that may stand inside
-    a marker name.
+    Only CR and LF end a line. `str.splitlines` would also break at separators that may occur in a
+    marker name.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    list of str
+        Lines without ends, without blank lines at the end.
+
+    Raises
+    ------
+    InputError
+        The file is unreadable, blank, binary or UTF-16.
     """
-    readable_size(path)
+    check_readable(path)
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -143,19 +194,21 @@ def read_lines(path: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Numbers as read, before any meaning is given to them."""
+    """Numbers as read, before they are interpreted."""
 
-    values: Array  # (rows, columns); NaN where a cell is empty or says so
+    values: Array  # (rows, columns); NaN where a number is missing
     lines: tuple[int, ...]  # (rows,) line in the file of each row, from 1, for messages
     filled_rows: int
-    """How many rows ended before their last columns (whole triples of empty cells left away by the
-    writer).
-    """
+    """Number of rows that ended before their last columns."""
 
 
 def parse_number(cell: str) -> float:
-    """A float, NaN for the usual words for nothing; ValueError for anything else (also for Python's
-    `1_000`).
+    """Parse a number; NaN for the usual texts for a missing one.
+
+    Raises
+    ------
+    ValueError
+        The cell is no number; Python's `1_000` is none.
     """
     cell = cell.strip()
     if cell.lower() in MISSING:
@@ -168,11 +221,31 @@ def parse_number(cell: str) -> float:
 def parse_rows(
     lines: Sequence[str], start: int, width: int, separator: str | None, short_step: int = 0
 ) -> NumberTable:
-    """Every non-blank line from index `start` on, as `width` numbers.
+    """Parse every non-blank line from index `start` on as `width` numbers.
 
-    `separator` None means any white space. Further cells must be empty. A row, other than the last,
-    may lack its last cells if their count is a multiple of `short_step` (0: never): some writers
-    drop trailing empty cells.
+    Parameters
+    ----------
+    lines
+        Lines of the file.
+    start
+        Index of the first line of numbers.
+    width
+        Number of columns; further cells must be empty.
+    separator
+        Text between two cells; None for any white space.
+    short_step
+        A row, other than the last, may lack a multiple of so many last cells (0: none), as some
+        writers drop empty cells at the end.
+
+    Returns
+    -------
+    NumberTable
+        NaN for empty cells.
+
+    Raises
+    ------
+    FileFault
+        A row has the wrong number of cells, or a cell is no finite number.
     """
     rows: list[list[float]] = []
     numbers: list[int] = []
@@ -193,7 +266,7 @@ def parse_rows(
                 )
             cells += [""] * lacking
             filled += 1
-        rows.append(_numbers(cells[:width], number))
+        rows.append(_parse_cells(cells[:width], number))
         numbers.append(number)
     values = np.array(rows, dtype=np.float64).reshape(-1, width)
     for row, column in np.argwhere(np.isinf(values)).tolist():
@@ -203,8 +276,8 @@ def parse_rows(
     return NumberTable(values, tuple(numbers), filled)
 
 
-def _numbers(cells: list[str], number: int) -> list[float]:
-    """The cells of one line: all at once, or one by one where one of them is empty, or no number."""
+def _parse_cells(cells: list[str], number: int) -> list[float]:
+    """Parse the cells of one line: at once, or one by one if a cell is empty or no number."""
     try:
         if "_" not in "".join(cells):
             return list(map(float, cells))
@@ -221,8 +294,19 @@ def _numbers(cells: list[str], number: int) -> list[float]:
 
 
 def require_increasing(time: Array, lines: Sequence[int]) -> None:
-    """FileFault unless times (ns,), which stand in these `lines`, are finite and strictly
-    increasing.
+    """Require finite, strictly increasing times.
+
+    Parameters
+    ----------
+    time
+        (ns,) s.
+    lines
+        (ns,) Line of each time in the file, for the message.
+
+    Raises
+    ------
+    FileFault
+        There are no times, or one is missing or does not increase.
     """
     if len(time) == 0:
         raise FileFault(
@@ -236,19 +320,30 @@ def require_increasing(time: Array, lines: Sequence[int]) -> None:
 
 
 def undo_rounding(time: Array) -> tuple[Array, tuple[str, ...]]:
-    """The uniform grid that `time` (ns,) is a rounded copy of, with a note; or `time` itself."""
+    """Restore the uniform grid of rounded times.
+
+    Parameters
+    ----------
+    time : (ns,)
+        Times as read, s.
+
+    Returns
+    -------
+    time, notes
+        The grid with a note, or `time` itself; a note if steps are uneven.
+    """
     if len(time) < 3:
         return time, ()
     finest = range(1, MOST_DECIMALS + 1)
     decimals = next(
-        (n for n in finest if np.all(np.abs(time - np.round(time, n)) <= EXACT_S)), None
+        (n for n in finest if np.all(np.abs(time - np.round(time, n)) <= EXACT_TOLERANCE_S)), None
     )
     rate = round((len(time) - 1) / float(time[-1] - time[0]))
     if decimals is not None and rate > 0:
         unit = 10.0**-decimals
         grid = (round(float(time[0]) * rate) + np.arange(len(time))) / rate
         away = float(np.max(np.abs(time - grid)))
-        if away <= EXACT_S:
+        if away <= EXACT_TOLERANCE_S:
             return time, ()
         if away <= 1.0001 * unit and unit < 0.5 / rate:
             change = f"largest change {1e3 * away:.2g} ms"
@@ -257,7 +352,7 @@ def undo_rounding(time: Array) -> tuple[Array, tuple[str, ...]]:
             )
     steps = np.diff(time)
     middle = float(np.median(steps))
-    if np.any(np.abs(steps - middle) > UNEVEN * middle):
+    if np.any(np.abs(steps - middle) > UNEVEN_STEP_SHARE * middle):
         return time, (
             f"Time steps are uneven: {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms.",
         )

@@ -1,8 +1,6 @@
-"""TOML files that users write: read, checked against a table of fields, and written, every mistake
-told in one line.
+"""Read, check and write TOML files of users; find the data folder `models/` and package versions.
 
-Also the data folder `models/`, whose tables are read in the same way, and versions of installed
-packages.
+Every error in a file is one line with file, field, what was found and what is allowed.
 """
 
 import json
@@ -32,14 +30,28 @@ MAX_DOTS = 30
 
 
 _DOTTED = re.compile(rf"(?:[\w\"'-]{{1,200}}[ \t]*\.[ \t]*){{{MAX_DOTS},}}")
-"""More parts of a key than any table has; a number or a sentence has no such row of dots."""
+"""More parts of a key than any table has; numbers and sentences have no such row of dots."""
 
 
 def require_file(path: Path, *, source: object = None, field: str | None = None) -> Path:
-    """Return `path` if a regular file lies there.
+    """Require that a regular file exists.
 
-    Else an InputError names it and what lies beside it: the nearest name, or the first few names of
-    the folder.
+    Parameters
+    ----------
+    path
+        The file.
+    source, field
+        Where the file is named, for the message.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    InputError
+        There is no such file; the message has the nearest name in the folder, or the first names.
     """
     # os.path answers False where pathlib raises: over-long names, embedded null characters.
     if os.path.isfile(path):  # noqa: PTH113
@@ -52,11 +64,11 @@ def require_file(path: Path, *, source: object = None, field: str | None = None)
     elif os.path.exists(path):  # noqa: PTH110
         message = f"'{name}' is no regular file"
     else:
-        message = f"no such file: '{name}'{_beside(path)}"
+        message = f"no such file: '{name}'{_describe_neighbours(path)}"
     raise InputError(message, source=source, field=field, code=Code.NO_FILE)
 
 
-def _beside(path: Path) -> str:
+def _describe_neighbours(path: Path) -> str:
     try:
         names = sorted(entry.name for entry in os.scandir(path.parent) if entry.is_file())
     except (OSError, ValueError):
@@ -74,11 +86,26 @@ def _beside(path: Path) -> str:
 def read_toml(
     path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES
 ) -> dict[str, Any]:
-    """Read the TOML file at `path` (UTF-8, a byte order mark is allowed), numbers with a point by
-    `parse_float`.
+    """Read a TOML file (UTF-8, with or without byte order mark).
 
-    InputError where it is missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or
-    not TOML (with the line).
+    Parameters
+    ----------
+    path
+        The file.
+    parse_float
+        Conversion of numbers with a point.
+    most_bytes
+        Largest size, bytes.
+
+    Returns
+    -------
+    dict
+        Content of the file.
+
+    Raises
+    ------
+    InputError
+        The file is missing, unreadable, too long, nested too deeply, not UTF-8 or not TOML.
     """
     require_file(path)
 
@@ -125,38 +152,46 @@ def read_toml(
         raise fault(f"not valid TOML: {message}{hint}") from None
 
 
-def toml_value(value: object) -> str:
-    """`value` as TOML: text, number, truth value, path, list, or a mapping as an inline table."""
+def format_toml_value(value: object) -> str:
+    """Format text, number, truth value, path, list or mapping (inline table) as TOML.
+
+    Raises
+    ------
+    TypeError
+        The value has no TOML form.
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, Path):
-        return toml_value(value.as_posix())
+        return format_toml_value(value.as_posix())
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
     if isinstance(value, Mapping):
         return (
             "{ "
-            + ", ".join(f"{toml_value(str(k))} = {toml_value(v)}" for k, v in value.items())
+            + ", ".join(
+                f"{format_toml_value(str(k))} = {format_toml_value(v)}" for k, v in value.items()
+            )
             + " }"
         )
     if isinstance(value, Sequence):
-        return "[" + ", ".join(toml_value(v) for v in value) + "]"
+        return "[" + ", ".join(format_toml_value(v) for v in value) + "]"
     raise TypeError(f"{type(value).__name__} has no TOML form")
 
 
-def toml_table(header: str, content: Mapping[str, object]) -> str:
-    """A table as text: `header` (`[subject]`, `[[trial]]`) and one line a key. Keys must be bare
-    TOML keys.
-    """
+def format_toml_table(header: str, content: Mapping[str, object]) -> str:
+    """Format a table: `header` (`[subject]`, `[[trial]]`), and one line per key; keys are bare."""
     return (
-        "\n".join([header, *(f"{key} = {toml_value(value)}" for key, value in content.items())])
+        "\n".join(
+            [header, *(f"{key} = {format_toml_value(value)}" for key, value in content.items())]
+        )
         + "\n"
     )
 
 
-# ------------------------------------------------------------------------------- tables checked by pydantic
+# ----------------------------------------------------------------------- tables checked by pydantic
 
 # pydantic's name of an error -> what is allowed instead; the names in braces are entries of the
 # error's context
@@ -184,20 +219,29 @@ _ALLOWED = {
 }
 
 
-def shown(value: object) -> str:
-    """`value` as a message shows it: quoted if text, in one line, cut off where long."""
+def format_value(value: object) -> str:
+    """Format a value for a message: text quoted, in one line, cut if long.
+
+    Parameters
+    ----------
+    value
+        Any value of a TOML file.
+
+    Returns
+    -------
+    str
+        At most 60 characters.
+    """
     try:
         text = repr(value)
-    except (
-        ValueError,
-        RecursionError,
-    ):  # an integer of thousands of digits, a table nested as deeply
+    except (ValueError, RecursionError):
+        # An integer of thousands of digits, or a table nested as deeply
         text = f"a {type(value).__name__} too large to show"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 class Table(BaseModel):
-    """A table of the file: no unknown keys, no conversion between types, never changed."""
+    """Table of a file: no unknown keys, no conversion between types, immutable."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
@@ -211,18 +255,58 @@ def read_validated(
     parse_float: Callable[[str], Any] = float,
     most_bytes: int = MAX_BYTES,
 ) -> _T:
-    """The TOML file at `path` as a table; InputError, in one line, where it is none."""
-    return validated(table, read_toml(path, parse_float, most_bytes), path)
+    """Read a TOML file as a table.
+
+    Parameters
+    ----------
+    table
+        Class of the table.
+    path
+        The file.
+    parse_float
+        Conversion of numbers with a point.
+    most_bytes
+        Largest size, bytes.
+
+    Returns
+    -------
+    Table
+        The checked content.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or its content is not allowed.
+    """
+    return validate_table(table, read_toml(path, parse_float, most_bytes), path)
 
 
-def validated(table: type[_T], content: Mapping[str, object], source: object) -> _T:
-    """What a file says as a table; InputError, in one line, where it is none. `source`: the file,
-    for the message.
+def validate_table(table: type[_T], content: Mapping[str, object], source: object) -> _T:
+    """Check the content of a file as a table.
+
+    Parameters
+    ----------
+    table
+        Class of the table.
+    content
+        Keys and values.
+    source
+        The file, for the message.
+
+    Returns
+    -------
+    Table
+        The checked content.
+
+    Raises
+    ------
+    InputError
+        The first value that is not allowed.
     """
     try:
         return table.model_validate(content)
     except ValidationError as error:
-        raise _input_error(error, table, source) from None
+        raise _convert_error(error, table, source) from None
 
 
 def require_known(
@@ -234,120 +318,144 @@ def require_known(
     field: str,
     listed: bool = False,
 ) -> None:
-    """InputError for the first name that is not allowed, with the nearest that is, or else
-    (`listed`) with all.
+    """Require that all names are allowed.
+
+    Parameters
+    ----------
+    names
+        Names to check.
+    allowed
+        Allowed names.
+    kind
+        What a name stands for, such as "marker".
+    source, field
+        File and place for the message.
+    listed
+        Whether the message lists all allowed names if none is near.
+
+    Raises
+    ------
+    InputError
+        The first name that is not allowed.
     """
     known = list(allowed)
     for name in names:
         if name not in known:
             hint = nearest(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
-            message = f"found {shown(name)}, which is no {kind}{hint}"
+            message = f"found {format_value(name)}, which is no {kind}{hint}"
             raise InputError(message, source=source, field=field, code=Code.UNKNOWN_FIELD)
 
 
-def _input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
-    """The first mistake in `error` as an `InputError`; a misspelt key comes before what is missing
-    because of it.
+def _convert_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
+    """Convert the first error to an `InputError`; a misspelt key precedes keys missing because of
+    it.
     """
     details = error.errors(include_url=False)
     first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
     location, kind, found = first["loc"], first["type"], first["input"]
     context: dict[str, Any] = first.get("ctx", {})
     if kind == "extra_forbidden":
-        allowed = _keys(_table_and_field(model, location[:-1])[0])
+        allowed = _list_keys(_find_table_and_field(model, location[:-1])[0])
         close = nearest(str(location[-1]), allowed)
-        message = f"unknown key {shown(location[-1])}{close or '; allowed: ' + ', '.join(allowed)}"
-        return InputError(
-            message, source=source, field=_field_name(location[:-1]), code=Code.UNKNOWN_FIELD
+        message = (
+            f"unknown key {format_value(location[-1])}{close or '; allowed: ' + ', '.join(allowed)}"
         )
-    table, field = _table_and_field(model, location)
+        return InputError(
+            message, source=source, field=_format_location(location[:-1]), code=Code.UNKNOWN_FIELD
+        )
+    table, field = _find_table_and_field(model, location)
     if kind == "missing":
         message = f"missing: {field.description}" if field and field.description else "missing"
     elif kind == "value_error":
         message = str(context["error"])
     elif kind == "literal_error" and field is not None:
-        choices = _choices(field.annotation)
+        choices = _list_choices(field.annotation)
         close = nearest(found, choices) if isinstance(found, str) else ""
         *others, last = map(repr, choices)
-        message = f"found {shown(found)}; allowed: {', '.join(others)} or {last}{close}"
+        message = f"found {format_value(found)}; allowed: {', '.join(others)} or {last}{close}"
     elif kind in {"model_type", "model_attributes_type"}:
-        message = f"found {shown(found)}; allowed: a table with {', '.join(_keys(table))}"
+        message = (
+            f"found {format_value(found)}; allowed: a table with {', '.join(_list_keys(table))}"
+        )
     else:
-        message = f"found {shown(found)}; allowed: {_allowed(kind, context, field)}"
+        message = f"found {format_value(found)}; allowed: {_describe_allowed(kind, context, field)}"
     code = Code.MISSING_FIELD if kind == "missing" else Code.BAD_VALUE
-    return InputError(message, source=source, field=_field_name(location), code=code)
+    return InputError(message, source=source, field=_format_location(location), code=code)
 
 
-def _allowed(kind: str, context: Mapping[str, Any], field: FieldInfo | None) -> str:
-    """What is allowed instead, by the kind of error; of a kind that is not in the list, what the
-    field is about.
-    """
+def _describe_allowed(kind: str, context: Mapping[str, Any], field: FieldInfo | None) -> str:
+    """Describe what is allowed by the kind of error; else by the description of the field."""
     if kind not in _ALLOWED:
         return field.description or "another value" if field else "another value"
     length = context.get("min_length", context.get("max_length"))
     return _ALLOWED[kind].format_map({**context, "s": "" if length == 1 else "s"})
 
 
-def _field_name(location: Sequence[str | int]) -> str | None:
-    """A place in the file as people write it: `trial[2].file`; None for the file as a whole."""
+def _format_location(location: Sequence[str | int]) -> str | None:
+    """Format a location in the file as users write it: `trial[2].file`; None for the whole file."""
     text = ""
     for part in location:
         if isinstance(part, int):
             text += f"[{part + 1}]"
         else:
-            name = part if re.fullmatch(r"[\w-]{1,60}", part) else shown(part)
+            name = part if re.fullmatch(r"[\w-]{1,60}", part) else format_value(part)
             text += f".{name}" if text else name
     return text or None
 
 
-def _table_and_field(
+def _find_table_and_field(
     model: type[BaseModel], location: Sequence[str | int]
 ) -> tuple[type[BaseModel], FieldInfo | None]:
-    """The table that `location` leads to or ends in, and the last field on the way there, if any.
+    """Find the table of a location, and the last field on the way to it.
 
-    Numbers in lists and the free keys of a dict are no fields: there the field is the one that
-    holds the list or dict.
+    Indices of lists and free keys of a dict are no fields; then the field is the list or dict.
     """
     last = None
     for part in location:
         for name, field in model.model_fields.items():
             if part in (name, field.alias):
-                model, last = _model_in(field.annotation) or model, field
+                model, last = _find_model(field.annotation) or model, field
                 break
     return model, last
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The model that an annotation like `tuple[Trial, ...]` is about; None where it is about none."""
+def _find_model(annotation: Any) -> type[BaseModel] | None:
+    """Find the model in an annotation such as `tuple[Trial, ...]`; None if there is none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(
-        (found for argument in get_args(annotation) if (found := _model_in(argument))), None
+        (found for argument in get_args(annotation) if (found := _find_model(argument))), None
     )
 
 
-def _choices(annotation: Any) -> list[str]:
-    """All words that the literals in an annotation like `dict[str, Literal["r", "l"]] | None`
-    allow.
-    """
+def _list_choices(annotation: Any) -> list[str]:
+    """List the literals in an annotation such as `dict[str, Literal["r", "l"]] | None`."""
     if get_origin(annotation) is Literal:
         return list(get_args(annotation))
-    return [word for argument in get_args(annotation) for word in _choices(argument)]
+    return [word for argument in get_args(annotation) for word in _list_choices(argument)]
 
 
-def _keys(table: type[BaseModel]) -> list[str]:
+def _list_keys(table: type[BaseModel]) -> list[str]:
     return [field.alias or name for name, field in table.model_fields.items()]
 
 
-# ----------------------------------------------------------------------------------------- what is installed
+# -------------------------------------------------------------------------------- what is installed
 
 
-def models_path() -> Path:
-    """The folder `models/`: linkage, marker sets, anthropometric tables, the nominal subject.
+def find_models_folder() -> Path:
+    """Find the folder `models/`: linkage, marker sets, anthropometric tables, nominal subject.
 
-    A wheel carries it as `gaitcal/models`; a source checkout, also one installed in editable mode,
-    has it beside the package. GaitcalError where neither place holds it: the installation is
-    incomplete.
+    A wheel has it as `gaitcal/models`; a source checkout has it beside the package.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    GaitcalError
+        The installation is incomplete.
     """
     package = Path(str(files("gaitcal")))
     for folder in (package / "models", package.parent / "models"):
@@ -356,8 +464,8 @@ def models_path() -> Path:
     raise GaitcalError(f"{package}: the data folder 'models' is missing; install gaitcal again")
 
 
-def package_version(name: str) -> str:
-    """Version of an installed package, or `unknown`."""
+def get_package_version(name: str) -> str:
+    """Return the version of an installed package, or `unknown`."""
     try:
         return version(name)
     except PackageNotFoundError:

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model.linkage import SEGMENT_TABLE, SIDES, get_segment
 from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS, Parameters, view_as_table
 from gaitcal.model.subject_model import Subject
@@ -54,7 +54,7 @@ UNSIDED = tuple(name.replace("_r.", ".").replace("_l.", ".") for name in IP_NAME
 @functools.cache
 def _read_json_table(name: str) -> dict[str, Any]:
     """Read a file of `models/` once."""
-    data: dict[str, Any] = json.loads((models_path() / name).read_text(encoding="utf-8"))
+    data: dict[str, Any] = json.loads((find_models_folder() / name).read_text(encoding="utf-8"))
     return data
 
 
@@ -157,10 +157,10 @@ def compute_mass_shares(sex: str, age: float | None) -> dict[str, float]:
 
     Parameters
     ----------
-    sex : str
-        `male`, `female`, or empty for the mean of both.
-    age : float or None
-        Years; None for an adult.
+    sex
+        Str `male`, `female`, or empty for the mean of both.
+    age
+        Float or None Years; None for an adult.
 
     Returns
     -------
@@ -325,10 +325,10 @@ def compute_inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array
 
     Parameters
     ----------
-    subject : Subject
-        Mass, height, sex and age of the person.
-    lengths : BodyLengths
-        Measured lengths (m).
+    subject
+        Subject Mass, height, sex and age of the person.
+    lengths
+        BodyLengths Measured lengths (m).
 
     Returns
     -------
@@ -382,10 +382,10 @@ def move_limb_inertia(inertial: Array, before: Parameters, after: Parameters) ->
 
     Parameters
     ----------
-    inertial : (ni,) array
-        Inertial parameters of the table, SI units.
-    before, after : Parameters
-        Joint parameters that the table was applied to, and those found.
+    inertial
+        (ni,) array Inertial parameters of the table, SI units.
+    before, after
+        Parameters Joint parameters that the table was applied to, and those found.
 
     Returns
     -------

@@ -23,7 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.recording import Recording, seen_means
+from gaitcal.io.recording import Recording, average_visible
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, describe_substitute
 
@@ -77,12 +77,12 @@ def measure_static_posture(
 
     Parameters
     ----------
-    recording : Recording
-        The static trial, with the labels of the marker set; m, y up.
-    marker_set : MarkerSet
-        Meaning of the markers, with no alternatives left open.
-    window : slice
-        Frames in which the person stands still.
+    recording
+        Recording The static trial, with the labels of the marker set; m, y up.
+    marker_set
+        MarkerSet Meaning of the markers, with no alternatives left open.
+    window
+        Slice Frames in which the person stands still.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def measure_static_posture(
         A required landmark is missing. The message names its marker and what may replace it.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
-    markers = seen_means(
+    markers = average_visible(
         {m: recording.markers[window, column[m]] for m in marker_set.labels if m in column}
     )
     landmarks: dict[str, Array] = {}
@@ -145,10 +145,10 @@ def find_single_psis(marker_set: MarkerSet, visible: Collection[str]) -> tuple[s
 
     Parameters
     ----------
-    marker_set : MarkerSet
-        Its landmark `sacrum` may be the mean of two markers.
-    visible : collection of str
-        Labels of visible markers.
+    marker_set
+        MarkerSet Its landmark `sacrum` may be the mean of two markers.
+    visible
+        Collection of str Labels of visible markers.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def _locate_hips(
         } | tracks
     places, names = {}, {}
     labels = find_hip_labels(tracks)
-    for side, mean in seen_means(
+    for side, mean in average_visible(
         {side: tracks[label][window] for side, label in labels.items()}
     ).items():
         by = "" if labels[side] in recording.labels else " (computed by another program)"
@@ -241,10 +241,10 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
 
     Parameters
     ----------
-    posture : StaticPosture
-        Landmarks of the static trial.
-    height : float
-        Body height, m.
+    posture
+        StaticPosture Landmarks of the static trial.
+    height
+        Float Body height, m.
 
     Raises
     ------
@@ -318,12 +318,13 @@ def locate_device_corner(
 
     Parameters
     ----------
-    axis, second, third : (nf, 3) array
-        Markers of the device, m; `axis` is on the rod along the flexion axis.
-    inwards : (nf, 3) array or None
-        Direction towards the other knee, of any length; None if unknown.
-    modelled : (nf, 3) array or None
-        Corner as computed by another program, m; it decides the side of the plane.
+    axis, second, third
+        (nf, 3) array Markers of the device, m; `axis` is on the rod along the flexion axis.
+    inwards
+        (nf, 3) array or None Direction towards the other knee, of any length; None if unknown.
+    modelled
+        (nf, 3) array or None Corner as computed by another program, m; it decides the side of the
+        plane.
 
     Returns
     -------

@@ -30,12 +30,12 @@ from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import (
     Table,
-    models_path,
+    find_models_folder,
+    format_toml_table,
+    format_toml_value,
+    format_value,
     read_validated,
     require_known,
-    shown,
-    toml_table,
-    toml_value,
 )
 from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, add_side
 from gaitcal.model.subject_model import PointNoise
@@ -203,10 +203,10 @@ class MarkerSet(Displayed):
 
         Parameters
         ----------
-        markers : mapping of str to iterable of str
-            Segment -> labels.
-        source : Path
-            File to name in an error message.
+        markers
+            Mapping of str to iterable of str Segment -> labels.
+        source
+            Path File to name in an error message.
 
         Returns
         -------
@@ -307,10 +307,11 @@ class MarkerSet(Displayed):
 
         Parameters
         ----------
-        labels : iterable of str
-            Marker labels of the file. A complete knee device counts as the lateral knee marker.
-        computed : iterable of str
-            Points that another program computed; they count as landmarks only.
+        labels
+            Iterable of str Marker labels of the file. A complete knee device counts as the lateral
+            knee marker.
+        computed
+            Iterable of str Points that another program computed; they count as landmarks only.
 
         Returns
         -------
@@ -397,7 +398,7 @@ class _FirstOf(Table):
 def _convert_to_options(value: object) -> object:
     if not isinstance(value, dict | list | str):
         raise ValueError(
-            f"found {shown(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
+            f"found {format_value(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
         )
     return value if isinstance(value, dict) else {"first_of": [value]}
 
@@ -440,7 +441,7 @@ class _File(Table):
 
 def list_built_in_sets() -> tuple[str, ...]:
     """List the names of the marker sets in the package."""
-    return tuple(sorted(path.stem for path in (models_path() / "markersets").glob("*.toml")))
+    return tuple(sorted(path.stem for path in (find_models_folder() / "markersets").glob("*.toml")))
 
 
 def load_marker_set(name_or_path: str | Path) -> MarkerSet:
@@ -463,14 +464,14 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     """
     text, known = str(name_or_path), list_built_in_sets()
     if text in known:
-        return _read_marker_set(models_path() / "markersets" / f"{text}.toml", text)
+        return _read_marker_set(find_models_folder() / "markersets" / f"{text}.toml", text)
     if (
         not isinstance(name_or_path, Path)
         and not text.lower().endswith(".toml")
         and "/" not in text
     ):
         message = (
-            f"found {shown(text)}; allowed: {', '.join(known)}, or the path of a TOML "
+            f"found {format_value(text)}; allowed: {', '.join(known)}, or the path of a TOML "
             f"file{nearest(text, known)}"
         )
         raise InputError(message, field="marker set", code=Code.MARKER_SET)
@@ -551,7 +552,7 @@ def _load_base(file: _File, path: Path) -> MarkerSet:
         field="extends",
         listed=True,
     )
-    if path == models_path() / "markersets" / f"{file.extends}.toml":
+    if path == find_models_folder() / "markersets" / f"{file.extends}.toml":
         raise _fault(path, "found the set itself; allowed: another built-in set", "extends")
     return load_marker_set(file.extends)
 
@@ -632,9 +633,9 @@ def format_marker_set(marker_set: MarkerSet) -> str:
 
     def table(name: str, content: Mapping[str, object]) -> str:
         entries = {
-            toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()
+            format_toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()
         }
-        return toml_table(f"[{name}]", entries)
+        return format_toml_table(f"[{name}]", entries)
 
     options = {
         name: [list(group) for group in marker_set.options(name)] for name in marker_set.landmarks
@@ -645,7 +646,7 @@ def format_marker_set(marker_set: MarkerSet) -> str:
         if label in marker_set.tracked
     }
     tables = [
-        toml_table("", {"description": marker_set.description}).lstrip(),
+        format_toml_table("", {"description": marker_set.description}).lstrip(),
         table(
             "landmarks",
             {

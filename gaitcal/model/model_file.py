@@ -14,8 +14,15 @@ from pydantic import BeforeValidator, Field
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.atomic import atomic_file
-from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_table, toml_value
+from gaitcal.io.atomic import write_atomically
+from gaitcal.io.toml import (
+    Table,
+    format_toml_table,
+    format_toml_value,
+    format_value,
+    read_validated,
+    require_known,
+)
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
 from gaitcal.model.subject_model import (
@@ -77,7 +84,9 @@ def _check_decimal(value: object) -> object:
         and value
         and value.adjusted() > LARGEST_EXPONENT
     ):
-        raise ValueError(f"found {shown(str(value))}; allowed: a number that a person can have")
+        raise ValueError(
+            f"found {format_value(str(value))}; allowed: a number that a person can have"
+        )
     return value
 
 
@@ -143,17 +152,17 @@ def save_model(model: SubjectModel, path: Path | str) -> None:
 
     Parameters
     ----------
-    model : SubjectModel
-        The model.
-    path : Path or str
-        File to write, usually `model.toml`.
+    model
+        SubjectModel The model.
+    path
+        Path or str File to write, usually `model.toml`.
 
     Raises
     ------
     InputError
         The file cannot be written.
     """
-    with atomic_file(path) as sibling:
+    with write_atomically(path) as sibling:
         sibling.write_text(format_model(model), encoding="utf-8")
 
 
@@ -175,19 +184,19 @@ def format_model(model: SubjectModel) -> str:
     lines = [
         _HEADER,
         f"format = {FORMAT}",
-        f"frozen = {toml_value(model.frozen)} # coordinates that no marker shows",
+        f"frozen = {format_toml_value(model.frozen)} # coordinates that no marker shows",
         "notes = [",
-        *(f"  {toml_value(note)}," for note in model.notes),
+        *(f"  {format_toml_value(note)}," for note in model.notes),
         "]",
         "",
         "[posture_deg] # coordinates of the static posture",
         *(f"{name} = {_format_number(angle, 'deg')}" for name, angle in model.posture.items()),
         "",
         "[subject]",
-        f"name = {toml_value(s.name)}",
+        f"name = {format_toml_value(s.name)}",
         f"mass_kg = {_format_number(s.mass, 'kg')}",
         f"height_m = {_format_number(s.height, 'm')}",
-        f"sex = {toml_value(s.sex)}",
+        f"sex = {format_toml_value(s.sex)}",
         *([f"height_error_m = {_format_number(s.height_error, 'm')}"] if s.height_error else []),
         *(
             f"{name} = {_format_number(value, unit)}"
@@ -200,28 +209,28 @@ def format_model(model: SubjectModel) -> str:
             f"{side} = {_format_number(length, 'mm')}" for side, length in getattr(s, field).items()
         )
         lines += [f"{field}_mm = {{ {inner} }}"] if inner else []
-    lines += [f"session = {toml_value(s.session)}"] if s.session else []
-    lines += [f"record = {toml_value(s.record.known)}"] if s.record.known else []
+    lines += [f"session = {format_toml_value(s.session)}"] if s.session else []
+    lines += [f"record = {format_toml_value(s.record.known)}"] if s.record.known else []
     for table, (names, units, comment) in _TABLES.items():
         lines += ["", f"[{table}] # {comment}"]
         width = max(map(len, names)) + 2
         values, nominal = (getattr(p, _ARRAYS[table]) for p in (model.parameters, model.nominal))
         for name, unit, v, n in zip(names, units, values, nominal, strict=True):
             both = f"value = {_format_number(float(v), unit)}, nominal = {_format_number(float(n), unit)}"
-            lines.append(f"{toml_value(name):{width}} = {{ {both} }}")
+            lines.append(f"{format_toml_value(name):{width}} = {{ {both} }}")
     lines += ["", "[landmarks]"]
     for name, (segment, position) in model.landmarks.items():
-        place = f"segment = {toml_value(segment)}, position_mm = {_format_point(position)}"
-        lines.append(f"{toml_value(name)} = {{ {place} }}")
+        place = f"segment = {format_toml_value(segment)}, position_mm = {_format_point(position)}"
+        lines.append(f"{format_toml_value(name)} = {{ {place} }}")
     if model.noise is not None:
-        lines.append(toml_table("[noise]", model.noise.model_dump()))
+        lines.append(format_toml_table("[noise]", model.noise.model_dump()))
     m = model.markers
     for label, segment, local, weight in zip(m.labels, m.segments, m.local, m.weight, strict=True):
         lines += [
             "",
             "[[marker]]",
-            f"label = {toml_value(label)}",
-            f"segment = {toml_value(segment)}",
+            f"label = {format_toml_value(label)}",
+            f"segment = {format_toml_value(segment)}",
             f"position_mm = {_format_point(local)}",
             f"weight = {_format_number(float(weight), 'kg')}",
         ]
@@ -266,7 +275,7 @@ def _check_entries(file: _File, source: Path) -> None:
     if s.sex not in ("male", "female", ""):
         raise _fault(
             source,
-            f"found {shown(s.sex)}; allowed: 'male', 'female', '' if it is not given",
+            f"found {format_value(s.sex)}; allowed: 'male', 'female', '' if it is not given",
             "subject.sex",
         )
     require_known(

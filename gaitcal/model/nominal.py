@@ -26,8 +26,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.recording import Recording, still_window
-from gaitcal.io.toml import models_path
+from gaitcal.io.recording import Recording, find_still_window
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model import anthropometry, coordinates, linkage, rotations, trunk
 from gaitcal.model.ankle_zero import AnkleZero, measure_standing_ankles
 from gaitcal.model.landmarks import StaticPosture, check_plausible, measure_static_posture
@@ -86,20 +86,20 @@ def nominal_model(
 
     Parameters
     ----------
-    static : Recording
-        The static trial; m, y up, any heading.
-    marker_set : MarkerSet
-        Meaning of its markers.
-    subject : Subject
-        Mass, height and sex, which give joint widths and inertia.
-    hip_centre : HipCentre
-        Regression for the hip centres, or those of the file.
-    ankle_zero : AnkleZero
-        Reference direction of zero ankle angles.
-    weights : mapping of str to float, optional
-        Marker -> weight, instead of the set's.
-    window : slice, optional
-        Frames to use; the stillest half second if not given.
+    static
+        Recording The static trial; m, y up, any heading.
+    marker_set
+        MarkerSet Meaning of its markers.
+    subject
+        Subject Mass, height and sex, which give joint widths and inertia.
+    hip_centre
+        HipCentre Regression for the hip centres, or those of the file.
+    ankle_zero
+        AnkleZero Reference direction of zero ankle angles.
+    weights
+        Mapping of str to float, optional Marker -> weight, instead of the set's.
+    window
+        Slice, optional Frames to use; the stillest half second if not given.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def nominal_model(
     marker_set = resolve_marker_set(marker_set, static)
     scatter = ""
     if window is None:
-        found = still_window(static, marker_set.labels)
+        found = find_still_window(static, marker_set.labels)
         window, scatter = found.frames, f", markers {1e3 * found.scatter:.1f} mm RMS from it"
     frames_used = range(*window.indices(len(static.time)))
     posture = measure_static_posture(static, marker_set, window)
@@ -221,12 +221,12 @@ def compute_knee_flexion(shank: Array, joint: Array, side: str) -> float:
 
     Parameters
     ----------
-    shank : (3, 3) array
-        Orientation of the shank in the thigh.
-    joint : (np,) array
-        Joint parameters, m and rad.
-    side : str
-        `r` or `l`.
+    shank
+        (3, 3) array Orientation of the shank in the thigh.
+    joint
+        (np,) array Joint parameters, m and rad.
+    side
+        Str `r` or `l`.
 
     Returns
     -------
@@ -327,14 +327,14 @@ def compute_joint_parameters(
 
     Parameters
     ----------
-    frames : dict
-        Frames of all segments but the tali, laboratory.
-    centres : dict
-        `lumbar`, and for each side `hjc kjc ajc sjc ejc`: (3,) m, laboratory.
-    body : UpperBody
-        Rotation of the shoulders and axes of the elbows.
-    dorsiflexion : mapping of str to float
-        Side -> ankle angle of the static posture, rad.
+    frames
+        Dict Frames of all segments but the tali, laboratory.
+    centres
+        Dict `lumbar`, and for each side `hjc kjc ajc sjc ejc`: (3,) m, laboratory.
+    body
+        UpperBody Rotation of the shoulders and axes of the elbows.
+    dorsiflexion
+        Mapping of str to float Side -> ankle angle of the static posture, rad.
 
     Returns
     -------
@@ -403,7 +403,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     SubjectModel
         SI units.
     """
-    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    data = json.loads((find_models_folder() / "nominal_subject.json").read_text(encoding="utf-8"))
     placed: dict[str, tuple[str, Array]] = {}
     bodies = {name.replace("_", ""): name for name in linkage.SEGMENT_TABLE}
     for body, listed in data["markers_local_mm_right_side"].items():

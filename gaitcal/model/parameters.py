@@ -22,7 +22,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model import linkage
 
 MASSIVE_SEGMENTS: tuple[str, ...] = tuple(
@@ -364,7 +364,7 @@ def read_published_parameters() -> Parameters:
     parameters : Parameters
         SI units, from `models/nominal_subject.json`.
     """
-    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    data = json.loads((find_models_folder() / "nominal_subject.json").read_text(encoding="utf-8"))
     listed = data["joint_parameters"]
     joint = np.empty(len(JP_NAMES))
     for i, name in enumerate(JP_NAMES):

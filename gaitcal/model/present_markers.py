@@ -14,7 +14,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, find_visible
 from gaitcal.model.landmarks import is_device, locate_device_corner
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet
@@ -33,10 +33,10 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
 
     Parameters
     ----------
-    static : Recording
-        The static trial, with labels as the set spells them.
-    marker_set : MarkerSet
-        The set, with its alternatives.
+    static
+        Recording The static trial, with labels as the set spells them.
+    marker_set
+        MarkerSet The set, with its alternatives.
 
     Returns
     -------
@@ -120,12 +120,12 @@ def resolve_marker_set(
 
     Parameters
     ----------
-    marker_set : MarkerSet
-        The set, with its alternatives.
-    static : Recording
-        The static trial from `complete_static`.
-    elsewhere : iterable of str
-        Labels of the other trials.
+    marker_set
+        MarkerSet The set, with its alternatives.
+    static
+        Recording The static trial from `complete_static`.
+    elsewhere
+        Iterable of str Labels of the other trials.
 
     Returns
     -------
@@ -267,7 +267,7 @@ def _assign_groups(
 
 def _find_observed(recording: Recording) -> set[str]:
     """Find the labels of markers with a position in some frame."""
-    observed = seen_mask(recording.markers)
+    observed = find_visible(recording.markers)
     return {label for i, label in enumerate(recording.labels) if observed[:, i].any()}
 
 

@@ -32,7 +32,7 @@ import pyarrow.parquet as pq
 
 from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.io import atomic, toml
-from gaitcal.io.result_folder import SELF, locked, self_hash
+from gaitcal.io.result_folder import SELF_HASH, hash_manifest, lock_result
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import COLUMNS, DrawResult, MonteCarloContext, draw
 from gaitcal.montecarlo.draw_statistics import statistics, unconverged
@@ -98,7 +98,7 @@ class Store:
             "settings": dict(settings.as_json()),
             "model": dict(case.fingerprint()),
         }
-        self._made_with = self_hash(wanted)
+        self._made_with = hash_manifest(wanted)
         notes = [
             f"{path.name}: was damaged; its draws are made again" for path in self._remove_damaged()
         ]
@@ -124,10 +124,11 @@ class Store:
         content = {
             **wanted,
             "case": case.name,
-            "versions": {name: toml.package_version(name) for name in _VERSIONED},
+            "versions": {name: toml.get_package_version(name) for name in _VERSIONED},
         }
-        atomic.atomic_text(
-            self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n"
+        atomic.write_text_atomically(
+            self._settings,
+            json.dumps({**content, SELF_HASH: hash_manifest(content)}, indent=1) + "\n",
         )
         return tuple(notes)
 
@@ -152,7 +153,7 @@ class Store:
                 f"cannot be read: {error}; remove the folder", source=self._settings
             ) from None
         if not isinstance(content, dict) or (
-            SELF in content and content[SELF] != self_hash(content)
+            SELF_HASH in content and content[SELF_HASH] != hash_manifest(content)
         ):
             message = "is damaged, or was edited: not as gaitcal wrote it; remove the folder"
             raise _DamagedError(message, source=self._settings)
@@ -190,9 +191,9 @@ class Store:
         # Under the lock of the result: not while another one takes its place, and this folder
         # along.
         with (
-            atomic.disk_errors(self.folder),
-            locked(self.folder),
-            atomic.atomic_file(target) as path,
+            atomic.convert_disk_errors(self.folder),
+            lock_result(self.folder),
+            atomic.write_atomically(target) as path,
         ):
             path.write_bytes(content)
 
@@ -247,7 +248,7 @@ class Store:
         damaged = [path for path, _ in self._named() if _content(path) is None]
         for path in damaged:
             path.unlink(missing_ok=True)
-        for left in self.draws.glob(f"{atomic.UNFINISHED}*"):  # of a run that was killed
+        for left in self.draws.glob(f"{atomic.UNFINISHED_PREFIX}*"):  # of a run that was killed
             shutil.rmtree(left, ignore_errors=True)
         return damaged
 
@@ -278,7 +279,7 @@ def _other_versions(versions: object) -> tuple[str, ...]:
     no more.
     """
     held = versions if isinstance(versions, dict) else {}
-    now = {name: toml.package_version(name) for name in _VERSIONED}
+    now = {name: toml.get_package_version(name) for name in _VERSIONED}
     changed = [
         f"{n} {held[n]}, now {version}"
         for n, version in now.items()
@@ -391,7 +392,7 @@ def monte_carlo(
             if not until_converged or plan.draws >= MOST_DRAWS or unconverged(table).empty:
                 break
             plan = replace(plan, draws=min(int(STEP * plan.draws) + 1, MOST_DRAWS))
-        with atomic.atomic_file(store.folder / "montecarlo.csv") as path:
+        with atomic.write_atomically(store.folder / "montecarlo.csv") as path:
             table.to_csv(path, index=False, lineterminator="\n")
     return MonteCarloStudy(
         case=case,

@@ -276,7 +276,7 @@ def alone(folder: Path, purpose: str, wait_s: float | None = None) -> Iterator[N
     second time.
     """
     with ExitStack() as stack:
-        with atomic.disk_errors(folder):
+        with atomic.convert_disk_errors(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(result_folder.locked(folder, purpose, wait_s=wait_s))
+            stack.enter_context(result_folder.lock_result(folder, purpose, wait_s=wait_s))
         yield

@@ -13,8 +13,8 @@ from gaitcal.analysis import trial_result
 from gaitcal.analysis.result import TrialResult
 from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, Finding, InputError, Severity
-from gaitcal.io.csv_recordings import events_beside
-from gaitcal.io.result_folder import ResultKind, require_room
+from gaitcal.io.csv_recordings import find_event_tables
+from gaitcal.io.result_folder import ResultKind, check_output_folder
 from gaitcal.pipeline.run_study import FaultyStudyError
 from gaitcal.pipeline.write_trials import write_trials
 from gaitcal.preprocess.preprocessed_study import further_moves, preprocess_trial
@@ -102,9 +102,9 @@ def analyse_trial(
             )
     file, table = Path(recording), None if forces is None else Path(forces)
     trial = trial_table(file, table, role=role, plates=plates or {}, time=time, filter_hz=filter_hz)
-    inputs = [file, *([table] if table else []), *events_beside(file)]
+    inputs = [file, *([table] if table else []), *find_event_tables(file)]
     if out is not None:
-        require_room(Path(out), ResultKind.DYNAMICS, inputs)
+        check_output_folder(Path(out), ResultKind.DYNAMICS, inputs)
     saved = load_result(Path(result))
     done = analyse_trials(saved, [trial])
     if out is not None:

@@ -20,7 +20,7 @@ from gaitcal.intake import drafting
 from gaitcal.intake.draft_file import Draft
 from gaitcal.intake.recordings_folder import Folder, read_folder
 from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
-from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
+from gaitcal.io.result_folder import ResultKind, check_output_folder, compute_sha256
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.study_checks import check_preprocessed
@@ -28,7 +28,7 @@ from gaitcal.quality.verdict import stopping
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study import cohort_prior
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, input_files, with_cohort_priors
+from gaitcal.study.study import Study, add_cohort_priors, list_input_files
 from gaitcal.study.study_file import load_study_file
 
 
@@ -228,11 +228,11 @@ def run_found_study(
     read = (
         drafts.files_of(source)
         if isinstance(source, Draft)
-        else input_files(load_study_file(source), source)
+        else list_input_files(load_study_file(source), source)
     )
     bands = None if settings.normal is None else normal_bands.read_normal_bands(settings.normal)
     besides = [file for file in (settings.normal, settings.priors) if file is not None]
-    kept = require_room(out, ResultKind.CALIBRATION, [*read, *besides])
+    kept = check_output_folder(out, ResultKind.CALIBRATION, [*read, *besides])
 
     progress("reading and checking the recordings")
     study = _with_settings(
@@ -268,7 +268,7 @@ def run_found_study(
     progress("writing the results")
     normal = settings.normal
     made_with = (
-        {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
+        {} if normal is None else {"normal": normal.name, "normal_sha256": compute_sha256(normal)}
     )
     text = None
     if drafted is not None:
@@ -289,5 +289,5 @@ def _with_settings(study: Study, settings: RunSettings) -> Study:
         study = replace(study, settings=study.settings.model_copy(update=update))
         cohort_prior.require_joint_prior(study.settings, study.source)
     if settings.priors is not None and study.joint_prior is None:
-        study = with_cohort_priors(study, settings.priors)
+        study = add_cohort_priors(study, settings.priors)
     return study

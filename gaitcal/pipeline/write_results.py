@@ -17,7 +17,7 @@ from gaitcal.export.opensim import osim_writer
 from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
 from gaitcal.gait.profile_score import profile_scores
 from gaitcal.io import opensim_files, toml
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
+from gaitcal.io.result_folder import MANIFEST, ResultKind, write_result_folder
 from gaitcal.model import model_file, parameters
 from gaitcal.model.marker_set import format_marker_set
 from gaitcal.model.subject_model import SubjectModel
@@ -80,7 +80,7 @@ def write_results(
         files of another program.
     """
     folder = Path(folder)
-    with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
+    with write_result_folder(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         write_csv(convert_to_columns(parameter_rows(calibration)), out / "parameters.csv")
@@ -138,8 +138,8 @@ def build_manifest(
     subject, prior = calibration.model.subject, calibration.study.joint_prior
     leaning = {} if prior is None else {"priors_sha256": prior.sha256}
     return {
-        "gaitcal": toml.package_version("gaitcal"),
-        "versions": {name: toml.package_version(name) for name in VERSIONED}
+        "gaitcal": toml.get_package_version("gaitcal"),
+        "versions": {name: toml.get_package_version(name) for name in VERSIONED}
         | {"python": platform.python_version()},
         "subject": summarise_subject(subject),
         "marker_set": calibration.study.marker_set.name,
@@ -148,11 +148,11 @@ def build_manifest(
         | leaning
         | dict(settings or {}),
         "trials": {
-            trial.name: {**calibration.study.input_names(trial)}
+            trial.name: {**calibration.study.get_input_names(trial)}
             for trial in calibration.study.trials
         },
         "inputs_sha256": dict(calibration.study.inputs),
-        "inputs_changed_while_it_ran": list(calibration.study.changed_inputs()),
+        "inputs_changed_while_it_ran": list(calibration.study.find_changed_inputs()),
     }
 
 

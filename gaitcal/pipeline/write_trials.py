@@ -102,7 +102,7 @@ def read_earlier_page(
 def _describe_page_damage(folder: Path, hashes: Mapping[str, str]) -> str:
     """Describe why an earlier page cannot be read; empty if it can."""
     for name in (SCENE, PAGE_DATA):
-        if result_folder.sha256_of(folder / name) != hashes.get(name):
+        if result_folder.compute_sha256(folder / name) != hashes.get(name):
             return f"{name} is damaged, or was edited: not as gaitcal wrote it"
     return ""
 
@@ -158,19 +158,19 @@ def write_trials(
     carried: dict[str, str] = {}
     with (
         ExitStack() as until_done,
-        result_folder.atomic_directory(
+        result_folder.write_result_folder(
             folder, result_folder.ResultKind.DYNAMICS, inputs, carried
         ) as out,
     ):
         for trial in trials:
             write_trial(trial, model, out, relative_to)
-        with atomic.disk_errors(folder):
-            until_done.enter_context(result_folder.locked(folder))
+        with atomic.convert_disk_errors(folder):
+            until_done.enter_context(result_folder.lock_result(folder))
         saved.files.require_unchanged()
         earlier = _read_earlier_hashes(folder)
         summary, manifest = (
-            result_folder.read_object(folder / SUMMARY),
-            result_folder.read_object(folder / result_folder.MANIFEST),
+            result_folder.read_json_object(folder / SUMMARY),
+            result_folder.read_json_object(folder / result_folder.MANIFEST),
         )
         digests = _drop_names(get_table(manifest, "model_sha256"), names) | dict.fromkeys(
             sorted(names), digest
@@ -201,7 +201,7 @@ def write_trials(
         }
         (out / SUMMARY).write_text(format_json(new_summary), encoding="utf-8")
         new_manifest: dict[str, Json] = {
-            "gaitcal": toml.package_version("gaitcal"),
+            "gaitcal": toml.get_package_version("gaitcal"),
             "subject": model.subject.name,
             "model_sha256": digests,
         }
@@ -219,8 +219,8 @@ def write_trials(
 
 def _read_earlier_hashes(folder: Path) -> Mapping[str, str]:
     """Read file -> SHA-256 of the earlier result; raise InputError if its summary is damaged."""
-    hashes = result_folder.listed(folder)
-    if SUMMARY in hashes and result_folder.sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
+    hashes = result_folder.read_listed_hashes(folder)
+    if SUMMARY in hashes and result_folder.compute_sha256(folder / SUMMARY) != hashes[SUMMARY]:
         cure = "move the folder away and run its trials again"
         message = f"is damaged, or was edited: not as gaitcal wrote it; {cure}"
         raise InputError(message, source=folder / SUMMARY, code=Code.DAMAGED_RESULT)
@@ -240,11 +240,12 @@ def _warn_of_damaged_files(
     return tuple(
         f"{owners[stem]}: {file} is damaged, or was edited: not as gaitcal wrote it{RUN_AGAIN}"
         for file, digest in earlier.items()
-        if (stem := Path(file).stem) in owners and result_folder.sha256_of(folder / file) != digest
+        if (stem := Path(file).stem) in owners
+        and result_folder.compute_sha256(folder / file) != digest
     ) + tuple(
         f"{trial}: {file} is damaged, or was edited: its rows of this trial are left out{RUN_AGAIN}"
         for file in STRIDE_FILES
-        if file in earlier and result_folder.sha256_of(folder / file) != earlier[file]
+        if file in earlier and result_folder.compute_sha256(folder / file) != earlier[file]
         for trial in kept
     )
 

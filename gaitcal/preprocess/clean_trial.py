@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans
+from gaitcal.io.recording import Recording, find_runs, find_visible, format_spans, measure_duration
 from gaitcal.model.linkage import JOINTS, find_base_segment, get_segment
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.study.study_trial import Role, Trial
@@ -66,14 +66,14 @@ def without_outliers(
     found, away = _outliers(recording, segment_of)
     if not found.any():
         return recording, ()
-    visible = seen_mask(recording.markers)
+    visible = find_visible(recording.markers)
     outliers = tuple(
         Outlier(
             label=recording.labels[k],
             frames=int(found[:, k].sum()),
             of=int(visible[:, k].sum()),
             farthest=float(away[found[:, k], k].max()),
-            when=spans(recording.time, runs(found[:, k])),
+            when=format_spans(recording.time, find_runs(found[:, k])),
         )
         for k in np.flatnonzero(found.any(axis=0))
     )
@@ -95,7 +95,7 @@ def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[Bool
     """(nf, nm) where a marker is out of reach, and how far (m) each is from the median of the
     markers around it.
     """
-    x, visible = recording.markers, seen_mask(recording.markers)
+    x, visible = recording.markers, find_visible(recording.markers)
     out, away = np.zeros_like(visible), np.full(visible.shape, np.nan)
     of_marker = np.array([segment_of.get(label, "") for label in recording.labels])
     known = np.flatnonzero(of_marker != "")
@@ -179,7 +179,7 @@ def without_spikes(
     goes_on = np.linalg.norm(one - before - after, axis=2) <= limit
     out = np.zeros(x.shape[:2], dtype=bool)
     out[2:-2] = (away > limit) & goes_on
-    rare = out.sum(axis=0) <= MOST_SPIKES * seen_mask(x).sum(axis=0)
+    rare = out.sum(axis=0) <= MOST_SPIKES * find_visible(x).sum(axis=0)
     out &= rare
     if not out.any():
         return recording, {}
@@ -244,8 +244,8 @@ def _cut_to_pelvis(recording: Recording, segment_of: Mapping[str, str]) -> tuple
     """The longest part of a recording that shows the pelvis, and what was left out for it."""
     time = recording.time
     pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
-    lost = seen_mask(recording.markers[:, pelvis]).sum(axis=1) < 3
-    lasting = [run for run in runs(lost) if duration(time, run) > BRIDGED_S]
+    lost = find_visible(recording.markers[:, pelvis]).sum(axis=1) < 3
+    lasting = [run for run in find_runs(lost) if measure_duration(time, run) > BRIDGED_S]
     if not lasting or lost.all():
         return recording, ""
     edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
@@ -253,7 +253,7 @@ def _cut_to_pelvis(recording: Recording, segment_of: Mapping[str, str]) -> tuple
     frames = np.arange(len(time))
     message = (
         f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames "
-        f"({spans(time, lasting)}): the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, "
+        f"({format_spans(time, lasting)}): the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, "
         "the longest part that shows the pelvis"
     )
     return recording.frames((frames >= start) & (frames < stop)).with_notes(message), message

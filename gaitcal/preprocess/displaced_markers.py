@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.io.recording import Recording, runs
+from gaitcal.io.recording import Recording, find_runs
 from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
@@ -112,7 +112,7 @@ def strayed(cluster: MarkerCluster, paths: Array, rate: float) -> Iterator[Displ
     baseline = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
     limit = baseline + np.maximum(cluster.size * AWAY_M[cluster.part], TIMES_BASELINE * baseline)
     beyond: BoolArray = np.any(distance > limit, axis=1)
-    for run in runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * rate))):
+    for run in find_runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * rate))):
         k = _culprit(cluster, paths, run)
         yield DisplacedInterval(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
 
@@ -229,11 +229,12 @@ def made_up(cluster: MarkerCluster, x: Array) -> Iterator[DisplacedInterval]:
     for k, label in enumerate(cluster.labels[: cluster.own]):
         baseline = float(np.nanmedian(cluster.strayed[:, k]))
         drawn = [
-            slice(run.start, run.stop + 2) for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)
+            slice(run.start, run.stop + 2)
+            for run in find_runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)
         ]
         drawn = [frames for frames in drawn if bend(x[frames, k]) <= STRAIGHT_M]
         smooth = fourth[:, k] < CUBIC_SHARE * np.median(np.delete(fourth, k, axis=1), axis=1)
-        drawn += [slice(run.start, run.stop + 4) for run in runs(smooth, STRAIGHT_FRAMES)]
+        drawn += [slice(run.start, run.stop + 4) for run in find_runs(smooth, STRAIGHT_FRAMES)]
         for frames in drawn:
             if float(np.nan_to_num(cluster.strayed[frames, k]).max()) < baseline + WRONG_M:
                 continue

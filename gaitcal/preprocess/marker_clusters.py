@@ -29,7 +29,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration import soft_tissue_artefact
-from gaitcal.io.recording import Recording, seen_mask, still_window
+from gaitcal.io.recording import Recording, find_still_window, find_visible
 from gaitcal.model import kinematics, linkage, rotations, segment_frames
 from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.marker_set import MarkerSet
@@ -96,7 +96,7 @@ class Stance:
         static = complete_static(marker_set.rename_labels(static), marker_set)
         marker_set = resolve_marker_set(marker_set, static)
         posture = measure_static_posture(
-            static, marker_set, still_window(static, marker_set.labels).frames
+            static, marker_set, find_still_window(static, marker_set.labels).frames
         )
         legs = segment_frames.measure_lower_body(
             posture,
@@ -299,7 +299,7 @@ def clusters_of(
     is: without it that is found first, from the clusters `before`.
     """
     place = {label: i for i, label in enumerate(recording.labels)}
-    shares = seen_mask(recording.markers).sum(axis=0)
+    shares = find_visible(recording.markers).sum(axis=0)
     needed = max(SEEN_SHARE * len(recording.time), min(SEEN_FRAMES, len(recording.time)))
     out: dict[str, MarkerCluster] = {}
 
@@ -398,7 +398,7 @@ def _fitted(
     """Shape, in the frames `near` (nf,) where they show it, motion and ways away of points with
     paths (nf, n, 3); None where no frame shows three of them.
     """
-    visible = seen_mask(paths)
+    visible = find_visible(paths)
     shown = visible.sum(axis=1) >= FEWEST
     alike = shown & near if near is not None else shown
     enough = np.flatnonzero(alike if alike.sum() >= SEEN_FRAMES else shown)

@@ -10,8 +10,14 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.measurement_errors import compute_foot_tip
-from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
-from gaitcal.io.recording import ForcePlate, duration, runs
+from gaitcal.io.force_plate import (
+    BODY_N,
+    LOADED_N,
+    compute_centre_on_ground,
+    find_covered_frames,
+    resample_wrench,
+)
+from gaitcal.io.recording import ForcePlate, find_runs, measure_duration
 from gaitcal.model.linkage import SIDES
 
 
@@ -93,7 +99,7 @@ class PlateContact(foot_contact.Loading):
 
     def is_whole(self, time: Array) -> bool:
         """Whether it begins and ends while the plate is recorded, at frames of `time` (nf,) s."""
-        inner = covered([self.plate], time)
+        inner = find_covered_frames([self.plate], time)
         return self.frames.start > inner.start and self.frames.stop < inner.stop
 
 
@@ -116,7 +122,7 @@ def plate_contacts(
     one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
     for plate, wrench in zip(plates, wrenches, strict=True):
         loadings = list[slice]()
-        for whole in runs(wrench[:, 1] > LOADED_N, 2):
+        for whole in find_runs(wrench[:, 1] > LOADED_N, 2):
             turns = (
                 foot_contact.find_single_stances(wrench, whole, feet.time, points)
                 if one_loaded[whole].all()
@@ -125,7 +131,7 @@ def plate_contacts(
             loadings += [part for part, _ in turns] or [whole]
         for run in loadings:
             if (
-                duration(feet.time, run) < foot_contact.MIN_LOADING_S
+                measure_duration(feet.time, run) < foot_contact.MIN_LOADING_S
                 or wrench[run, 1].max() < BODY_N
             ):
                 continue
@@ -134,7 +140,7 @@ def plate_contacts(
                 if np.isfinite(plate.point[:, 1]).any()
                 else 0.0
             )
-            point, load = centre_on_ground(wrench[run], level), wrench[run, 1]
+            point, load = compute_centre_on_ground(wrench[run], level), wrench[run, 1]
             away = [feet.distance(k, point, run, load) for k in range(len(SIDES))]
             foot = int(np.argmin(away))
             step = PlateContact(

@@ -27,7 +27,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, seen_means, still_window
+from gaitcal.io.recording import Recording, average_visible, find_still_window
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import get_path
@@ -121,11 +121,11 @@ def rebuild_lost(
     show a marker at another time.
     """
     try:
-        window = still_window(static, marker_set.labels).frames
+        window = find_still_window(static, marker_set.labels).frames
     except InputError:
         return Rebuilding(static=static)  # told where the model is made
     sources = [(name, static), *others]
-    standing = seen_means(
+    standing = average_visible(
         {label: static.markers[window, k] for k, label in enumerate(static.labels)}
     )
     known = set(marker_set.labels)

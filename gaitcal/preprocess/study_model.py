@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, seen_mask, still_window
+from gaitcal.io.recording import Recording, find_still_window, find_visible
 from gaitcal.model import nominal, segment_frames, trunk
 from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.marker_set import MarkerSet
@@ -127,7 +127,7 @@ def model_with_trunk(
     if not places:
         return model
     window = np.zeros(len(static.time), dtype=bool)
-    window[still_window(static, model.markers.labels).frames] = True
+    window[find_still_window(static, model.markers.labels).frames] = True
     _, axes, origins = _standing_axes(model, static.frames(window))
     origin, upright = origins.mean(axis=0), _upright(axes[:, :, 2].mean(axis=0))
     points = np.array([origin + upright @ place for place in places.values()])
@@ -158,7 +158,7 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     pelvis = model.markers.find_markers("pelvis", column)
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
-    known = np.flatnonzero(seen_mask(measured).all(axis=1))
+    known = np.flatnonzero(find_visible(measured).all(axis=1))
     if (
         len(pelvis) < trunk.PLANE_LANDMARKS
         or segment_frames.measure_distance_from_line(local) < SINGULAR

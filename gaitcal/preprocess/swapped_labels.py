@@ -24,7 +24,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.io.recording import Recording, runs, seen_mask
+from gaitcal.io.recording import Recording, find_runs, find_visible
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.preprocess.clean_trial import jump_limit
 
@@ -149,7 +149,7 @@ class _Lengths:
 
 def by_lengths(recording: Recording, templates: Templates) -> Iterator[SwappedLabels]:
     """Exchanges that the lengths within segments show."""
-    lengths, seen = _Lengths(recording, templates, ARMS), seen_mask(recording.markers)
+    lengths, seen = _Lengths(recording, templates, ARMS), find_visible(recording.markers)
     strange = {m: np.nan_to_num(lengths.cost(m, m, ())) > STRANGE_M for m in lengths.segment_of}
     doubted = [m for m, frames in strange.items() if frames.sum() >= SHORTEST]
     for a, b in combinations(doubted, 2):
@@ -178,7 +178,7 @@ def by_lengths(recording: Recording, templates: Templates) -> Iterator[SwappedLa
 def _long_enough(marked: BoolArray) -> BoolArray:
     """(nf,) the marked frames without stretches shorter than SHORTEST."""
     out = np.zeros_like(marked)
-    for run in runs(marked, SHORTEST):
+    for run in find_runs(marked, SHORTEST):
         out[run] = True
     return out
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, InputError, Severity
-from gaitcal.io.axes import PROGRESSION_M, net_progression
-from gaitcal.io.recording import Recording, seen_mask, seen_means, still_window
+from gaitcal.io.axes import LEAST_PROGRESSION_M, measure_progression
+from gaitcal.io.recording import Recording, average_visible, find_still_window, find_visible
 from gaitcal.model.linkage import list_joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -163,7 +163,7 @@ class TrialEvidence:
     @cached_property
     def seen(self) -> BoolArray:
         """(nf, nm)."""
-        return seen_mask(self.recording.markers)
+        return find_visible(self.recording.markers)
 
     @cached_property
     def expected(self) -> tuple[str, ...]:
@@ -212,7 +212,7 @@ class TrialEvidence:
     def still_frames(self) -> slice | None:
         """Frames in which the person stands still; None where nobody does."""
         try:
-            return still_window(self.recording, self.marker_set.labels).frames
+            return find_still_window(self.recording, self.marker_set.labels).frames
         except InputError:
             return None
 
@@ -230,7 +230,7 @@ class TrialEvidence:
         if self.still_frames is None:
             return None
         paths = {name: self.landmark(name) for name in self.marker_set.landmarks}
-        return seen_means(
+        return average_visible(
             {name: path[self.still_frames] for name, path in paths.items() if path is not None}
         )
 
@@ -242,7 +242,7 @@ class TrialEvidence:
         if self.still_frames is None:
             return {}
         labels = [label for label in self.marker_set.labels if label in self.place]
-        return seen_means({label: self.path(label)[self.still_frames] for label in labels})
+        return average_visible({label: self.path(label)[self.still_frames] for label in labels})
 
     @cached_property
     def templates(self) -> dict[str, tuple[tuple[str, ...], Array]]:
@@ -345,12 +345,12 @@ class TrialEvidence:
     @cached_property
     def way(self) -> Array:
         """(2,) m, x and z, by which the body gets on."""
-        return net_progression(self.recording)[[0, 2]]
+        return measure_progression(self.recording)[[0, 2]]
 
     @property
     def on_the_spot(self) -> bool:
         """Whether the body does not get on, as on a treadmill."""
-        return float(np.linalg.norm(self.way)) < PROGRESSION_M
+        return float(np.linalg.norm(self.way)) < LEAST_PROGRESSION_M
 
     @cached_property
     def facing(self) -> Array | None:
@@ -380,7 +380,7 @@ class TrialEvidence:
                 way
                 - np.ptp(self.recording.time) * feet.estimate_belt_velocities.mean(axis=0)[[0, 2]]
             )
-        if np.linalg.norm(way) >= PROGRESSION_M or self.facing is None:
+        if np.linalg.norm(way) >= LEAST_PROGRESSION_M or self.facing is None:
             return np.asarray(way)
         return np.asarray(self.facing / max(float(np.linalg.norm(self.facing)), 1e-12))
 

@@ -26,7 +26,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.gait.moments import moment_of
-from gaitcal.io.recording import runs, spans
+from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model import coordinates, linkage
 from gaitcal.preprocess.displaced_markers import STRAIGHT_M, bend
 from gaitcal.quality.verdict import BOUNDS, MARKERS_AFTER_FIT
@@ -124,7 +124,7 @@ def _limit(tracked: TrackedMarkers, k: int) -> float:
 def _stretches(distance: Array, baseline: float, limit: float) -> Iterator[slice]:
     """Frames of one marker (nf,) in which it is elsewhere."""
     excess = np.nan_to_num(distance - baseline)
-    for run in runs(excess > limit, SHORTEST_FRAMES):
+    for run in find_runs(excess > limit, SHORTEST_FRAMES):
         peak = float(excess[run].max())
         ends = [
             abs(excess[e] - excess[e - 1]) for e in (run.start, run.stop) if 0 < e < len(excess)
@@ -164,7 +164,7 @@ def _elsewhere(
         )
     error = tracked.heavy(k) and worst - baseline > REFUSED_M
     found = f"up to {1e3 * worst:.0f} mm from the model's marker, usually {1e3 * baseline:.0f} mm "
-    found += f"({spans(tracked.time, stretches)})"
+    found += f"({format_spans(tracked.time, stretches)})"
     weight = (worst - baseline) / _limit(tracked, k)
     finding = _of_marker(tracked, k, code, cause, found, cure, weight, error=error)
     return finding, {label} if other is None else {label, tracked.labels[other]}
@@ -281,7 +281,7 @@ def impossible(
 def _finding(motion: Motion, code: Code, cause: str, leg: str, broken: list[_Broken]) -> Finding:
     broken = sorted(broken, key=lambda b: -b.times)
     marked: BoolArray = np.any([b.frames for b in broken], axis=0)
-    when = spans(motion.time, runs(marked))
+    when = format_spans(motion.time, find_runs(marked))
     return Finding(
         severity=Severity.ERROR,
         topic=BOUNDS,

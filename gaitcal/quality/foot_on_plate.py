@@ -25,8 +25,8 @@ from gaitcal.dynamics.off_sole import (
     locate_pressures,
 )
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.io.force_plate import BODY_N, covered
-from gaitcal.io.recording import duration, runs, spans
+from gaitcal.io.force_plate import BODY_N, find_covered_frames
+from gaitcal.io.recording import find_runs, format_spans, measure_duration
 from gaitcal.model.linkage import SIDES
 from gaitcal.preprocess.plate_contacts import Feet, PlateContact
 from gaitcal.preprocess.trial_evidence import TrialEvidence
@@ -83,7 +83,7 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _words(trial: TrialEvidence, step: PlateContact) -> str:
-    return f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}"
+    return f"plate {step.plate.name}, {format_spans(trial.recording.time, [step.frames])}"
 
 
 def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
@@ -172,9 +172,11 @@ def _no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Finding:
         )
         stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
         if long := [
-            run for run in runs(stands, 2) if duration(feet.time, run) > foot_contact.MIN_LOADING_S
+            run
+            for run in find_runs(stands, 2)
+            if measure_duration(feet.time, run) > foot_contact.MIN_LOADING_S
         ]:
-            found += f", though the {name} foot stands on them ({spans(feet.time, long)})"
+            found += f", though the {name} foot stands on them ({format_spans(feet.time, long)})"
             severity = Severity.WARNING
     cure = (
         "no stance will have torques, only the swing; are these the forces of this trial, and were "
@@ -219,12 +221,12 @@ def _clocks(trial: TrialEvidence, feet: Feet, steps: Sequence[PlateContact]) -> 
     late: list[float] = []
     for step in steps:
         loaded, frames = step.frames, len(feet.time)
-        down = runs(feet.resting[:, step.foot])
+        down = find_runs(feet.resting[:, step.foot])
         common = [min(run.stop, loaded.stop) - max(run.start, loaded.start) for run in down]
         if max(common, default=0) <= 0:
             continue
         start, stop = (run := down[int(np.argmax(common))]).start, run.stop
-        inner = covered([step.plate], feet.time)
+        inner = find_covered_frames([step.plate], feet.time)
         if start > 0 and loaded.start > inner.start:
             late.append(float(feet.time[loaded.start] - feet.time[start]))
         if stop < frames and loaded.stop < inner.stop:
@@ -331,7 +333,7 @@ def _outside(
     return _Outside(
         plate=plate,
         foot=foot,
-        words=f"plate {plate}, {FEET[foot]} foot, {spans(feet.time, runs(frames))}: "
+        words=f"plate {plate}, {FEET[foot]} foot, {format_spans(feet.time, find_runs(frames))}: "
         f"{1e3 * np.median(away):.0f} mm (at "
         f"most {1e3 * away.max():.0f} mm) {where}, in {100 * float(chosen.mean()):.0f} % of the "
         "loaded frames "
@@ -405,7 +407,7 @@ def _divided(
     both: BoolArray = np.asarray(divided.any(axis=0))
     share = divided.sum() / sum(len(one.load) for one, *_ in shared)
     found = (
-        f"{spans(trial.recording.time, runs(both))}{how_far}, in {100 * share:.0f} % of the loaded "
+        f"{format_spans(trial.recording.time, find_runs(both))}{how_far}, in {100 * share:.0f} % of the loaded "
         "frames"
     )
     cure = (

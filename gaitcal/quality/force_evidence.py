@@ -45,15 +45,15 @@ from gaitcal.dynamics.ground_reactions import (
     compute_motion_reactions,
 )
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, compute_pelvis_residual
-from gaitcal.io.axes import ABOUT_Y
+from gaitcal.io.axes import QUARTER_ROTATIONS
 from gaitcal.io.force_plate import (
     LOADED_N,
-    centre_on_ground,
+    compute_centre_on_ground,
     filter_plate,
-    filterable,
+    is_filterable,
     resample_wrench,
 )
-from gaitcal.io.recording import ForcePlate, Recording, duration, runs
+from gaitcal.io.recording import ForcePlate, Recording, find_runs, measure_duration
 from gaitcal.model.chain import build_model
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import (
@@ -148,11 +148,11 @@ def standing_feet(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArra
     none.
     """
     out = np.full(len(time), -1)
-    for loaded in runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
-        if duration(time, loaded) < foot_contact.MIN_LOADING_S:
+    for loaded in find_runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
+        if measure_duration(time, loaded) < foot_contact.MIN_LOADING_S:
             continue
         shares = [
-            max((_common(loaded, down) for down in runs(resting[:, k])), default=0.0)
+            max((_common(loaded, down) for down in find_runs(resting[:, k])), default=0.0)
             for k in range(len(FEET))
         ]
         if max(shares) > TOGETHER:
@@ -177,7 +177,7 @@ def off_feet(
             if on.any():
                 heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
                 away = foot_contact.compute_distance_to_line(
-                    centre_on_ground(wrench[on])[:, [0, 2]], heel, toe
+                    compute_centre_on_ground(wrench[on])[:, [0, 2]], heel, toe
                 )
                 if np.average(away, weights=wrench[on, 1]) > foot_contact.UNDER_FOOT_M:
                     return True
@@ -387,7 +387,7 @@ def _room(measured: Recording, turned: Recording) -> Array:
     markers = [r.markers[:, own] for r, own in zip((measured, turned), columns, strict=True)]
     visible = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
     places = [m[visible] for m in markers]
-    turns = [turn.apply(np.eye(3)).T for turn in ABOUT_Y]
+    turns = [turn.apply(np.eye(3)).T for turn in QUARTER_ROTATIONS]
     return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
 
 
@@ -408,7 +408,7 @@ def _plate_forces(
     of the feet on it.
     """
     hz = motion.cutoff_hz
-    smooth = filter_plate(plate, hz) if filterable(plate, hz) else plate
+    smooth = filter_plate(plate, hz) if is_filterable(plate, hz) else plate
     until = float(plate.time[0]), float(plate.time[-1])
     grid = np.linspace(*until, max(4, round((until[1] - until[0]) / GRID_S) + 1))
     path = CubicSpline(grid, np.nan_to_num(resample_wrench(smooth, grid)))

@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from gaitcal.errors import Code, Finding, Severity, listed
-from gaitcal.io.recording import Recording, duration, runs, spans
+from gaitcal.io.recording import Recording, find_runs, format_spans, measure_duration
 from gaitcal.model import linkage
 from gaitcal.preprocess.put_back_labels import MOST_OF_A_PART
 from gaitcal.preprocess.swapped_labels import SwappedLabels
@@ -35,7 +35,7 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
             else "are confused: the first is where the second should be"
         )
         message = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
-        message += spans(trial.recording.time, runs(found.frames))
+        message += format_spans(trial.recording.time, find_runs(found.frames))
         severity, cure = (
             Severity.ERROR,
             "label that part again, or leave it out with time = [start, end]",
@@ -69,7 +69,7 @@ def _harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
     of_legs = {
         label for s in linkage.LOWER_BODY if s in trial.templates for label in trial.templates[s][0]
     }
-    longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
+    longest = max(measure_duration(trial.recording.time, run) for run in find_runs(found.frames))
     return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
@@ -90,14 +90,14 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
             away = -float(np.median(lateral[bad]))
             wrong.append(f"'{name}' and '{other}' by {1e3 * away:.0f} mm")
             farthest = max(farthest, away)
-            when = runs(bad)
+            when = find_runs(bad)
     if wrong:
         crossed = trial.is_isolated and farthest < CROSSED_M
         yield trial.finding(
             Severity.WARNING if crossed else Severity.ERROR,
             "sides",
             f"right markers lie to the left of their left ones: {listed(wrong)} "
-            f"({spans(trial.recording.time, when)})",
+            f"({format_spans(trial.recording.time, when)})",
             "exchange the labels of right and left in the file",
             cause="" if crossed else "right and left are exchanged in the labels",
             weight=10.0,

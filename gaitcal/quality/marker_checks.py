@@ -24,7 +24,13 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import compute_distance_to_line
 from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.io.labels import is_unlabelled
-from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
+from gaitcal.io.recording import (
+    find_runs,
+    find_visible,
+    format_spans,
+    measure_duration,
+    measure_gaps,
+)
 from gaitcal.model import linkage
 from gaitcal.model.landmarks import describe_guessed_sacrum, find_single_psis
 from gaitcal.model.subject_model import SubjectModel
@@ -244,7 +250,7 @@ def doubled(trial: TrialEvidence) -> Iterator[Finding]:
     same = []
     for i, label in enumerate(labels):
         apart = np.abs(paths[:, i, None] - paths[:, :i])
-        both = seen_mask(apart)
+        both = find_visible(apart)
         farthest = np.where(both[:, :, None], apart, 0.0).max(axis=(0, 2), initial=0.0)
         on_it = np.flatnonzero((both.sum(axis=0) >= 3) & (farthest < SAME_M))
         same += [f"'{labels[k]}' and '{label}'" for k in on_it]
@@ -292,8 +298,12 @@ def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
 def gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
     used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
-    markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
-    rare = {g.label: f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF}
+    markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
+    rare = {
+        g.label: f"{g.label} {100 * g.visible_share:.0f} %"
+        for g in markers
+        if g.visible_share < HALF
+    }
     kept = Counter(
         segment
         for segment in trial.templates
@@ -319,7 +329,7 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
                 )
             yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
     long = sorted(
-        (g for g in markers if g.seen >= HALF and g.longest_gap > BRIDGED_S),
+        (g for g in markers if g.visible_share >= HALF and g.longest_gap > BRIDGED_S),
         key=lambda g: -g.longest_gap,
     )
     if long:
@@ -344,7 +354,7 @@ def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
     share = float(np.mean(lost))
     message = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
     if share > HALF:
-        message += f" ({spans(trial.recording.time, runs(lost))})"
+        message += f" ({format_spans(trial.recording.time, find_runs(lost))})"
         yield trial.warning("gaps", message, cure, code=Code.PELVIS_LOST)
     else:
         message += f", never for longer than {BRIDGED_S:g} s: these are bridged"
@@ -452,12 +462,14 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
     single = [s for s, count in counts.items() if np.mean(count >= TWO) < HALF]
     for segment, count in counts.items():
         lasting = [
-            run for run in runs(count < TWO) if duration(trial.recording.time, run) > BRIDGED_S
+            run
+            for run in find_runs(count < TWO)
+            if measure_duration(trial.recording.time, run) > BRIDGED_S
         ]
         if segment not in single and lasting:
             found = (
                 f"{segment} shows fewer than two markers with weight in "
-                f"{spans(trial.recording.time, lasting)}"
+                f"{format_spans(trial.recording.time, lasting)}"
             )
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
     unsure = _undetermined(trial, trial.model) if trial.is_whole_body and single else {}

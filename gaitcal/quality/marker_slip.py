@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, Finding, Severity, listed
-from gaitcal.io.recording import runs, spans
+from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.preprocess.displaced_markers import AWAY_M, DisplacedInterval
 from gaitcal.preprocess.marker_clusters import FEWEST
 from gaitcal.preprocess.trial_evidence import TrialEvidence, side_of
@@ -56,7 +56,7 @@ def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
             "left its place",
             f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} "
             "frames, "
-            f"{spans(time, frames)}",
+            f"{format_spans(time, frames)}",
             f"leave that part out with time = [start, end], {cure}",
             cause=what,
             leg=side_of(part),
@@ -83,7 +83,9 @@ def frozen(trial: TrialEvidence) -> Iterator[Finding]:
     shortest = max(4, round(FROZEN_S * trial.recording.rate))
     labels, when = [], []
     for label in trial.as_fitted.present:
-        held = [run for run in runs(same[:, trial.place[label]], shortest) if _others_move(x, run)]
+        held = [
+            run for run in find_runs(same[:, trial.place[label]], shortest) if _others_move(x, run)
+        ]
         if held:
             labels.append(label)
             when += held
@@ -91,7 +93,7 @@ def frozen(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning(
             "frozen",
             f"positions repeated bit for bit while others move: {listed(labels)} "
-            f"({spans(trial.recording.time, when)})",
+            f"({format_spans(trial.recording.time, when)})",
             "software held the last value over a gap: export gaps as gaps, or give the marker no "
             "weight",
             code=Code.FROZEN_MARKER,

@@ -13,7 +13,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, Finding
-from gaitcal.io.recording import Recording, seen_means, still_window
+from gaitcal.io.recording import Recording, average_visible, find_still_window
 from gaitcal.model.body_plan import LENGTHS
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
@@ -46,8 +46,8 @@ def measured_instead(
         Lateral marker of the set -> the label that the set does not know, of joints of which both
         sides show it.
     """
-    window = still_window(standing, marker_set.labels).frames
-    at = seen_means({m: standing.markers[window, i] for i, m in enumerate(standing.labels)})
+    window = find_still_window(standing, marker_set.labels).frames
+    at = average_visible({m: standing.markers[window, i] for i, m in enumerate(standing.labels)})
     named = {
         n: m[0]
         for n, m in resolve_marker_set(marker_set, standing).landmarks.items()

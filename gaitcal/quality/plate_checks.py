@@ -40,10 +40,16 @@ from gaitcal.io.force_plate import (
     QUIET_N,
     STANCE_S,
     UNLOADED_N,
-    empty_samples,
+    find_empty_samples,
     resample_wrench,
 )
-from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
+from gaitcal.io.recording import (
+    ForcePlate,
+    find_runs,
+    find_still_window,
+    format_spans,
+    measure_duration,
+)
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.preprocess.plate_contacts import Feet, PlateContact
 from gaitcal.preprocess.trial_evidence import TrialEvidence
@@ -190,13 +196,13 @@ def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
         size = np.abs(np.nan_to_num(plate.force[:, axis]))
         top = float(size.max())
         # Smooth data may rest at its peak for a sample or two, never for five.
-        held = runs(size >= top * (1 - 1e-9), CLIPPED) if top >= CLIPPED_N else []
+        held = find_runs(size >= top * (1 - 1e-9), CLIPPED) if top >= CLIPPED_N else []
         if held:
             yield trial.warning(
                 "plates",
                 f"plate {plate.name}: F{name} stays at {top:.0f} N for "
                 f"{sum(s.stop - s.start for s in held)} samples "
-                f"({spans(plate.time, held)})",
+                f"({format_spans(plate.time, held)})",
                 "choose a larger range of the amplifier; leave these frames out with time = "
                 "[start, end]",
                 cause=f"plate {plate.name} is saturated",
@@ -242,7 +248,9 @@ def _long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
         return ()
     time = trial.recording.time
     return tuple(
-        s for s in trial.plate_contacts if s.under_foot and duration(time, s.frames) >= STANCE_S
+        s
+        for s in trial.plate_contacts
+        if s.under_foot and measure_duration(time, s.frames) >= STANCE_S
     )
 
 
@@ -395,8 +403,12 @@ def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
     weight, parts = trial.subject.weight, _parts(trial)
     for plate in trial.recording.plates:
         up = np.nan_to_num(plate.force[:, 1])
-        for run in runs(up > BODY_N, 2):
-            if duration(plate.time, run) < STANCE_S or run.start == 0 or run.stop == len(up):
+        for run in find_runs(up > BODY_N, 2):
+            if (
+                measure_duration(plate.time, run) < STANCE_S
+                or run.start == 0
+                or run.stop == len(up)
+            ):
                 continue  # a knock, or a step that the recording cuts off
             begin, end = plate.time[run.start], plate.time[run.stop - 1]
             if any(plate is own and start < end and begin < stop for own, start, stop in parts):
@@ -404,7 +416,7 @@ def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
             share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
             if not (STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK):
                 found = (
-                    f"plate {plate.name}, {spans(plate.time, [run])}: mean {share:.2f} and peak "
+                    f"plate {plate.name}, {format_spans(plate.time, [run])}: mean {share:.2f} and peak "
                     f"{peak:.2f} body "
                 )
                 found += (
@@ -459,7 +471,7 @@ def _standing(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
     """
     if not trial.is_static or trial.model is None:
         return None
-    window = still_window(trial.recording, trial.marker_set.labels)
+    window = find_still_window(trial.recording, trial.marker_set.labels)
     total, loaded = 0.0, list[ForcePlate]()
     for plate in trial.recording.plates:
         within = (
@@ -485,11 +497,11 @@ def _walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
         return None
     runs_on = [
         run
-        for run in runs(_all_on_plates(trial, feet), 3)
-        if duration(feet.time, run) >= SHORTEST_S
+        for run in find_runs(_all_on_plates(trial, feet), 3)
+        if measure_duration(feet.time, run) >= SHORTEST_S
     ]
     weighings = [
-        (run, duration(feet.time, run), kg)
+        (run, measure_duration(feet.time, run), kg)
         for run in runs_on
         if (kg := _mass(trial, run)) is not None
     ]
@@ -498,7 +510,7 @@ def _walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
     stretches, lengths, masses = zip(*weighings, strict=True)
     carried = float(np.average(masses, weights=lengths))
     message = (
-        f"while every foot is on a plate ({spans(feet.time, stretches)}) the plates carry "
+        f"while every foot is on a plate ({format_spans(feet.time, stretches)}) the plates carry "
         f"{carried:.1f} kg on average"
     )
     cure = (
@@ -515,7 +527,7 @@ def _offsets(plates: Sequence[ForcePlate]) -> float:
     unknown = [
         p
         for p in plates
-        if not empty_samples(p.force[:, 1], (len(p.time) - 1) / float(np.ptp(p.time))).any()
+        if not find_empty_samples(p.force[:, 1], (len(p.time) - 1) / float(np.ptp(p.time))).any()
     ]
     return UNKNOWN_OFFSET_N * float(np.sqrt(len(unknown)))
 
@@ -554,6 +566,6 @@ def _mass(trial: TrialEvidence, run: slice) -> float | None:
     force = sum(
         np.nan_to_num(resample_wrench(plate, time))[run, 1] for plate in trial.recording.plates
     )
-    length = duration(time, run)
+    length = measure_duration(time, run)
     mean = float(np.trapezoid(force, time[run])) / length
     return mean / (GRAVITY + (velocity[1] - velocity[0]) / length)

@@ -37,8 +37,8 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, IntArray, cross
 from gaitcal.dynamics import foot_contact, inverse_dynamics
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.io.recording import ForcePlate, duration, runs
+from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
+from gaitcal.io.recording import ForcePlate, find_runs, measure_duration
 
 ACROSS_M, ALONG_M, MIDDLE = 0.020, 0.050, 0.70
 """Over 39 steps of clean walks, centres of pressure lie 2 (SD 15) mm outside the line heel-toe, and
@@ -87,7 +87,7 @@ class PlateForces:
             )  # in other units, or empty
         centre = np.zeros((len(time), 3))
         with np.errstate(all="ignore"):
-            centre[loaded] = np.nan_to_num(centre_on_ground(wrench[loaded], height))
+            centre[loaded] = np.nan_to_num(compute_centre_on_ground(wrench[loaded], height))
         if middle is None:
             middle = np.average(centre[loaded], axis=0, weights=np.abs(wrench[loaded, 1]) + 1e-9)
         centre[~loaded] = middle
@@ -194,7 +194,9 @@ def empty_reading(plate: ForcePlate, weight: float) -> float | None:
     up = np.nan_to_num(plate.force[:, 1])
     low = float(np.quantile(up, 0.05))
     steady = [
-        run for run in runs(np.abs(up - low) < STEADY_N) if duration(plate.time, run) >= STEADY_S
+        run
+        for run in find_runs(np.abs(up - low) < STEADY_N)
+        if measure_duration(plate.time, run) >= STEADY_S
     ]
     if not steady:
         return None
@@ -213,7 +215,7 @@ def under_feet(wrenches: Array, soles: Sequence[Sole], heights: Array, weight: f
         on = wrench[:, 1] > LOADED_SHARE * weight
         if on.sum() < FEWEST:
             continue
-        centre = centre_on_ground(wrench[on], float(heights[sole.plate]))[:, [0, 2]]
+        centre = compute_centre_on_ground(wrench[on], float(heights[sole.plate]))[:, [0, 2]]
         along = sole.toe[on] - sole.heel[on]
         length = np.linalg.norm(along, axis=1)
         along = along / length[:, None]

@@ -27,9 +27,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
-from gaitcal.io.force_plate import filterable
-from gaitcal.io.recording import runs
-from gaitcal.io.text_file import UNEVEN
+from gaitcal.io.force_plate import is_filterable
+from gaitcal.io.recording import find_runs
+from gaitcal.io.text_file import UNEVEN_STEP_SHARE
 from gaitcal.preprocess.clean_trial import jump_limit
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
@@ -91,11 +91,11 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
         )
     steps = np.diff(time)
     middle = float(np.median(steps))
-    odd = np.abs(steps - middle) > UNEVEN * middle
+    odd = np.abs(steps - middle) > UNEVEN_STEP_SHARE * middle
     if odd.any():
         found = (
             f"{int(odd.sum())} time steps depart from {1e3 * middle:.3g} ms by more than "
-            f"{100 * UNEVEN:.0f} %, the "
+            f"{100 * UNEVEN_STEP_SHARE:.0f} %, the "
         )
         found += f"first at {time[int(np.argmax(odd))]:.3f} s ({1e3 * steps[odd].min():.3g} to "
         found += f"{1e3 * steps[odd].max():.3g} ms)"
@@ -188,7 +188,7 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
         return
     by_default = chosen == CalibrationSettings.model_fields["force_filter_hz"].default
     for plate in trial.recording.plates:
-        if filterable(plate, chosen):
+        if is_filterable(plate, chosen):
             continue
         name = f"plate {plate.name}"
         sampled = 1.0 / float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 0.0
@@ -363,7 +363,7 @@ def seams(x: Array) -> list[Seam]:
     typical = np.full(len(gain), -np.inf)
     typical[seen] = np.nanmedian(gain[seen], axis=1)
     out = []
-    for run in runs(typical > GAIN):
+    for run in find_runs(typical > GAIN):
         k = run.start + int(np.argmax(typical[run]))
         if typical[k] < typical[max(k - HALF_WINDOW, 0) : k + HALF_WINDOW + 1].max():
             continue  # beside a larger one

@@ -29,7 +29,7 @@ from gaitcal.quality import (
 )
 from gaitcal.quality.verdict import SPOILS_BODY, without_consequences
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.study import Study, marker_set_of
+from gaitcal.study.study import Study, read_marker_set
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
@@ -111,7 +111,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     path = Path(path)
     try:
         file = load_study_file(path)
-        marker_set = marker_set_of(file, path)
+        marker_set = read_marker_set(file, path)
         trials, unreadable = _read(file, marker_set)
         if unreadable:
             return unreadable

@@ -24,8 +24,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import SITTING_DEG
 from gaitcal.errors import Code, Finding, InputError, Severity, listed
-from gaitcal.io.axes import PROGRESSION_M
-from gaitcal.io.recording import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
+from gaitcal.io.axes import LEAST_PROGRESSION_M
+from gaitcal.io.recording import LAG_S, RESTLESS_M_S, STILL_M_S, find_still_window
 from gaitcal.model.ankle_zero import AnkleZero, measure_standing_ankles
 from gaitcal.model.body_plan import compute_body_axes
 from gaitcal.model.landmarks import StaticPosture
@@ -170,7 +170,7 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     if not trial.is_static or trial.model is None or any(length(trial)):
         return
     try:
-        window = still_window(trial.recording, trial.marker_set.labels)
+        window = find_still_window(trial.recording, trial.marker_set.labels)
     except InputError:
         return  # told as what keeps the nominal model from being made
     text = (
@@ -204,7 +204,7 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
         )
         yield trial.info("heading", found, code=Code.ON_THE_SPOT)
         over = " over the belt"
-    if (length := float(np.linalg.norm(way))) < PROGRESSION_M:
+    if (length := float(np.linalg.norm(way))) < LEAST_PROGRESSION_M:
         return
     cosine = float(trial.facing @ way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))

@@ -35,7 +35,7 @@ from gaitcal.gait.normal_bands import (
     own_norm,
 )
 from gaitcal.gait.strides import TURNING
-from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_json_object
 from gaitcal.io.toml import read_toml
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
@@ -138,7 +138,7 @@ def read_report_content(
     """
     page = read_page_data(folder / PAGE_DATA)
     model, _, _ = saved_result.load_result_model(folder)
-    summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
+    summary, manifest = read_json_object(folder / SUMMARY), read_json_object(folder / MANIFEST)
     cycles = cycle_tables.read_cycles(folder)
     strides = cycles_export.convert_strides(cycles, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")

@@ -12,9 +12,15 @@ from gaitcal.analysis.trial_result import axis_deviations
 from gaitcal.calibration.joint_prior import make_study_prior
 from gaitcal.errors import Code, InputError
 from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
+from gaitcal.io.result_folder import (
+    MANIFEST,
+    ResultKind,
+    compute_sha256,
+    read_json_object,
+    write_result_folder,
+)
 from gaitcal.io.snapshot import Snapshot, read_whole
-from gaitcal.io.toml import package_version
+from gaitcal.io.toml import get_package_version
 from gaitcal.model import coordinates, linkage, model_file
 from gaitcal.report import gait_report
 from gaitcal.report.figures import document, report_sheets
@@ -66,17 +72,17 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
         The folder cannot be written, or contains something other than an earlier comparison.
     """
     warnings = tuple(make_one_line(f"warning: {text}") for text in comparison.warnings)
-    with atomic_directory(
+    with write_result_folder(
         folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]
     ) as out:
         names = tuple(map(make_one_line, comparison.names))
         sessions = {f"session_{key}": name for key, name in zip("ab", names, strict=True)}
         hashes = {
-            f"manifest_{key}_sha256": sha256_of(path / MANIFEST)
+            f"manifest_{key}_sha256": compute_sha256(path / MANIFEST)
             for key, path in zip("ab", results, strict=True)
         }
         content: dict[str, Json] = {
-            "gaitcal": package_version("gaitcal"),
+            "gaitcal": get_package_version("gaitcal"),
             **sessions,
             **hashes,
             "common": comparison.common.name.lower(),
@@ -171,7 +177,7 @@ def build_comparison_content(
             for title, variables in SHEETS.items()
         ),
         comments=comments,
-        footer=f"gaitcal {package_version('gaitcal')}: gaitcal compare has every figure and its "
+        footer=f"gaitcal {get_package_version('gaitcal')}: gaitcal compare has every figure and its "
         "error",
     )
 
@@ -181,7 +187,8 @@ def _list_people(
 ) -> list[tuple[tuple[str, str], ...]]:
     """List for each session what is known of subject and session, and the verdict."""
     verdicts = [
-        str(read_object(result / SUMMARY).get("verdict") or "not recorded") for result in results
+        str(read_json_object(result / SUMMARY).get("verdict") or "not recorded")
+        for result in results
     ]
     return [
         (*list_person_facts(p), ("Verdict", v))
@@ -194,7 +201,7 @@ def _collect_scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tup
 
     Rows have no difference if the normative data differ.
     """
-    summaries = [read_object(result / SUMMARY) for result in results]
+    summaries = [read_json_object(result / SUMMARY) for result in results]
     norms = tuple(
         str(get_table(summary, "norm").get("words") or "a norm not recorded")
         for summary in summaries
@@ -280,7 +287,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
     InputError
         The folder is not a result, or is damaged.
     """
-    manifest = read_object(folder / MANIFEST)
+    manifest = read_json_object(folder / MANIFEST)
     if not manifest:
         message = (
             "is no result of 'gaitcal calibrate': found no manifest.json in it"
@@ -294,7 +301,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
     (strides, measures, summary), read = read_whole(
         folder,
         tables,
-        lambda: (read_cycles(folder), _read_measures(folder), read_object(folder / SUMMARY)),
+        lambda: (read_cycles(folder), _read_measures(folder), read_json_object(folder / SUMMARY)),
     )
     needed = (MODEL, UNCERTAINTY, SUMMARY)
     (model, uncertainty), of_model = read_whole(
@@ -368,7 +375,7 @@ def _read_measures(folder: Path) -> pd.DataFrame:
 def _list_recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
     """List the SHA-256 of the files of moving trials, or of static ones."""
     moving_trials, hashes = (
-        get_table(read_object(folder / n), key)
+        get_table(read_json_object(folder / n), key)
         for n, key in ((SUMMARY, "trials"), (MANIFEST, "inputs_sha256"))
     )
     files = (

@@ -120,7 +120,7 @@ DIGITS = 6  # Significant digits of figures
 
 
 def write_tables(reproduction: Reproduction, folder: Path) -> None:
-    """Write everything into an empty folder, as `atomic_directory` gives."""
+    """Write everything into an empty folder, as `write_result_folder` gives."""
     tables = {
         "tables": table_frame(reproduction.tables),
         "claims": claim_frame(reproduction.claims),
@@ -133,7 +133,9 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
             frame.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
     shutil.copyfile(Path(__file__).with_name("tables_readme.txt"), folder / "README.txt")
     settings = reproduction.settings
-    versions = {name: toml.package_version(name) for name in ("gaitcal", "pin", "numpy", "scipy")}
+    versions = {
+        name: toml.get_package_version(name) for name in ("gaitcal", "pin", "numpy", "scipy")
+    }
     manifest = {
         "gaitcal": versions["gaitcal"],
         "versions": versions | {"python": platform.python_version()},

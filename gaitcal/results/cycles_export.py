@@ -150,21 +150,23 @@ def list_stale_trials(folder: Path, digest: str | None) -> tuple[str, ...]:
     tuple of str
         Names of trials.
     """
-    made = get_table(result_folder.read_object(folder / result_folder.MANIFEST), "model_sha256")
+    made = get_table(
+        result_folder.read_json_object(folder / result_folder.MANIFEST), "model_sha256"
+    )
     return tuple(trial for trial, model_digest in made.items() if model_digest != digest)
 
 
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _StrideTables:
     table, comments = read_csv(folder / CYCLES)
-    trials = get_table(result_folder.read_object(folder / SUMMARY), "trials")
+    trials = get_table(result_folder.read_json_object(folder / SUMMARY), "trials")
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
     for name in dict.fromkeys(table["trial"]):
         events = saved_result.parse_events(get_table(trials, name))
         right, left = (
             FootEvents(
-                np.array(labels.times_of(events, side, labels.FootMoment.STRIKE)),
-                np.array(labels.times_of(events, side, labels.FootMoment.OFF)),
+                np.array(labels.select_event_times(events, side, labels.FootMoment.STRIKE)),
+                np.array(labels.select_event_times(events, side, labels.FootMoment.OFF)),
             )
             for side in SIDES
         )
@@ -300,7 +302,7 @@ def write_export_manifest(
     InputError
         The earlier manifest is damaged.
     """
-    earlier = result_folder.read_object(folder / result_folder.MANIFEST)
+    earlier = result_folder.read_json_object(folder / result_folder.MANIFEST)
     if earlier and earlier.get("kind") != result_folder.ResultKind.EXPORT.value:
         return
     if "result" in earlier and not isinstance(earlier.get("written"), dict):
@@ -308,11 +310,12 @@ def write_export_manifest(
         raise InputError(message, source=folder / result_folder.MANIFEST, code=Code.DAMAGED_RESULT)
     hashes = {
         name: digest
-        for name, digest in result_folder.listed(folder).items()
+        for name, digest in result_folder.read_listed_hashes(folder).items()
         if (folder / name).is_file()
     }
     hashes |= {
-        name: result_folder.sha256_of(stage / name) or "" for name in result_folder.files_of(stage)
+        name: result_folder.compute_sha256(stage / name) or ""
+        for name in result_folder.list_files(stage)
     }
     about = {
         **cast(dict[str, Json], earlier.get("written", {})),
@@ -322,13 +325,13 @@ def write_export_manifest(
     for name in written:
         about[name] = {**cast(dict[str, Json], about[name]), "result": result}
     manifest: dict[str, Json] = {
-        "gaitcal": toml.package_version("gaitcal"),
+        "gaitcal": toml.get_package_version("gaitcal"),
         "kind": result_folder.ResultKind.EXPORT.value,
         "written": {name: about[name] for name in sorted(about) if name in hashes},
         "files": list[Json](sorted(hashes)),
         result_folder.HASHES: dict[str, Json](sorted(hashes.items())),
     }
-    manifest[result_folder.SELF] = result_folder.self_hash(manifest)
+    manifest[result_folder.SELF_HASH] = result_folder.hash_manifest(manifest)
     (stage / result_folder.MANIFEST).write_text(format_json(manifest), encoding="utf-8")
 
 
@@ -353,7 +356,7 @@ def read_trial_files(folder: Path) -> dict[str, dict[str, str]]:
     InputError
         The folder is not a result.
     """
-    trials = result_folder.read_object(folder / result_folder.MANIFEST).get("trials")
+    trials = result_folder.read_json_object(folder / result_folder.MANIFEST).get("trials")
     if not isinstance(trials, dict):
         message = "found no list of its trials' files; calibrate again"
         raise InputError(
@@ -388,13 +391,13 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     InputError
         There is none, or it has changed.
     """
-    hashes = result_folder.read_object(folder / result_folder.MANIFEST).get("inputs_sha256")
+    hashes = result_folder.read_json_object(folder / result_folder.MANIFEST).get("inputs_sha256")
     wanted = hashes.get(name) if isinstance(hashes, Mapping) else None
     changed: Path | None = None
     for path, is_its_place in _list_candidates(folder, name, inputs):
         if not path.is_file():
             continue
-        if wanted is not None and result_folder.sha256_of(path) == wanted:
+        if wanted is not None and result_folder.compute_sha256(path) == wanted:
             return path
         changed = changed or (path if is_its_place else None)
     if changed is not None:

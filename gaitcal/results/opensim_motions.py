@@ -6,7 +6,7 @@ import numpy as np
 
 from gaitcal.export.opensim.motion_comparison import OurMotion
 from gaitcal.export.opensim.osim_writer import safe_name
-from gaitcal.io.result_folder import read_object
+from gaitcal.io.result_folder import read_json_object
 from gaitcal.results.saved_result import list_moving_trials, load_trial
 from gaitcal.results.summary import SUMMARY, get_table
 from gaitcal.study.study_trial import Role
@@ -27,7 +27,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
         Functional (single-joint) trials are included only if there are no others.
     """
     out = []
-    entries = get_table(read_object(folder / SUMMARY), "trials")
+    entries = get_table(read_json_object(folder / SUMMARY), "trials")
     names = list_moving_trials(folder)
     isolated = {name for name in names if get_table(entries, name).get("role") == Role.JOINT.value}
     for k, name in enumerate(names):

@@ -188,7 +188,9 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
 def _describe_kept(calibration: Calibration, names: Sequence[str]) -> str:
     """Describe the value that undetermined joint parameters keep."""
     several, study = len(names) > 1, calibration.study
-    if near := make_study_prior(study.settings.joint_prior, study.joint_prior).held_near(names):
+    if near := make_study_prior(study.settings.joint_prior, study.joint_prior).describe_fallback(
+        names
+    ):
         return f"{'they stay' if several else 'it stays'} near {near}"
     if study.settings.decided_by is Protocol.EVIDENCE:
         return (
@@ -267,7 +269,7 @@ def summarise_fitted(calibration: Calibration) -> str:
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
-        near = make_study_prior(study.settings.joint_prior, study.joint_prior).held_near(
+        near = make_study_prior(study.settings.joint_prior, study.joint_prior).describe_fallback(
             calibration.unidentifiable
         )
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"

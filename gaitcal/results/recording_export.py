@@ -18,19 +18,19 @@ from gaitcal.errors import Code, InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.gait import event_clock, moments
 from gaitcal.io import formats, result_folder, segment_poses, toml
-from gaitcal.io.axes import Turn
+from gaitcal.io.axes import AxisPermutation
 from gaitcal.io.c3d.reader import PER_METRE
 from gaitcal.io.c3d.writer import (
     AddedPoint,
     C3DOriginal,
     PointKind,
-    c3d_original,
+    open_c3d_original,
     supplement_c3d,
     write_c3d,
 )
-from gaitcal.io.csv_recordings import EVENTS
+from gaitcal.io.csv_recordings import EVENT_FILE
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, find_visible
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.quality.verdict import Judgement
 from gaitcal.results.cycles_export import find_original, read_trial_files
@@ -100,7 +100,7 @@ def write_recordings(
             trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead
         )
         source = files[trial.name]["file"]
-        written[trial.name] = source, result_folder.sha256_of(paths["file"]) or "", notes
+        written[trial.name] = source, result_folder.compute_sha256(paths["file"]) or "", notes
     return written, snapshot
 
 
@@ -110,7 +110,7 @@ def _write_trial(
     """Write the C3D of one trial and return notes; `between` is a temporary file, removed again."""
     recording = formats.read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
-    is_synthetic = segment_poses.holds_poses(recording.labels)
+    is_synthetic = segment_poses.has_poses(recording.labels)
     if is_synthetic and paths["file"].suffix.lower() == ".c3d":
         notes = (
             "written anew: without poses and events of the file, with the points that stand for "
@@ -121,15 +121,15 @@ def _write_trial(
     else:
         notes += _convert_to_c3d(recording, between)
         source, same = between, formats.read_recording(between)
-    original = c3d_original(source, len(recording.time))
+    original = open_c3d_original(source, len(recording.time))
     rows = _match_frames(recording.time, trial.motion.time, paths["file"])
-    per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
-    turn = _find_file_axes(trial.markers, original.places()[rows] / per_metre, paths["file"])
+    per_metre = PER_METRE.get(original.get_unit("UNITS").strip().lower(), 1e3)
+    turn = _find_file_axes(trial.markers, original.get_positions()[rows] / per_metre, paths["file"])
     kept = set(same.labels) if instead else set(original.labels)
     points, named = _build_points(trial, original, rows, turn, per_metre, kept)
     events, event_notes = _select_new_events(trial, recording, corrected="events" in paths)
     group = {
-        "VERSION": [f"gaitcal {toml.package_version('gaitcal')}"],
+        "VERSION": [f"gaitcal {toml.get_package_version('gaitcal')}"],
         "TRIAL": [trial.name],
         **{key.upper(): [value] for key, value in trial.facts.items()},
         "REASONS": [text[:255] for text in trial.reasons[:255]],
@@ -205,13 +205,13 @@ def _match_frames(file: Array, trial: Array, source: Path) -> IntArray:
     return np.asarray(rows, dtype=np.intp)
 
 
-def _find_file_axes(markers: Recording, places: Array, source: Path) -> Turn:
+def _find_file_axes(markers: Recording, places: Array, source: Path) -> AxisPermutation:
     """Find the permutation of axes from the result to the file by comparing marker coordinates.
 
     Each marker has the same numbers in both, in another order and with other signs. `places`: (nf,
     np, 3) m, the points of the file.
     """
-    visible = seen_mask(markers.markers)
+    visible = find_visible(markers.markers)
     frames = np.flatnonzero(visible.sum(axis=1) >= min(3, visible.sum(axis=1).max()))
     # a few frames are enough, as marker positions must agree exactly
     frames = frames[:: max(1, len(frames) // 5)]
@@ -221,7 +221,7 @@ def _find_file_axes(markers: Recording, places: Array, source: Path) -> Turn:
             matrix[range(3), order] = signs
             if np.linalg.det(matrix) < 0:
                 continue
-            axes = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
+            axes = AxisPermutation((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
             if len(frames) and all(
                 _are_among(axes.apply(markers.markers[i, visible[i]]), places[i]) for i in frames
             ):
@@ -241,7 +241,7 @@ def _build_points(
     trial: SavedWalk,
     original: C3DOriginal,
     rows: IntArray,
-    turn: Turn,
+    turn: AxisPermutation,
     per_metre: float,
     kept: set[str],
 ) -> tuple[list[AddedPoint], str]:
@@ -259,8 +259,10 @@ def _build_points(
         reactions=trial.reactions,
         frozen=tuple(trial.model.frozen),
     )
-    angle = ANGLE_UNITS.get(original.unit("ANGLE_UNITS").strip().lower(), ANGLE_UNITS["deg"])
-    moment = MOMENT_UNITS.get(original.unit("MOMENT_UNITS").strip().lower(), MOMENT_UNITS["nmm"])
+    angle = ANGLE_UNITS.get(original.get_unit("ANGLE_UNITS").strip().lower(), ANGLE_UNITS["deg"])
+    moment = MOMENT_UNITS.get(
+        original.get_unit("MOMENT_UNITS").strip().lower(), MOMENT_UNITS["nmm"]
+    )
     points = plug_in_gait_points(motion, angle, moment)
     heads = {label.partition(":")[0] for label in original.labels if ":" in label}
     head = f"{heads.pop()}:" if len(heads) == 1 else ""
@@ -273,7 +275,7 @@ def _build_points(
     out = []
     for point in points:
         values = np.full((original.frames, 3), np.nan)
-        places = point.kind is PointKind.PLACE
+        places = point.kind is PointKind.POSITION
         values[rows] = turn.apply(point.values) * per_metre if places else point.values
         out.append(replace(point, name=f"{head}{start}{point.name}", values=values))
     return out, start
@@ -291,7 +293,7 @@ def _select_new_events(
     if corrected and recording.events:
         return [], (
             f"{len(recording.events)} events of the file kept; those that were corrected stand in "
-            f"{EVENTS}",
+            f"{EVENT_FILE}",
         )
 
     def is_known(event: FootEvent) -> bool:
@@ -323,7 +325,7 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
 
 POINT_TITLES = {
     PointKind.ANGLE: "angles",
-    PointKind.PLACE: "joint centres",
+    PointKind.POSITION: "joint centres",
     PointKind.MOMENT: "moments",
     PointKind.POWER: "powers",
     PointKind.FORCE: "ground reactions",

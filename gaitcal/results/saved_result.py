@@ -16,7 +16,7 @@ from gaitcal.errors import Code, Finding, InputError
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.opensim_files import parse_trc, read_table
 from gaitcal.io.recording import Recording
-from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_json_object
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -104,7 +104,7 @@ def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Findi
     """
 
     def read() -> tuple[SubjectModel, tuple[Finding, ...]]:
-        return load_model(folder / MODEL), find_model_doubts(read_object(folder / SUMMARY))
+        return load_model(folder / MODEL), find_model_doubts(read_json_object(folder / SUMMARY))
 
     (model, doubts), files = read_whole(folder, (MODEL, SUMMARY), read, (MODEL,))
     return model, files, doubts
@@ -128,7 +128,7 @@ def load_settings(folder: Path) -> CalibrationSettings:
     InputError
         The folder is not a result.
     """
-    settings = get_table(read_object(folder / MANIFEST), "settings")
+    settings = get_table(read_json_object(folder / MANIFEST), "settings")
     if not settings:
         message = "no result of 'gaitcal calibrate': its manifest.json cannot be read"
         raise InputError(message, source=folder, code=Code.NO_RESULT)
@@ -138,8 +138,8 @@ def load_settings(folder: Path) -> CalibrationSettings:
 
 def _read(folder: Path) -> SavedResult:
     model = load_model(folder / MODEL)
-    manifest = read_object(folder / MANIFEST)
-    summary, settings = read_object(folder / SUMMARY), load_settings(folder)
+    manifest = read_json_object(folder / MANIFEST)
+    summary, settings = read_json_object(folder / SUMMARY), load_settings(folder)
     return SavedResult(
         model=model,
         files=Snapshot(folder, {}),
@@ -350,7 +350,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
         errors=MarkerErrors((), (), np.zeros(0), np.zeros((len(time), 0))),
         converged=True,
     )
-    summary = read_object(folder / SUMMARY)
+    summary = read_json_object(folder / SUMMARY)
     of_trial = get_table(get_table(summary, "trials"), name)
     facts: dict[str, str] = {
         key: str(of_trial[key]) for key in ("verdict", "verdict_r", "verdict_l") if key in of_trial
@@ -390,7 +390,7 @@ def _read_reactions(path: Path) -> dict[str, Array]:
     table = read_table(path)
     out = {}
     for side in SIDES:
-        parts = [table.column(f"ground_force_{side}_v{axis}") for axis in "xyz"]
+        parts = [table.get_column(f"ground_force_{side}_v{axis}") for axis in "xyz"]
         out[side] = np.stack(parts, axis=1)
     return out
 
@@ -435,5 +435,5 @@ def select_stale_trials(folder: Path, trials: list[str], digest: str | None) -> 
     tuple of str
         Names.
     """
-    digests = get_table(read_object(folder / MANIFEST), "model_sha256")
+    digests = get_table(read_json_object(folder / MANIFEST), "model_sha256")
     return tuple(name for name in trials if digests.get(name) != digest)

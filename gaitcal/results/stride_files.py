@@ -17,7 +17,7 @@ from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, typed
 from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, phase_peaks, stride_peaks
 from gaitcal.gait.spatiotemporal import MEASURES, Average, counting, counts, measure_means
 from gaitcal.gait.strides import TURNING
-from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results import cycle_tables, table_files
 from gaitcal.runtime import with_one_blas_thread
@@ -454,7 +454,7 @@ def read_earlier_strides(
     prefixes = tuple(f"{name}: {table_files.VERDICT}" for name in names)
     for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
-        if file in hashes and sha256_of(folder / file) == hashes[file]:
+        if file in hashes and compute_sha256(folder / file) == hashes[file]:
             table, comments = table_files.read_csv(folder / file)
             lines = tuple(line for line in comments if line.startswith(prefixes))
             table = table[table["trial"].isin(names)]

@@ -19,7 +19,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import moment_of
-from gaitcal.io.result_folder import read_object
+from gaitcal.io.result_folder import read_json_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict, touches_model
@@ -31,7 +31,7 @@ from gaitcal.results.trial_tables import (
     build_power_table,
     build_vector_table,
 )
-from gaitcal.study.declared_truth import MOMENTS, MOTION
+from gaitcal.study.declared_truth import MOMENTS_SUFFIX, MOTION_SUFFIX
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,8 +83,8 @@ def write_truth(truth: TruthErrors | None, out: Path) -> None:
     write_csv(convert_to_columns(rows), folder / "parameters.csv", PARAMETERS_HEADER)
     for name, trial in truth.trials.items():
         for curves, time, ending, header in (
-            (trial.coordinates, trial.time, MOTION, MOTION_HEADER),
-            (trial.forces, trial.time, MOMENTS, MOMENTS_HEADER),
+            (trial.coordinates, trial.time, MOTION_SUFFIX, MOTION_HEADER),
+            (trial.forces, trial.time, MOMENTS_SUFFIX, MOMENTS_HEADER),
         ):
             if curves:
                 write_csv(_build_curve_table(time, curves), folder / (name + ending), header)
@@ -579,7 +579,7 @@ def require_not_refused(folder: Path) -> None:
     InputError
         With the first reason.
     """
-    summary = read_object(folder / SUMMARY)
+    summary = read_json_object(folder / SUMMARY)
     if summary.get("verdict") != Judgement.REFUSED.value:
         return
     first = next(iter(get_entries(summary, "reasons")), {})

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gaitcal.analysis.result import TrialResult
 from gaitcal.gait import moments
-from gaitcal.io.text_file import number_cells
+from gaitcal.io.text_file import format_number_cells
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -123,7 +123,7 @@ def _convert_column(column: pd.Series) -> Column:
 def _format_cells(column: Column) -> list[str]:
     """Format numbers in the shortest exact form, and text; missing values are empty."""
     if isinstance(column, np.ndarray) and column.dtype.kind in "iuf":
-        return number_cells(column)
+        return format_number_cells(column)
     text_of = {
         value: "" if value is None or value != value else _format_cell(value)
         for value in set(column)

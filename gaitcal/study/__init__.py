@@ -1,1 +1,1 @@
-"""Whole studies: a person from files, synthetic subjects, the published study."""
+"""Read and check study files, their trials, priors and known truth."""

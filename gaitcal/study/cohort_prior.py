@@ -1,25 +1,23 @@
-"""What is known of a person's joint parameters before any recording is looked at: anatomy, study
-file, cohort.
+"""Predict a person's joint parameters before any recording: study file and `priors.json` of a
+cohort.
 
-The type that all three share, what a study file may say (`[calibration] joint_prior`), and the
-`priors.json` of a cohort; anatomy's table is in `calibration/joint_prior.py`, where the three are
-put together.
+The table of anatomy is in `calibration/joint_prior.py`, which combines all three sources.
 
-`priors.json` is written by `gaitcal cohort --learn-priors`, read by `gaitcal calibrate --priors`,
-or where a study file names it (`[calibration] priors`). It holds what was learnt of everybody, and
-of everybody but each fold of people: who is among the people of the file leans on what was learnt
-without their fold. Persons are recognised by their recordings, or by their name; the file holds
-hashes of both, no name.
+`priors.json` is written by `gaitcal cohort --learn-priors`, and read by `gaitcal calibrate
+--priors` or if a study file names it (`[calibration] priors`). It holds what was learnt from all
+people, and from all people except each fold. A person of the cohort gets the prior without their
+fold. Persons are recognised by their recordings or name; the file holds hashes of both, no name.
 
-The deviations d of a person's joint parameters from their nominal values, in units of what is known
-of anybody (mean m0, covariance F F^T), are those of people of that size and sex, and the person's
-own:
+The deviations d of a person's joint parameters from their nominal values are normalised by the
+prior of any person (mean m0, covariance F F^T). They are the sum of the mean of people of that
+size and sex and an individual part:
 
     y = F^-1 (d - m0) = X w + u,    u ~ N(0, Sigma),    X = [D B, z D B, x D B],
 
-D positions by body height over `HEIGHT`, z the height in steps of `STEP` (within that of the people
-it was learnt of), x half a sex, B the directions in which both sides deviate alike. Without z and
-x, X = D B. F leaves a mirror image a mirror image, and mixes no positions with orientations.
+D: positions by body height over `REFERENCE_HEIGHT_M`; z: the height in steps of `HEIGHT_STEP_M`
+(within that of the people it was learnt from); x: half a sex; B: the directions in which both
+sides deviate alike. Without z and x, X = D B. F keeps a mirror image a mirror image, and does
+not mix positions with orientations.
 """
 
 import hashlib
@@ -34,14 +32,14 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.toml import Table, package_version, shown, validated
+from gaitcal.io.toml import Table, format_value, get_package_version, validate_table
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind
 from gaitcal.study.settings import CalibrationSettings
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointPrior:
-    """Deviations of n joint parameters from their nominal values before any trial: normal."""
+    """Normal prior of the deviations of n joint parameters from their nominal values."""
 
     names: tuple[str, ...]
     mean: Array
@@ -49,27 +47,33 @@ class JointPrior:
     covariance: Array
     """(n, n)."""
     of_study: tuple[str, ...] = ()
-    """Parameters of which the study file says what to expect."""
+    """Parameters with a prior in the study file."""
     of_cohort: tuple[str, ...] = ()
-    """Parameters of which a cohort does, whatever the study file says."""
+    """Parameters with a prior of a cohort, which precedes the study file."""
     file: str = ""
-    """Of the cohort, if there is one."""
+    """File of the cohort, if there is one."""
     people: int = 0
     left_out: int = 0
-    """People whose fold is left out because this person is among them; 0 where this person is not.
-    """
+    """People of the fold that is left out because this person is in it; else 0."""
     notes: tuple[str, ...] = ()
-    """Where it is from, in words."""
+    """Descriptions of the sources."""
     sha256: str = ""
-    """Of the file, hexadecimal."""
+    """SHA-256 of the file, hexadecimal."""
     doubted: Mapping[str, float] = field(default_factory=dict)
-    """Parameter -> m, rad by which it may be wrong beside that, for reasons that no fit reckons
-    with.
-    """
+    """Parameter -> m, rad of further error, from causes that no fit models."""
 
-    def updated(self, other: "JointPrior") -> "JointPrior":
-        """With what another one says of some of these parameters in its place, independent of the
-        rest.
+    def update(self, other: "JointPrior") -> "JointPrior":
+        """Replace the prior of some parameters by another, independent of the rest.
+
+        Parameters
+        ----------
+        other
+            Prior of some of these parameters.
+
+        Returns
+        -------
+        JointPrior
+            Prior of all parameters.
         """
         at = [self.names.index(name) for name in other.names]
         mean, covariance = self.mean.copy(), self.covariance.copy()
@@ -77,21 +81,41 @@ class JointPrior:
         mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
         return replace(self, mean=mean, covariance=covariance)
 
-    def loosened(self, more: Mapping[str, float]) -> "JointPrior":
-        """With independent errors (m, rad) of some parameters beside what is known."""
+    def widen(self, more: Mapping[str, float]) -> "JointPrior":
+        """Add independent errors (m, rad; standard deviations) to some parameters.
+
+        Parameters
+        ----------
+        more
+            Parameter -> m, rad.
+
+        Returns
+        -------
+        JointPrior
+            Prior with a larger covariance.
+        """
         variance = np.array([more.get(name, 0.0) for name in self.names]) ** 2
         return replace(self, covariance=self.covariance + np.diag(variance))
 
-    def held_near(self, names: Sequence[str]) -> str:
-        """What those of some joint parameters that no trial shows stay near, in words; empty: their
-        nominal values.
+    def describe_fallback(self, names: Sequence[str]) -> str:
+        """Describe what unobservable joint parameters stay near.
+
+        Parameters
+        ----------
+        names
+            Joint parameters that no trial shows.
+
+        Returns
+        -------
+        str
+            Empty for their nominal values.
         """
         if set(names) & set(self.of_cohort):
             return "what the cohort has"
         return "what the study file expects" if set(names) & set(self.of_study) else ""
 
 
-def _sides() -> dict[str, tuple[str, ...]]:
+def _map_sides() -> dict[str, tuple[str, ...]]:
     out: dict[str, tuple[str, ...]] = {name: (name,) for name in JP_NAMES}
     for name in JP_NAMES:
         joint, _, rest = name.partition(".")
@@ -101,13 +125,24 @@ def _sides() -> dict[str, tuple[str, ...]]:
     return out
 
 
-SIDES_OF = _sides()
+SIDES_OF = _map_sides()
 """Name of a joint parameter, with or without its side -> the one, or both of them."""
 
 
 def require_joint_prior(settings: CalibrationSettings, source: Path | str) -> None:
-    """InputError where `joint_prior` names what is no joint parameter, or the settings take no
-    priors.
+    """Require that `joint_prior` names joint parameters, and that the settings use priors.
+
+    Parameters
+    ----------
+    settings
+        Settings of the calibration.
+    source
+        The study file, for the message.
+
+    Raises
+    ------
+    InputError
+        A name is no joint parameter, or the protocol uses no priors.
     """
     field = "calibration.joint_prior"
     for name in settings.joint_prior:
@@ -116,41 +151,50 @@ def require_joint_prior(settings: CalibrationSettings, source: Path | str) -> No
                 nearest(name, SIDES_OF)
                 or "; allowed: those of parameters.csv, with or without their side"
             )
-            message = f"found {shown(name)}, which is no joint parameter{allowed}"
+            message = f"found {format_value(name)}, which is no joint parameter{allowed}"
             raise InputError(message, source=source, field=field, code=Code.UNKNOWN_FIELD)
     if settings.joint_prior and not settings.takes_priors:
         message = "allowed only with protocol = 'evidence' and jp = true"
         raise InputError(message, source=source, field=field, code=Code.PRIORS)
 
 
-HEIGHT, STEP = 1.70, 0.10
+REFERENCE_HEIGHT_M, HEIGHT_STEP_M = 1.70, 0.10
 """m."""
 SEXES = {"female": -0.5, "male": 0.5}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Person:
-    """What deviations may depend on."""
+    """Body height and sex, on which deviations may depend."""
 
     height: float
     """m."""
     sex: str
 
 
-def mirror(names: Sequence[str]) -> Array:
-    """(n, n) M: M y are the deviations of a person seen in a mirror. Every name's other side is
-    among the names.
+def build_mirror(names: Sequence[str]) -> Array:
+    """Build the matrix M for which M y are the deviations of a mirrored person.
+
+    Parameters
+    ----------
+    names
+        n joint parameters; with each also that of the other side.
+
+    Returns
+    -------
+    Array
+        (n, n)
     """
     place = {name: k for k, name in enumerate(names)}
     out = np.zeros((len(names), len(names)))
     for name, k in place.items():
         parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-        out[place[other_side(name)], k] = -1.0 if parameter.mirrored else 1.0
+        out[place[name_other_side(name)], k] = -1.0 if parameter.mirrored else 1.0
     return out
 
 
-def other_side(name: str) -> str:
-    """The same parameter of the other leg or arm; itself of the back."""
+def name_other_side(name: str) -> str:
+    """Name the same parameter of the other leg or arm; itself for the back."""
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
     if parameter.joint[-2:] not in ("_r", "_l"):
         return name
@@ -158,11 +202,20 @@ def other_side(name: str) -> str:
     return name.replace(parameter.joint, swapped, 1)
 
 
-def sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
-    """(n, a) and (n, b) orthonormal directions in which both sides deviate alike, and by the
-    opposite.
+def build_sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
+    """Build the directions in which both sides deviate alike, and oppositely.
+
+    Parameters
+    ----------
+    names
+        n joint parameters.
+
+    Returns
+    -------
+    alike, opposite
+        (n, a) and (n, b), orthonormal.
     """
-    reflected = mirror(names)
+    reflected = build_mirror(names)
     alike, opposite = list[Array](), list[Array]()
     for k in range(len(names)):
         other = int(np.flatnonzero(reflected[:, k])[0])
@@ -176,32 +229,53 @@ def sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
     return np.array(alike).reshape(-1, len(names)).T, np.array(opposite).reshape(-1, len(names)).T
 
 
-def design(
+def build_design(
     names: Sequence[str], person: Person, heights: tuple[float, float], *, by_size: bool
 ) -> Array:
-    """(n, k) X of a person. `heights`: m, those of the people it is learnt of; beyond them nothing
-    changes.
+    """Build the design matrix X of a person.
+
+    Parameters
+    ----------
+    names
+        n joint parameters.
+    person
+        Height and sex.
+    heights
+        Range of heights of the people it was learnt from, m; the height is clipped to it.
+    by_size
+        Whether deviations depend on height and sex.
+
+    Returns
+    -------
+    Array
+        (n, k)
     """
-    alike, _ = sided_directions(names)
+    alike, _ = build_sided_directions(names)
     position = np.array(
         [JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION for name in names]
     )
-    sized = np.where(position, person.height / HEIGHT, 1.0)[:, None] * alike
+    sized = np.where(position, person.height / REFERENCE_HEIGHT_M, 1.0)[:, None] * alike
     if not by_size:
         return sized
     height = float(np.clip(person.height, *heights))
-    return np.hstack([sized, (height - HEIGHT) / STEP * sized, SEXES.get(person.sex, 0.0) * sized])
+    return np.hstack(
+        [
+            sized,
+            (height - REFERENCE_HEIGHT_M) / HEIGHT_STEP_M * sized,
+            SEXES.get(person.sex, 0.0) * sized,
+        ]
+    )
 
 
 FORMAT = 2
 KIND = "joint parameters of a cohort"
-UNLEARNT = "nothing"
-"""How much is learnt of a part on which nobody leans."""
-MOST_BYTES = 100_000_000
+NOT_LEARNT = "nothing"
+"""`learning` of a part from which nothing was learnt."""
+MOST_PRIOR_BYTES = 100_000_000
 
 
 class StoredPopulation(Table):
-    """What one set of people teaches; matrices by rows of their lower triangles."""
+    """What one set of people shows; matrices by rows of their lower triangles."""
 
     effects: list[float]
     effect_covariance: list[float]
@@ -209,9 +283,7 @@ class StoredPopulation(Table):
 
 
 class StoredPart(Table):
-    """One part of the body: deviations `origin` + `unit` y from nominal values, the populations
-    being of y.
-    """
+    """One part of the body: deviations `origin` + `unit` y from nominal values."""
 
     part: str
     parameters: list[str] = Field(min_length=1)
@@ -225,7 +297,7 @@ class StoredPart(Table):
 
 
 class StoredPerson(Table):
-    """Somebody whom it was learnt of."""
+    """Person from whom the prior was learnt."""
 
     name_sha256: str
     recordings_sha256: list[str]
@@ -233,7 +305,7 @@ class StoredPerson(Table):
 
 
 class CohortPriors(Table):
-    """The content of `priors.json`."""
+    """Content of `priors.json`."""
 
     format: int
     kind: str
@@ -248,15 +320,28 @@ class CohortPriors(Table):
     parts: list[StoredPart] = Field(min_length=1)
 
 
-def name_hash(cohort: str, name: str) -> str:
-    """By which a person of a cohort is recognised."""
+def hash_name(cohort: str, name: str) -> str:
+    """Hash the name of a person of a cohort, by which the person is recognised."""
     return hashlib.sha256(f"{cohort}/{name}".encode()).hexdigest()
 
 
 def read_cohort_priors(path: Path) -> CohortPriors:
     """Read and check a file of priors.
 
-    Raises InputError: It is none, of another format, or its matrices are no covariances.
+    Parameters
+    ----------
+    path
+        The file `priors.json`.
+
+    Returns
+    -------
+    CohortPriors
+        Its content.
+
+    Raises
+    ------
+    InputError
+        It is no such file, has another format, or its matrices are no covariances.
     """
 
     def fault(message: str, field: str | None = None) -> InputError:
@@ -264,8 +349,8 @@ def read_cohort_priors(path: Path) -> CohortPriors:
 
     allowed = "allowed: priors.json of 'gaitcal cohort --learn-priors'"
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise fault(f"over {MOST_BYTES // 1_000_000} MB: no file of priors is that long")
+        if path.stat().st_size > MOST_PRIOR_BYTES:
+            raise fault(f"over {MOST_PRIOR_BYTES // 1_000_000} MB: no file of priors is that long")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(
@@ -276,66 +361,107 @@ def read_cohort_priors(path: Path) -> CohortPriors:
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise fault(f"holds no priors; {allowed}")
     if content.get("format") != FORMAT:
-        raise fault(f"found format {shown(content.get('format'))}; allowed: {FORMAT}")
-    priors = validated(CohortPriors, content, path)
-    person = Person(height=0.5 * sum(priors.heights_m), sex="female")
+        raise fault(f"found format {format_value(content.get('format'))}; allowed: {FORMAT}")
+    priors = validate_table(CohortPriors, content, path)
     for part in priors.parts:
-        if unknown := [name for name in part.parameters if name not in JP_INDEX]:
-            raise fault(f"found {shown(unknown[0])}, which is no joint parameter", part.part)
-        if not {p.fold for p in priors.people} <= set(range(len(part.populations) - 1)):
-            raise fault("found a fold of people without its priors", part.part)
-        try:
-            for number in range(len(part.populations)):
-                expected(part, number, person, (priors.heights_m[0], priors.heights_m[1]))
-        except (ValueError, np.linalg.LinAlgError):
-            raise fault(
-                "found matrices that are no covariances of its parameters", part.part
-            ) from None
+        _check_part(part, priors, path)
     return priors
 
 
-def prior_of_person(
+def _check_part(part: StoredPart, priors: CohortPriors, path: Path) -> None:
+    """Raise InputError for unknown parameters, missing folds, or no covariances."""
+
+    def fault(message: str) -> InputError:
+        return InputError(message, source=path, field=part.part, code=Code.PRIORS)
+
+    if unknown := [name for name in part.parameters if name not in JP_INDEX]:
+        raise fault(f"found {format_value(unknown[0])}, which is no joint parameter")
+    if not {p.fold for p in priors.people} <= set(range(len(part.populations) - 1)):
+        raise fault("found a fold of people without its priors")
+    person = Person(height=0.5 * sum(priors.heights_m), sex="female")
+    heights = priors.heights_m[0], priors.heights_m[1]
+    try:
+        for number in range(len(part.populations)):
+            compute_expected_deviations(part, number, person, heights)
+    except (ValueError, np.linalg.LinAlgError):
+        raise fault("found matrices that are no covariances of its parameters") from None
+
+
+def predict_prior(
     priors: CohortPriors, person: Person, path: Path, fold: int | None = None
 ) -> JointPrior:
-    """What the cohort, without the people of a fold, says of anybody of that size and sex: of what
-    it has learnt.
+    """Predict the joint parameters of a person from a cohort.
+
+    Parameters
+    ----------
+    priors
+        Priors of the cohort.
+    person
+        Height and sex.
+    path
+        Their file, for notes.
+    fold
+        Fold of people to leave out; None for nobody.
+
+    Returns
+    -------
+    JointPrior
+        Prior of the parameters that were learnt.
     """
     low, high = priors.heights_m
-    parts = [part for part in priors.parts if part.learning != UNLEARNT]
-    found = [expected(part, 0 if fold is None else fold + 1, person, (low, high)) for part in parts]
+    parts = [part for part in priors.parts if part.learning != NOT_LEARNT]
+    found = [
+        compute_expected_deviations(part, 0 if fold is None else fold + 1, person, (low, high))
+        for part in parts
+    ]
     names = tuple(name for part in parts for name in part.parameters)
     left_out = sum(p.fold == fold for p in priors.people)
     return JointPrior(
         names=names,
         mean=np.concatenate([np.zeros(0), *(mean for mean, _ in found)]),
-        covariance=block_diag(np.zeros((0, 0)), *(own for _, own in found)),
+        covariance=block_diag(np.zeros((0, 0)), *(covariance for _, covariance in found)),
         file=path.name,
         people=len(priors.people) - left_out,
         left_out=left_out,
-        notes=tuple(_notes(priors, person, left_out, path)),
+        notes=tuple(_describe_prior(priors, person, left_out, path)),
     )
 
 
-def expected(
+def compute_expected_deviations(
     part: StoredPart, number: int, person: Person, heights: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """(n,) m, rad and (n, n) mean and covariance of a person's deviations by the population of that
-    number.
+    """Compute mean and covariance of a person's deviations by one population.
+
+    Parameters
+    ----------
+    part
+        Part of the body with n parameters.
+    number
+        Index of the population: 0 for all people, k + 1 without fold k.
+    person
+        Height and sex.
+    heights
+        Range of heights of the cohort, m.
+
+    Returns
+    -------
+    mean, covariance
+        (n,) m, rad and (n, n).
 
     Raises
     ------
     ValueError, LinAlgError
-        They are no mean and covariance.
+        The stored numbers give no mean and covariance.
     """
     stored = part.populations[number]
-    matrix = design(part.parameters, person, heights, by_size=part.by_size)
+    matrix = build_design(part.parameters, person, heights, by_size=part.by_size)
     count, effects = matrix.shape
-    own, spread = (
-        symmetric(values, n)
+    uncertainty, spread = (
+        build_symmetric(values, n)
         for values, n in ((stored.effect_covariance, effects), (stored.spread, count))
     )
-    unit = np.tril(symmetric(part.unit, count))
-    covariance = part.wider * (unit @ (spread + matrix @ own @ matrix.T) @ unit.T)
+    unit = np.tril(build_symmetric(part.unit, count))
+    covariance = part.wider * (unit @ (spread + matrix @ uncertainty @ matrix.T) @ unit.T)
     np.linalg.cholesky(covariance)
     mean = np.array(part.origin) + unit @ matrix @ np.array(stored.effects)
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
@@ -343,15 +469,17 @@ def expected(
     return mean, covariance
 
 
-def symmetric(lower: Sequence[float], count: int) -> Array:
-    """(n, n) matrix of the rows of its lower triangle."""
+def build_symmetric(lower: Sequence[float], count: int) -> Array:
+    """Build the (n, n) symmetric matrix from the rows of its lower triangle."""
     rows, columns = np.tril_indices(count)
     out = np.zeros((count, count))
     out[rows, columns] = np.array(lower, dtype=float)
     return out + np.tril(out, -1).T
 
 
-def _notes(priors: CohortPriors, person: Person, left_out: int, path: Path) -> Iterable[str]:
+def _describe_prior(
+    priors: CohortPriors, person: Person, left_out: int, path: Path
+) -> Iterable[str]:
     learnt = "; ".join(f"{part.part}: {part.learning}" for part in priors.parts)
     people = len(priors.people) - left_out
     without = ""
@@ -370,8 +498,8 @@ def _notes(priors: CohortPriors, person: Person, left_out: int, path: Path) -> I
             f"{person.height:.2f} m is outside the {low:.2f} to {high:.2f} m of the people of "
             f"{path.name}"
         )
-    if priors.gaitcal != package_version("gaitcal"):
+    if priors.gaitcal != get_package_version("gaitcal"):
         yield (
             f"{path.name} was learnt with gaitcal {priors.gaitcal}, not "
-            f"{package_version('gaitcal')}"
+            f"{get_package_version('gaitcal')}"
         )

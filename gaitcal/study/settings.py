@@ -1,4 +1,6 @@
-"""`[calibration]` of a study file: every choice a calibration leaves open, with its default."""
+"""Define the table `[calibration]` of a study file: every choice of a calibration, with its
+default.
+"""
 
 from collections.abc import Callable
 from enum import Enum
@@ -8,37 +10,49 @@ from typing import Annotated, Final, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from gaitcal.errors import Code, InputError
-from gaitcal.io.toml import Table, shown
+from gaitcal.io.toml import Table, format_value
 
 AUTOMATIC: Final = "auto"
 
 
-def frequency(*words: str) -> BeforeValidator:
-    """A cut-off frequency in Hz, or one of `words`."""
+def allow_frequency(*choices: str) -> BeforeValidator:
+    """Allow a cut-off frequency in Hz, or one of some words.
+
+    Parameters
+    ----------
+    *choices
+        Allowed words.
+
+    Returns
+    -------
+    BeforeValidator
+        Validator of a field.
+    """
 
     def check(value: object) -> float | str:
-        if isinstance(value, str) and value in words:
+        if isinstance(value, str) and value in choices:
             return value
         if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e6:
             return float(value)
         raise ValueError(
-            f"found {shown(value)}; allowed: a frequency in Hz, or "
-            + " or ".join(f"'{w}'" for w in words)
+            f"found {format_value(value)}; allowed: a frequency in Hz, or "
+            + " or ".join(f"'{w}'" for w in choices)
         )
 
     return BeforeValidator(check)
 
 
 class Protocol(Enum):
-    """Who decides which joint parameters move."""
+    """How the joint parameters that may change are selected."""
 
     EVIDENCE = "evidence"
     PUBLISHED = "published"
 
 
 class PlateErrorTable(Table):
-    """`plate_error` in `[calibration]`: standard deviations of what force plates say; sources in
-    `dynamics/measurement_errors.py`.
+    """Table `plate_error` in `[calibration]`: standard deviations of force plate measurements.
+
+    Sources are in `dynamics/measurement_errors.py`.
     """
 
     place_mm: float = Field(
@@ -59,9 +73,7 @@ class PlateErrorTable(Table):
 
 
 class ParameterPriorTable(Table):
-    """An entry of `joint_prior` in `[calibration]`: what is expected of a joint parameter before
-    any trial.
-    """
+    """Entry of `joint_prior` in `[calibration]`: prior of a joint parameter before any trial."""
 
     mean: float | None = Field(
         default=None,
@@ -69,7 +81,7 @@ class ParameterPriorTable(Table):
         le=1000,
         description="expected deviation from the nominal value, mm or deg; without a side it is "
         "that of the right, and "
-        "the left has its mirror image; unless given, what anatomy says "
+        "the left has its mirror image; unless given, that of anatomy "
         "(`calibration/joint_prior.py`)",
     )
     deviation: float | None = Field(
@@ -77,17 +89,17 @@ class ParameterPriorTable(Table):
         ge=0.01,
         le=1000,
         description="standard deviation about it, mm or deg; correlations stay. A joint's centre "
-        "is told in both its "
+        "is defined in both its "
         "segments: name both, or they are as far apart as the two deviations then make them",
     )
 
 
 class CalibrationSettings(Table):
-    """`[calibration]`: how to calibrate. Every field has a default."""
+    """Table `[calibration]`: how to calibrate. Every field has a default."""
 
     protocol: Literal["evidence", "published"] | None = Field(
         default=None,
-        description="evidence (unless mode, prior or gait_parameters say otherwise): every joint "
+        description="evidence (unless mode, prior or gait_parameters imply the other): every joint "
         "parameter that a "
         "trial can move is free, and priors, noise and skin movement decide how far; published: "
         "the lists and phases "
@@ -108,7 +120,7 @@ class CalibrationSettings(Table):
         "nominal values are a "
         "standard deviation, against the noise that the trials show (skin movement repeats itself: "
         "few of their "
-        "samples are independent); what a phase then knows is the prior of the next; none: nothing "
+        "samples are independent); the posterior of a phase is the prior of the next; none: nothing "
         "is expected, every "
         "phase is by itself, as published, and what its trials do not show stays",
     )
@@ -177,7 +189,7 @@ class CalibrationSettings(Table):
         default="consistent",
         description="inertial parameters: possible bodies of unchanged total mass, moved only "
         "where the pelvis "
-        "residual tells against those of the table; the published cost; or those of the table",
+        "residual contradicts those of the table; the published cost; or those of the table",
     )
     ip_set: Literal["symmetric", "all"] = Field(
         default="symmetric",
@@ -200,11 +212,12 @@ class CalibrationSettings(Table):
         "body weight (force) "
         "and of body weight times height (torque); smaller trusts the force plates more",
     )
-    bandwidth_hz: Annotated[float | Literal["auto"], frequency(AUTOMATIC)] = Field(
+    bandwidth_hz: Annotated[float | Literal["auto"], allow_frequency(AUTOMATIC)] = Field(
         default=AUTOMATIC,
         description="how fast a motion may change: half of an oscillation at so many Hz is kept; "
         "'auto': the markers "
-        "of each trial tell, and of a walk over force plates where motion and forces agree best",
+        "of each trial determine it; in a walk over force plates, the best agreement of motion and "
+        "forces",
     )
     nodes_per_second: float | None = Field(
         default=None,
@@ -224,15 +237,15 @@ class CalibrationSettings(Table):
         default="none",
         description="loss of marker residuals: least squares, or one that outliers move less",
     )
-    force_filter_hz: Annotated[float | Literal["matched", "none"], frequency("matched", "none")] = (
-        Field(
-            default=50.0,
-            description="low-pass cut-off of ground reactions in Hz (plates sampled at 100 Hz or "
-            "less are not filtered at "
-            "50); 'matched': that of the motion, which on truths makes leg torques 2.1 instead of "
-            "1.5 N·m wrong without "
-            "impacts, 4 to 10 instead of 2 to 4 with them; 'none': not filtered",
-        )
+    force_filter_hz: Annotated[
+        float | Literal["matched", "none"], allow_frequency("matched", "none")
+    ] = Field(
+        default=50.0,
+        description="low-pass cut-off of ground reactions in Hz (plates sampled at 100 Hz or "
+        "less are not filtered at "
+        "50); 'matched': that of the motion, which on truths makes leg torques 2.1 instead of "
+        "1.5 N·m wrong without "
+        "impacts, 4 to 10 instead of 2 to 4 with them; 'none': not filtered",
     )
 
     plate_error: PlateErrorTable = Field(
@@ -246,7 +259,7 @@ class CalibrationSettings(Table):
 
     segment_axes: Literal["palpated", "exact"] = Field(
         default="palpated",
-        description="where the segments' axes point: as landmarks on the skin tell, whose scatter "
+        description="where the segments' axes point: as landmarks on the skin show, whose scatter "
         "(1 to 6 deg) is part "
         "of the error bars of angles and torques; or exactly as the static trial has them, by "
         "definition",
@@ -254,17 +267,17 @@ class CalibrationSettings(Table):
 
     @field_validator("nodes_per_second", "nodes")
     @classmethod
-    def _one_bandwidth(cls, count: float | None, info: ValidationInfo) -> float | None:
+    def _require_one_bandwidth(cls, count: float | None, info: ValidationInfo) -> float | None:
         given = info.data.get("bandwidth_hz", AUTOMATIC)
         if count is not None and given != AUTOMATIC:
             raise ValueError(
-                f"found {shown(count)}; allowed only without bandwidth_hz, which is {shown(given)}"
+                f"found {format_value(count)}; allowed only without bandwidth_hz, which is {format_value(given)}"
             )
         return count
 
     @field_validator("mode", "prior", "gait_parameters")
     @classmethod
-    def _of_the_published_protocol(cls, value: str, info: ValidationInfo) -> str:
+    def _require_published_protocol(cls, value: str, info: ValidationInfo) -> str:
         if (
             info.data.get("protocol") == "evidence"
             and value != cls.model_fields[info.field_name or ""].default
@@ -277,9 +290,7 @@ class CalibrationSettings(Table):
 
     @property
     def decided_by(self) -> Protocol:
-        """Who decides which joint parameters move: as `protocol` says, or as what belongs to one of
-        them implies.
-        """
+        """Protocol that selects the free joint parameters: as given, or implied by its settings."""
         if self.protocol is not None:
             return Protocol(self.protocol)
         plain = (self.mode, self.prior, self.gait_parameters) == ("sequential", "weak", "published")
@@ -287,18 +298,34 @@ class CalibrationSettings(Table):
 
     @property
     def takes_priors(self) -> bool:
-        """Whether joint parameters are fitted in a way that can lean on a cohort."""
+        """Whether joint parameters are fitted in a way that can use the priors of a cohort."""
         return self.jp and self.decided_by is Protocol.EVIDENCE
 
-    def found(self, at: Callable[[Path], Path], source: Path) -> "CalibrationSettings":
-        """The same with the path of `priors`, if any, as `at` has it; InputError where no priors
-        are taken.
+    def resolve_paths(self, at: Callable[[Path], Path], source: Path) -> "CalibrationSettings":
+        """Resolve the path of `priors`, if any.
+
+        Parameters
+        ----------
+        at
+            Function that resolves a path.
+        source
+            The study file, for the message.
+
+        Returns
+        -------
+        CalibrationSettings
+            The settings with that path.
+
+        Raises
+        ------
+        InputError
+            `priors` is given, and the protocol uses none.
         """
         if self.priors is None:
             return self
         if not self.takes_priors:
             message = (
-                f"found {shown(str(self.priors))}; allowed only with protocol = 'evidence' and jp "
+                f"found {format_value(str(self.priors))}; allowed only with protocol = 'evidence' and jp "
                 "= true"
             )
             raise InputError(message, source=source, field="calibration.priors", code=Code.PRIORS)
@@ -306,27 +333,28 @@ class CalibrationSettings(Table):
 
     @property
     def hip_rule(self) -> str:
-        """Value of `HipCentre`: `hip_centre`, decided."""
+        """Value of `HipCentre` after `auto` is resolved."""
         if self.hip_centre != AUTOMATIC:
             return self.hip_centre
         return "bell" if self.decided_by is Protocol.PUBLISHED else "harrington"
 
     @property
     def ankle_rule(self) -> str:
-        """Value of `AnkleZero`: `ankle_zero`, decided but for what the static trial decides."""
+        """Value of `AnkleZero` after `auto` is resolved, as far as the settings decide."""
         published = self.ankle_zero == AUTOMATIC and self.decided_by is Protocol.PUBLISHED
         return "markers" if published else self.ankle_zero
 
     @property
     def keeps_ankle_zero(self) -> bool:
-        """Whether a fit leaves the ankle angles of the static posture as they were; the published
-        protocol's does not, whose zero angles are the nominal model's.
+        """Whether a fit keeps the ankle angles of the static posture.
+
+        The published protocol does not; its zero angles are those of the nominal model.
         """
         return self.ankle_zero != AUTOMATIC or self.decided_by is Protocol.EVIDENCE
 
     @field_validator("joint_step")
     @classmethod
-    def _joint_step_needs_both(cls, joint_step: bool, info: ValidationInfo) -> bool:
+    def _require_both_for_joint_step(cls, joint_step: bool, info: ValidationInfo) -> bool:
         if joint_step and (info.data.get("jp") is False or info.data.get("ip") == "none"):
             raise ValueError("found true; allowed only with jp = true and ip other than 'none'")
         return joint_step

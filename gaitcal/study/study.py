@@ -1,4 +1,4 @@
-"""A study: one person's recordings, read and checked, ready to be calibrated."""
+"""Read and check a study: subject, marker set, trials and settings of one calibration."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,11 +6,11 @@ from pathlib import Path
 
 from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.csv_recordings import events_beside
-from gaitcal.io.labels import OLDEST, Facts, years_between
-from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording, still_window
-from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.csv_recordings import find_event_tables
+from gaitcal.io.labels import GREATEST_AGE, Facts, compute_age
+from gaitcal.io.opensim_files import find_loads_tables
+from gaitcal.io.recording import Recording, find_still_window
+from gaitcal.io.result_folder import compute_sha256
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.model import body_plan, landmarks
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -22,56 +22,74 @@ from gaitcal.study.cohort_prior import (
     CohortPriors,
     JointPrior,
     Person,
-    name_hash,
-    prior_of_person,
+    hash_name,
+    predict_prior,
     read_cohort_priors,
     require_joint_prior,
 )
-from gaitcal.study.declared_truth import Truth, other_landmarks, read_truth, truth_files
+from gaitcal.study.declared_truth import (
+    Truth,
+    describe_landmark_mismatch,
+    list_truth_files,
+    read_truth,
+)
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, read_trial
 
-AGES_DIFFER = 1.0
+AGE_TOLERANCE_YEARS = 1.0
 """Years, from which an age and the dates contradict each other."""
 
 
-def _with_height(
+def _add_height(
     table: SubjectTable, marker_set: MarkerSet, recordings: Sequence[Recording], path: Path
 ) -> tuple[SubjectTable, str]:
-    """The person with a height, and a note where neither the study at `path` nor a file says one:
-    then it is that of people with legs as long, as uncertain as that is.
+    """Add a height to the subject, with a note if neither the study nor a file gives one.
+
+    It is then the mean of people with legs of that length, with their standard deviation.
     """
-    said = table.height_m or next((f.height for f in _facts(recordings) if f.height), None)
+    said = table.height_m or next((f.height for f in _collect_facts(recordings) if f.height), None)
     if said is not None:
         return table.model_copy(update={"height_m": said}), ""
     fault = InputError(
-        "missing, and the markers tell none; give [subject] height_m",
+        "missing, and the markers do not show it; give [subject] height_m",
         source=path,
         field="subject.height_m",
         code=Code.MISSING_FIELD,
     )
     try:
-        standing = still_window(recordings[0], marker_set.labels).frames
-        told = body_plan.estimate_height(
+        standing = find_still_window(recordings[0], marker_set.labels).frames
+        estimate = body_plan.estimate_height(
             landmarks.measure_static_posture(recordings[0], marker_set, standing).landmarks
         )
     except InputError as cause:
         raise fault from cause
-    if told is None:
+    if estimate is None:
         raise fault
-    height, error = round(told[0], 2), round(told[1], 3)
-    note = f"no height is given: {height:g} m, SD {error:g}, as people with legs as long have it"
+    height, error = round(estimate[0], 2), round(estimate[1], 3)
+    note = f"height not given: {height:g} m, SD {error:g} m, estimated from the length of the legs"
     return table.model_copy(update={"height_m": height, "height_error_m": error}), note
 
 
-def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
-    """The person as the study says, and, of what it does not say, as the files do: the first
-    recording's before others.
+def build_subject(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
+    """Build the subject from the study file; missing values are those of the recordings.
 
-    A file that names another person than the first one is not asked. `table` has a height.
+    The first recording that has a value precedes others. Files that name another person than the
+    first recording are not used.
+
+    Parameters
+    ----------
+    table
+        Table `[subject]`, with a height.
+    recordings
+        Recordings, the static one first.
+
+    Returns
+    -------
+    Subject
+        SI units.
     """
-    facts = _facts(recordings)
+    facts = _collect_facts(recordings)
     knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
     for one in reversed(facts):
         knees |= one.knee_width
@@ -85,7 +103,7 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         table.height_m or 0.0,
         table.sex or "",
         height_error=table.height_error_m,
-        age=_age(table, facts)[0],
+        age=_determine_age(table, facts)[0],
         knee_width=knees | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
         ankle_width=ankles | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
         leg_length=legs | {side: 1e-3 * length for side, length in table.leg_length_mm.items()},
@@ -94,49 +112,46 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         if table.marker_diameter_mm is None
         else 1e-3 * table.marker_diameter_mm,
         session=table.session,
-        record=_record(table, facts),
+        record=_build_record(table, facts),
     )
 
 
-def _facts(recordings: Sequence[Recording]) -> list[Facts]:
+def _collect_facts(recordings: Sequence[Recording]) -> list[Facts]:
     return [r.facts for r in recordings if r.facts.name == recordings[0].facts.name]
 
 
-def _record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
-    """As the study says; the day of the session also as the files do. A date of birth only where
-    the study has it.
-    """
+def _build_record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
+    """Build the patient record; the date of birth is only that of the study file."""
     said = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
-    return PatientRecord(**{"session_date": _session_date(table, facts), **said})
+    return PatientRecord(**{"session_date": _find_session_date(table, facts), **said})
 
 
-def _session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
+def _find_session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
     return table.session_date or next((f.session_date for f in facts if f.session_date), "")
 
 
-def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str]:
-    """Years, as said, else by the dates, of files in tenths: nobody's birthday is to be told; None:
-    not known.
+def _determine_age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str]:
+    """Determine the age (years) from the study or the dates, and a note on contradicting dates.
 
-    With it a note where a file's date makes an age that nobody has, or another than is said: then
-    it is not used. Only the study's own dates are refused (InputError).
+    Dates of files give tenths of a year, so that no birthday is disclosed. An impossible age from
+    dates of files is not used; contradicting dates of the study raise InputError.
     """
-    said, then = table.age_years, _session_date(table, facts)
-    age = years_between(
+    said, then = table.age_years, _find_session_date(table, facts)
+    age = compute_age(
         table.birth_date or next((f.birth_date for f in facts if f.birth_date), None), then
     )
     if age is None:
         return said, ""
-    agrees = said is None or abs(said - age) <= AGES_DIFFER
+    agrees = said is None or abs(said - age) <= AGE_TOLERANCE_YEARS
     if table.birth_date and table.session_date:
         if age < 0.0 or not agrees:
-            words = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
+            detail = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
             message = (
-                f"found {table.birth_date} before session_date = {then}{words}; allowed: dates "
+                f"found {table.birth_date} before session_date = {then}{detail}; allowed: dates "
                 "that agree"
             )
             raise InputError(message, field="subject.birth_date", code=Code.BAD_VALUE)
-    elif not (agrees and 0.0 <= age <= OLDEST):
+    elif not (agrees and 0.0 <= age <= GREATEST_AGE):
         counts = "no age is known" if said is None else f"age_years = {said:g} counts"
         return (
             said,
@@ -148,16 +163,16 @@ def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Study(Displayed):
-    """Who, which markers mean what, which trials, and how to calibrate."""
+    """Subject, marker set, trials and settings of one calibration."""
 
     subject: Subject
     """The person."""
     marker_set: MarkerSet
-    """Which marker is which landmark, and which segment it follows."""
+    """Meaning of the labels: landmarks and segments."""
     trials: tuple[Trial, ...]
     """The static trials and all others, in the order of the study file."""
     settings: CalibrationSettings
-    """The study file's table `[calibration]`, defaults filled in; `priors` by its name alone."""
+    """Table `[calibration]` of the study file with defaults; `priors` by its name alone."""
     weights: Mapping[str, float]
     """Marker label -> weight, where the study overrides the marker set."""
     inputs: Mapping[str, str]
@@ -165,16 +180,16 @@ class Study(Displayed):
     source: str = "study"
     """The study file, for messages."""
     files: tuple[Path, ...] = ()
-    """Paths of every input: a result must not take their place."""
+    """Paths of every input; a result must not replace them."""
     rename: Mapping[str, str] = field(default_factory=dict)
     """Label in the files -> label in the marker set."""
     truth: Truth | None = None
-    """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
+    """Known truth of a synthetic subject, if the study file names it (`[truth]`)."""
     joint_prior: JointPrior | None = None
-    """What a cohort says of the joint parameters (`priors.json`), if one is asked."""
+    """Prior of the joint parameters from a cohort (`priors.json`), if there is one."""
     loosened: Mapping[str, float] = field(default_factory=dict)
-    """Joint parameter -> m, rad by which more it is uncertain, as a cluster of its segment was put
-    back.
+    """Joint parameter -> m, rad of further error, after a displaced cluster of its segment was
+    restored.
     """
 
     @classmethod
@@ -182,16 +197,26 @@ class Study(Displayed):
     def load(cls, path: Path | str) -> "Study":
         """Read a study file and all its recordings.
 
+        Parameters
+        ----------
+        path
+            The file `study.toml`.
+
+        Returns
+        -------
+        Study
+            The study as declared; trials are not cleaned.
+
         Raises
         ------
         InputError
             One line: file, field, what was found, what is allowed.
         """
         path = Path(path)
-        of_study = sha256_of(path)
+        of_study = compute_sha256(path)
         file = load_study_file(path)
-        before = {f: sha256_of(f) for f in input_files(file, path)} | {path: of_study}
-        marker_set = marker_set_of(file, path)
+        before = {f: compute_sha256(f) for f in list_input_files(file, path)} | {path: of_study}
+        marker_set = read_marker_set(file, path)
         trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
         study = cls.assemble(file, marker_set, trials, path)
         for name, f in study._named_files.items():
@@ -205,28 +230,50 @@ class Study(Displayed):
     def assemble(
         cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[Trial, ...], path: Path
     ) -> "Study":
-        """A study from its file at `path` and its trials, read by `read_trial`; InputError for
-        labels nobody has.
+        """Assemble a study from its file and its trials.
+
+        Parameters
+        ----------
+        file
+            Content of the study file.
+        marker_set
+            Its marker set.
+        trials
+            Trials from `read_trial`.
+        path
+            Path of the study file.
+
+        Returns
+        -------
+        Study
+            The study.
+
+        Raises
+        ------
+        InputError
+            The file names labels that no trial has, or values that contradict each other.
         """
-        files = input_files(file, path)
+        files = list_input_files(file, path)
         _require_labels(file, marker_set, trials, path)
         require_joint_prior(file.calibration, path)
-        marker_set, trials = _worn(marker_set, trials)
+        marker_set, trials = _adapt_marker_set(marker_set, trials)
         recordings = [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
-        person, height = _with_height(file.subject, marker_set, recordings, path)
-        if notes := [note for note in (_age(person, _facts(recordings))[1], height) if note]:
+        person, height = _add_height(file.subject, marker_set, recordings, path)
+        if notes := [
+            note for note in (_determine_age(person, _collect_facts(recordings))[1], height) if note
+        ]:
             first = recordings[0].with_notes(*notes)
             trials = tuple(
                 replace(t, recording=first) if t.recording is recordings[0] else t for t in trials
             )
         study = cls(
-            subject=subject_of(person, recordings),
+            subject=build_subject(person, recordings),
             marker_set=marker_set,
             trials=trials,
             settings=file.calibration,
             weights=dict(file.markers.weights),
             inputs={
-                name: sha256_of(f) or "" for name, f in _file_words(files, path.parent).items()
+                name: compute_sha256(f) or "" for name, f in _name_files(files, path.parent).items()
             },
             source=str(path),
             files=files,
@@ -239,13 +286,13 @@ class Study(Displayed):
                 path,
             ),
         )
-        if (other := study.other_truth()) is not None:
+        if (other := study.describe_truth_mismatch()) is not None:
             message = f"{other}; allowed: the same, or no [truth]"
             raise InputError(message, source=path, field="truth.landmarks", code=Code.TRUTH)
         return (
             study
             if file.calibration.priors is None
-            else with_cohort_priors(study, file.calibration.priors)
+            else add_cohort_priors(study, file.calibration.priors)
         )
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
@@ -265,17 +312,19 @@ class Study(Displayed):
         ]
         return f"Study {Path(self.source).name}", rows
 
-    def other_truth(self) -> str | None:
-        """Why its truth is told in the frames of another static trial than its first; None: it is
-        not, or none is.
+    def describe_truth_mismatch(self) -> str | None:
+        """Describe why the truth belongs to another static trial; None if it agrees or there is
+        none.
         """
         if self.truth is None or not any(trial.role is Role.STATIC for trial in self.trials):
             return None
-        return other_landmarks(self.truth.landmarks, self.static.recording, self.marker_set)
+        return describe_landmark_mismatch(
+            self.truth.landmarks, self.static.recording, self.marker_set
+        )
 
     @property
     def hip_centre(self) -> HipCentre:
-        """Where hip centres come from: where nothing is chosen, segment poses have them."""
+        """Rule of the hip centres; with `auto`, segment poses give them."""
         if (
             self.settings.hip_centre == AUTOMATIC
             and self.marker_set.noise
@@ -286,7 +335,7 @@ class Study(Displayed):
 
     @property
     def static(self) -> Trial:
-        """The static trial that the model is made of: the first."""
+        """Static trial of which the model is made: the first."""
         return next(trial for trial in self.trials if trial.role is Role.STATIC)
 
     @property
@@ -306,38 +355,53 @@ class Study(Displayed):
 
     @property
     def _named_files(self) -> dict[str, Path]:
-        return _file_words(self.files, Path(self.source).parent)
+        return _name_files(self.files, Path(self.source).parent)
 
     @property
     def as_read(self) -> Snapshot:
-        """The inputs as they were when they were read."""
+        """Hashes of the inputs at the time they were read."""
         hashes = {str(f.resolve()): self.inputs[name] for name, f in self._named_files.items()}
         return Snapshot(Path(self.source).parent, hashes)
 
     def with_input(self, path: Path, sha256: str) -> "Study":
-        """The same with one more file among its inputs, if it is not there already."""
+        """Return the study with one more input file, unless it is already one.
+
+        Parameters
+        ----------
+        path
+            The file.
+        sha256
+            Its SHA-256, hexadecimal.
+
+        Returns
+        -------
+        Study
+            The study with this input.
+        """
         if path in self.files:
             return self
         more = replace(self, files=(*self.files, path))
         names = [name for name, f in more._named_files.items() if f == path]
         return replace(more, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
 
-    def input_names(self, trial: Trial) -> dict[str, str]:
-        """The files of a trial (`file`, `forces`), as `inputs` names them."""
-        words = {f: name for name, f in self._named_files.items()}
-        return {kind: words[f] for kind, f in trial.files.items() if f in words}
+    def get_input_names(self, trial: Trial) -> dict[str, str]:
+        """Return the files of a trial (`file`, `forces`) by their names in `inputs`."""
+        names = {f: name for name, f in self._named_files.items()}
+        return {kind: names[f] for kind, f in trial.files.items() if f in names}
 
-    def changed_inputs(self) -> tuple[str, ...]:
-        """Inputs that are no longer what was read, as `inputs` names them."""
+    def find_changed_inputs(self) -> tuple[str, ...]:
+        """Find inputs that have changed since they were read, by their names in `inputs`."""
         return tuple(
-            name for name, f in self._named_files.items() if self.inputs.get(name) != sha256_of(f)
+            name
+            for name, f in self._named_files.items()
+            if self.inputs.get(name) != compute_sha256(f)
         )
 
 
-def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, tuple[Trial, ...]]:
-    """The marker set as the first static trial shows it worn, and the trials, the static ones
-    completed.
-    """
+def _adapt_marker_set(
+    marker_set: MarkerSet, trials: tuple[Trial, ...]
+) -> tuple[MarkerSet, tuple[Trial, ...]]:
+    """Adapt the marker set to the first static trial, and complete the static trials."""
     whole = tuple(
         replace(t, recording=complete_static(t.recording, marker_set))
         if t.role is Role.STATIC
@@ -351,20 +415,31 @@ def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, 
     return resolve_marker_set(marker_set, static.recording, elsewhere), whole
 
 
-def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
-    """The study file at `path`, its recordings and forces, a marker set of one's own, priors, and a
-    known truth.
+def list_input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
+    """List all input files of a study.
+
+    Parameters
+    ----------
+    file
+        Content of the study file.
+    path
+        Path of the study file.
+
+    Returns
+    -------
+    tuple of Path
+        Study file, recordings, forces, events, individual marker set, priors and truth.
     """
     forces = (
         f
         for trial in file.trials
         if trial.forces
-        for f in (trial.forces, *loads_tables(trial.forces))
+        for f in (trial.forces, *find_loads_tables(trial.forces))
     )
-    events = (table for trial in file.trials for table in events_beside(trial.file))
+    events = (table for trial in file.trials for table in find_event_tables(trial.file))
     marker_set = [file.markers.set_path] if file.markers.set_path else []
     priors = [file.calibration.priors] if file.calibration.priors else []
-    truth = truth_files(file.truth, [trial.name for trial in file.trials])
+    truth = list_truth_files(file.truth, [trial.name for trial in file.trials])
     return (
         path,
         *(trial.file for trial in file.trials),
@@ -376,12 +451,11 @@ def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     )
 
 
-def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
-    """Files by the names that the manifest gives them: below the study's folder from there,
-    elsewhere by their own.
+def _name_files(files: Iterable[Path], folder: Path) -> dict[str, Path]:
+    """Name files for the manifest: relative to the study's folder, or by file name elsewhere.
 
-    Where two elsewhere have one name, the second has as much of its path before it as tells them
-    apart; no more of it belongs in a result that may be given away.
+    If two files elsewhere have one name, the second has as much of its path as is needed. More of a
+    path does not belong in a result that may be shared.
     """
     out: dict[str, Path] = {}
     for file in dict.fromkeys(files):
@@ -395,9 +469,27 @@ def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
     return out
 
 
-def marker_set_of(file: StudyFile, path: Path, *, proposed: bool = False) -> MarkerSet:
-    """The marker set of the study file at `path`, with its further markers; InputError where labels
-    are proposed that nobody confirmed, unless `proposed` ones will do, or as of `load_marker_set`.
+def read_marker_set(file: StudyFile, path: Path, *, proposed: bool = False) -> MarkerSet:
+    """Read the marker set of a study file with its further markers.
+
+    Parameters
+    ----------
+    file
+        Content of the study file.
+    path
+        Path of the study file.
+    proposed
+        Whether proposed labels that nobody confirmed are accepted.
+
+    Returns
+    -------
+    MarkerSet
+        The marker set.
+
+    Raises
+    ------
+    InputError
+        Labels are not confirmed, or the marker set cannot be read.
     """
     if not (file.markers.confirmed or proposed):
         raise InputError(
@@ -414,9 +506,7 @@ def marker_set_of(file: StudyFile, path: Path, *, proposed: bool = False) -> Mar
 def _require_labels(
     file: StudyFile, marker_set: MarkerSet, trials: Sequence[Trial], path: Path
 ) -> None:
-    """InputError for weights of labels that the set does not know, and for labels to be renamed
-    that no trial has.
-    """
+    """Require weights of labels in the set, and renamed labels in the trials; else InputError."""
 
     def fault(message: str, field: str) -> InputError:
         return InputError(message, source=path, field=f"markers.{field}", code=Code.UNKNOWN_LABEL)
@@ -439,21 +529,41 @@ def _require_labels(
             )
 
 
-def with_cohort_priors(study: Study, path: Path) -> Study:
+def add_cohort_priors(study: Study, path: Path) -> Study:
     """A study whose joint parameters lean on a cohort; the file counts among its inputs.
 
-    Raises InputError: The file is no such file, or was learnt with another marker set, other
-    nominal joints, or for another protocol.
+    Raises
+    ------
+    InputError
+        The file holds no priors, or those of another marker set, nominal model or protocol.
     """
-    sha256 = sha256_of(path) or ""
-    prior = replace(cohort_prior(read_cohort_priors(path), study, path), sha256=sha256)
+    sha256 = compute_sha256(path) or ""
+    prior = replace(build_cohort_prior(read_cohort_priors(path), study, path), sha256=sha256)
     settings = study.settings.model_copy(update={"priors": Path(path.name)})
     return replace(study.with_input(path, sha256), settings=settings, joint_prior=prior)
 
 
-def cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
-    """What the cohort says of the person of a study, without the fold of the people that the person
-    is among.
+def build_cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
+    """Build the prior of a study's subject from a cohort, without the fold of this person.
+
+    Parameters
+    ----------
+    priors
+        Content of `priors.json`.
+    study
+        The study.
+    path
+        Its file, for messages.
+
+    Returns
+    -------
+    JointPrior
+        Prior of the parameters that were learnt.
+
+    Raises
+    ------
+    InputError
+        The priors are those of another marker set, nominal model or protocol.
     """
     settings, subject = study.settings, study.subject
     if not settings.takes_priors:
@@ -471,12 +581,12 @@ def cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
                 "others"
             )
             raise InputError(message, source=path, field=rule, code=Code.PRIORS)
-    name, recordings = name_hash(priors.cohort, subject.name), set(study.inputs.values())
+    name, recordings = hash_name(priors.cohort, subject.name), set(study.inputs.values())
     folds = (
         p.fold
         for p in priors.people
         if p.name_sha256 == name or recordings & set(p.recordings_sha256)
     )
-    return prior_of_person(
+    return predict_prior(
         priors, Person(height=subject.height, sex=subject.sex), path, next(folds, None)
     )

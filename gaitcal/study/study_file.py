@@ -1,9 +1,8 @@
-"""The study file `study.toml`: subject, marker set, trials, settings. Read once, checked once,
-trusted inside.
+"""Read and check the study file `study.toml`: subject, marker set, trials and settings.
 
-Everything a user can get wrong in it ends in one `InputError`, one line: the file, the field as
-`trial[2].file` (trials count from 1, in the order of the file), what was found, what is allowed.
-Only the first mistake is told.
+Every error of a user is one `InputError` in one line: the file, the field such as `trial[2].file`
+(trials count from 1, in the order of the file), what was found and what is allowed. Only the first
+error is reported.
 """
 
 import datetime
@@ -16,8 +15,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.io.toml import Table, read_validated, require_file, shown, toml_table
-from gaitcal.study.settings import CalibrationSettings, frequency
+from gaitcal.io.toml import Table, format_toml_table, format_value, read_validated, require_file
+from gaitcal.study.settings import CalibrationSettings, allow_frequency
 
 __all__ = [
     "CalibrationSettings",
@@ -34,37 +33,36 @@ Side: TypeAlias = Literal["r", "l", "none"]
 
 RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
 FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
-MAX_LINE = 200  # Characters in what is said of a person or a session
-MAX_NAME = 80  # Characters in a trial's name, which becomes a file name
-_DEVICES = re.compile(
-    r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE
-)  # no file names on Windows
+MAX_LINE_CHARACTERS = 200  # Characters in what is said of a person or a session
+MAX_NAME_CHARACTERS = 80  # Characters in a trial's name, which becomes a file name
+# Names that are no file names on Windows
+_WINDOWS_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
-def _with_suffix(allowed: tuple[str, ...]) -> AfterValidator:
+def _require_suffix(allowed: tuple[str, ...]) -> AfterValidator:
     def check(path: Path) -> Path:
         if path.suffix.lower() not in allowed:
             raise ValueError(
-                f"found {shown(str(path))}; allowed: a file ending in {' '.join(allowed)}"
+                f"found {format_value(str(path))}; allowed: a file ending in {' '.join(allowed)}"
             )
         return path
 
     return AfterValidator(check)
 
 
-def _interval(value: object) -> tuple[float, float]:
+def _parse_interval(value: object) -> tuple[float, float]:
     numbers = (
         [v for v in value if isinstance(v, int | float)] if isinstance(value, list | tuple) else []
     )
     if len(numbers) != 2 or len(numbers) != len(value) or not -1e9 < numbers[0] < numbers[1] < 1e9:  # type: ignore[arg-type]
         raise ValueError(
-            f"found {shown(value)}; allowed: two increasing numbers, [start, end] in seconds"
+            f"found {format_value(value)}; allowed: two increasing numbers, [start, end] in seconds"
         )
     return float(numbers[0]), float(numbers[1])
 
 
-def _millimetres(low: float, high: float) -> Callable[[object], float]:
-    """A length of a body in mm, with a word for one that was given in another unit."""
+def _check_millimetres(low: float, high: float) -> Callable[[object], float]:
+    """Check a length of the body in mm; the message recognises other units."""
 
     def check(value: object) -> float:
         number = (
@@ -77,61 +75,63 @@ def _millimetres(low: float, high: float) -> Callable[[object], float]:
         units = (("centimetres", 10.0), ("metres", 1000.0))
         fits = [f"{unit}: {mm * number:g} mm" for unit, mm in units if low <= mm * number <= high]
         hint = f"; this looks like {fits[0]}" if fits else ""
-        raise ValueError(f"found {shown(value)}; allowed: {low:g} to {high:g} mm{hint}")
+        raise ValueError(f"found {format_value(value)}; allowed: {low:g} to {high:g} mm{hint}")
 
     return check
 
 
-def _sided(low: float, high: float) -> BeforeValidator:
-    """A length in mm of either side, or of each."""
-    of_one = _millimetres(low, high)
+def _check_sides(low: float, high: float) -> BeforeValidator:
+    """Check a length in mm of both sides together, or of each."""
+    check_side = _check_millimetres(low, high)
 
     def check(value: object) -> object:
         if isinstance(value, int | float) and not isinstance(value, bool):
             value = {"r": value, "l": value}
         if not isinstance(value, dict) or not set(value) <= {"r", "l"}:
             raise ValueError(
-                f"found {shown(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}"
+                f"found {format_value(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}"
             )
-        return {side: of_one(length) for side, length in value.items()}
+        return {side: check_side(length) for side, length in value.items()}
 
     return BeforeValidator(check)
 
 
-_WIDTHS = _sided(20, 300)
+_WIDTHS = _check_sides(20, 300)
 
 
-def _day(value: object) -> str:
-    """A date of TOML, or its text, as text."""
+def _parse_date(value: object) -> str:
+    """Convert a date of TOML, or its text, to text."""
     try:
         found = (
             value if isinstance(value, datetime.date) else datetime.date.fromisoformat(str(value))
         )
     except ValueError:
-        raise ValueError(f"found {shown(value)}; allowed: a date as 2016-03-09") from None
+        raise ValueError(f"found {format_value(value)}; allowed: a date as 2016-03-09") from None
     return found.isoformat()[:10]
 
 
-_Day: TypeAlias = Annotated[str, BeforeValidator(_day)]
+_Date: TypeAlias = Annotated[str, BeforeValidator(_parse_date)]
 
 
-def _line(value: str) -> str:
-    if len(value) > MAX_LINE or not value.isprintable():
-        raise ValueError(f"found {shown(value)}; allowed: up to {MAX_LINE} printable characters")
+def _check_line(value: str) -> str:
+    if len(value) > MAX_LINE_CHARACTERS or not value.isprintable():
+        raise ValueError(
+            f"found {format_value(value)}; allowed: up to {MAX_LINE_CHARACTERS} printable characters"
+        )
     return value
 
 
-_Line: TypeAlias = Annotated[str, AfterValidator(_line)]
+_Line: TypeAlias = Annotated[str, AfterValidator(_check_line)]
 
 
 class SubjectTable(Table):
-    """`[subject]`: the person."""
+    """Table `[subject]`: the person."""
 
     name: str = Field(description="the subject's name as reports show it")
     mass_kg: float = Field(gt=0, description="body mass in kg")
     height_m: float | None = Field(
         default=None,
-        description="body height in m; without it as a file says, or as people with legs as long "
+        description="body height in m; if not given, that of a file, or as people with legs as long "
         "have it: their "
         "standard deviation counts in the errors then",
     )
@@ -157,26 +157,26 @@ class SubjectTable(Table):
         default={},
         description="width of the ankle across the malleoli, mm: one number, or { r = 70, l = 72 }",
     )
-    leg_length_mm: Annotated[dict[str, float], _sided(150, 1500)] = Field(
+    leg_length_mm: Annotated[dict[str, float], _check_sides(150, 1500)] = Field(
         default={},
         description="anterior superior iliac spine to medial malleolus, mm: one number, or { r = "
         "..., l = }",
     )
-    asis_distance_mm: Annotated[float, BeforeValidator(_millimetres(80, 500))] | None = Field(
+    asis_distance_mm: Annotated[float, BeforeValidator(_check_millimetres(80, 500))] | None = Field(
         default=None,
         description="distance between the two anterior superior iliac spines as measured by hand, "
         "mm",
     )
-    marker_diameter_mm: Annotated[float, BeforeValidator(_millimetres(3, 40))] | None = Field(
+    marker_diameter_mm: Annotated[float, BeforeValidator(_check_millimetres(3, 40))] | None = Field(
         default=None, description="diameter of the markers, mm"
     )
     session: _Line = Field(
         default="", description="the day of the recordings, a date or a label, as tables show it"
     )
-    session_date: _Day | None = Field(
+    session_date: _Date | None = Field(
         default=None, description="the day of the recordings, as 2016-03-09"
     )
-    birth_date: _Day | None = Field(
+    birth_date: _Date | None = Field(
         default=None,
         description="as 2008-11-30; with session_date it gives the age. Stands in the results",
     )
@@ -192,14 +192,16 @@ class SubjectTable(Table):
 
     @field_validator("name")
     @classmethod
-    def _name(cls, name: str) -> str:
-        if not name.strip() or len(name) > MAX_LINE or not name.isprintable():
-            raise ValueError(f"found {shown(name)}; allowed: 1 to {MAX_LINE} printable characters")
+    def _check_name(cls, name: str) -> str:
+        if not name.strip() or len(name) > MAX_LINE_CHARACTERS or not name.isprintable():
+            raise ValueError(
+                f"found {format_value(name)}; allowed: 1 to {MAX_LINE_CHARACTERS} printable characters"
+            )
         return name
 
     @field_validator("height_m")
     @classmethod
-    def _height(cls, height: float | None) -> float | None:
+    def _check_height(cls, height: float | None) -> float | None:
         if height is None or 0.3 <= height <= 2.6:
             return height
         unit = {
@@ -211,7 +213,7 @@ class SubjectTable(Table):
 
 
 class Markers(Table):
-    """`[markers]`: what the labels in the files mean."""
+    """Table `[markers]`: what the labels in the files mean."""
 
     set: str = Field(
         min_length=1, description="a built-in marker set, or the path of a TOML file of your own"
@@ -233,13 +235,12 @@ class Markers(Table):
     )
     confirmed: bool = Field(
         default=True,
-        description="false where the meaning of labels was proposed, and nobody has looked at it "
-        "yet",
+        description="false where the meaning of labels was proposed and has not been checked yet",
     )
 
     @property
     def set_path(self) -> Path | None:
-        """The file of a marker set of the user's own; None for a built-in set."""
+        """File of an individual marker set; None for a built-in set."""
         return (
             Path(self.set)
             if self.set.lower().endswith(".toml") or re.search(r"[/\\]", self.set)
@@ -248,21 +249,19 @@ class Markers(Table):
 
     @field_validator("rename")
     @classmethod
-    def _one_to_one(cls, rename: dict[str, str]) -> dict[str, str]:
-        seen: dict[str, str] = {}
+    def _require_one_to_one(cls, rename: dict[str, str]) -> dict[str, str]:
+        first_use: dict[str, str] = {}
         for old, new in rename.items():
-            if new in seen:
-                message = (
-                    f"{shown(seen[new])} and {shown(old)} both become {shown(new)}; a label names "
-                    "one marker"
-                )
+            if new in first_use:
+                first, second, label = map(format_value, (first_use[new], old, new))
+                message = f"{first} and {second} both become {label}; a label names one marker"
                 raise ValueError(message)
-            seen[new] = old
+            first_use[new] = old
         return rename
 
 
 class TrialTable(Table):
-    """`[[trial]]`: one recording and what it is for."""
+    """Table `[[trial]]`: one recording and its role."""
 
     name: str = Field(description="the trial's name, which also names its result files")
     role: Literal["static", "joint", "gait", "motion"] = Field(
@@ -276,10 +275,10 @@ class TrialTable(Table):
         validate_default=True,
         description="the joint that a trial with role = 'joint' moves",
     )
-    file: Annotated[Path, _with_suffix(RECORDING_SUFFIXES)] = Field(
+    file: Annotated[Path, _require_suffix(RECORDING_SUFFIXES)] = Field(
         strict=False, description="the recording, .c3d .trc or .csv"
     )
-    forces: Annotated[Path, _with_suffix(FORCES_SUFFIXES)] | None = Field(
+    forces: Annotated[Path, _require_suffix(FORCES_SUFFIXES)] | None = Field(
         default=None,
         strict=False,
         description="ground reactions, .mot .sto .csv or ExternalLoads .xml; a C3D brings its own",
@@ -289,10 +288,10 @@ class TrialTable(Table):
         description="force plate -> foot on it: 'r', 'l' or 'none'; else found from the centre of "
         "pressure",
     )
-    time: Annotated[tuple[float, float], BeforeValidator(_interval)] | None = Field(
+    time: Annotated[tuple[float, float], BeforeValidator(_parse_interval)] | None = Field(
         default=None, description="[start, end] in s of the part to use; else all of it"
     )
-    filter_hz: Annotated[float | Literal["none"], frequency("none")] | None = Field(
+    filter_hz: Annotated[float | Literal["none"], allow_frequency("none")] | None = Field(
         default=None,
         description="low-pass cut-off of this trial's forces in Hz, or 'none'; else as in "
         "[calibration]",
@@ -300,13 +299,13 @@ class TrialTable(Table):
 
     @field_validator("name")
     @classmethod
-    def _safe_file_name(cls, name: str) -> str:
+    def _require_safe_file_name(cls, name: str) -> str:
         safe = re.fullmatch(
             r"[A-Za-z0-9_-]([A-Za-z0-9 _.-]*[A-Za-z0-9_-])?", name
-        ) and not _DEVICES.fullmatch(name)
-        if not safe or len(name) > MAX_NAME:
+        ) and not _WINDOWS_DEVICES.fullmatch(name)
+        if not safe or len(name) > MAX_NAME_CHARACTERS:
             raise ValueError(
-                f"found {shown(name)}; allowed, as it names files: 1 to {MAX_NAME} of A-Z a-z 0-9 "
+                f"found {format_value(name)}; allowed, as it names files: 1 to {MAX_NAME_CHARACTERS} of A-Z a-z 0-9 "
                 "_ - and, inside, "
                 "space and dot; no name that Windows reserves"
             )
@@ -314,23 +313,22 @@ class TrialTable(Table):
 
     @field_validator("joint")
     @classmethod
-    def _joint_where_needed(cls, joint: str | None, info: ValidationInfo) -> str | None:
-        role = info.data.get(
-            "role", "joint" if joint else "gait"
-        )  # role itself at fault: that is told first
+    def _require_joint(cls, joint: str | None, info: ValidationInfo) -> str | None:
+        # Without a valid role, its own error is reported
+        role = info.data.get("role", "joint" if joint else "gait")
         if role == "joint" and joint is None:
             raise ValueError(
                 "missing: role = 'joint' needs the joint: hip_r knee_r ankle_r hip_l knee_l ankle_l"
             )
         if role != "joint" and joint is not None:
             raise ValueError(
-                f"found {shown(joint)} with role = '{role}'; allowed only with role = 'joint'"
+                f"found {format_value(joint)} with role = '{role}'; allowed only with role = 'joint'"
             )
         return joint
 
 
 class TruthTable(Table):
-    """`[truth]`: only where somebody knows it, as the program that made the recordings does."""
+    """Table `[truth]`: known truth of a synthetic subject, written by its program."""
 
     parameters: Path = Field(
         strict=False, description="CSV of the true parameters: name,unit,value"
@@ -349,15 +347,15 @@ class TruthTable(Table):
         description="name of the marker set whose landmarks make the truth's segment frames"
     )
     hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
-        description="the nominal hip centre whose segment frames the truth is told in; that of the "
+        description="the nominal hip centre that defines the segment frames of the truth; that of the "
         "calibration"
     )
     ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
         description="what the true ankle angles are counted from; that of the calibration"
     )
 
-    def found(self, at: Callable[[Path], Path], source: Path) -> "TruthTable":
-        """The same with paths that `at` makes absolute, and a file there."""
+    def resolve_paths(self, at: Callable[[Path], Path], source: Path) -> "TruthTable":
+        """Resolve the paths by `at`, and require the files."""
         files = {
             field: require_file(at(getattr(self, field)), source=source, field=f"truth.{field}")
             for field in ("parameters", "landmarks")
@@ -366,9 +364,7 @@ class TruthTable(Table):
 
 
 class StudyFile(Table):
-    """A whole study file. From `load_study_file`, every path in it is absolute and a file lies
-    there.
-    """
+    """Whole study file; after `load_study_file` every path is absolute and its file exists."""
 
     subject: SubjectTable = Field(
         description="the table [subject] with name, mass_kg, height_m, sex"
@@ -386,7 +382,7 @@ class StudyFile(Table):
 
     @field_validator("trials", mode="before")
     @classmethod
-    def _array_of_tables(cls, trials: object) -> object:
+    def _require_array_of_tables(cls, trials: object) -> object:
         if isinstance(trials, dict):
             raise ValueError(
                 "found a single table [trial]; write [[trial]], with two brackets, for each trial"
@@ -395,13 +391,13 @@ class StudyFile(Table):
 
     @field_validator("trials")
     @classmethod
-    def _names_and_static(cls, trials: tuple[TrialTable, ...]) -> tuple[TrialTable, ...]:
-        seen: dict[str, int] = {}
+    def _require_names_and_static(cls, trials: tuple[TrialTable, ...]) -> tuple[TrialTable, ...]:
+        first_use: dict[str, int] = {}
         for number, trial in enumerate(trials, start=1):
-            # Some file systems do not tell Walk from walk.
-            if (other := seen.setdefault(trial.name.lower(), number)) != number:
+            # Some file systems do not distinguish Walk from walk
+            if (other := first_use.setdefault(trial.name.lower(), number)) != number:
                 message = (
-                    f"trials {other} and {number} are both named {shown(trial.name)}; every name "
+                    f"trials {other} and {number} are both named {format_value(trial.name)}; every name "
                     "occurs once "
                 )
                 message += "(capitals make no difference)"
@@ -415,49 +411,75 @@ class StudyFile(Table):
 
     @property
     def static(self) -> TrialTable:
-        """The static trial that the model is made of: the first; further ones must agree with it."""
+        """Static trial of which the model is made: the first; further ones must agree with it."""
         return next(trial for trial in self.trials if trial.role == "static")
 
     def to_toml(self, folder: Path | None = None) -> str:
-        """The study as the text of a study file, defaults left out, absolute paths made relative to
-        `folder`.
+        """Format the study as the text of a study file, without defaults.
+
+        Parameters
+        ----------
+        folder
+            Absolute paths become relative to this folder.
+
+        Returns
+        -------
+        str
+            Text of the file.
         """
 
         def content(table: Table) -> dict[str, object]:
             values = {key: getattr(table, key) for key in type(table).model_fields}
             written = table.model_dump(exclude_defaults=True)
-            return {key: _plain(value, folder) for key, value in values.items() if key in written}
+            return {
+                key: _make_plain(value, folder) for key, value in values.items() if key in written
+            }
 
         markers = content(self.markers)
         if self.markers.set_path:
-            markers["set"] = _relative(self.markers.set_path, folder)
-        tables = [toml_table("[subject]", content(self.subject)), toml_table("[markers]", markers)]
-        tables += [toml_table("[[trial]]", content(trial)) for trial in self.trials]
+            markers["set"] = _make_relative(self.markers.set_path, folder)
+        tables = [
+            format_toml_table("[subject]", content(self.subject)),
+            format_toml_table("[markers]", markers),
+        ]
+        tables += [format_toml_table("[[trial]]", content(trial)) for trial in self.trials]
         if settings := content(self.calibration):
-            tables.append(toml_table("[calibration]", settings))
+            tables.append(format_toml_table("[calibration]", settings))
         if self.truth:
-            tables.append(toml_table("[truth]", content(self.truth)))
+            tables.append(format_toml_table("[truth]", content(self.truth)))
         return "\n".join(tables)
 
 
-def _plain(value: object, folder: Path | None) -> object:
-    """A value as TOML can hold it: paths from `folder`, tables within a table as mappings."""
+def _make_plain(value: object, folder: Path | None) -> object:
+    """Convert a value for TOML: paths relative to `folder`, nested tables as mappings."""
     if isinstance(value, dict):
-        return {key: _plain(inner, folder) for key, inner in value.items()}
+        return {key: _make_plain(inner, folder) for key, inner in value.items()}
     if isinstance(value, Table):
         return value.model_dump(exclude_none=True)
-    return _relative(value, folder) if isinstance(value, Path) else value
+    return _make_relative(value, folder) if isinstance(value, Path) else value
 
 
-def _relative(path: Path, folder: Path | None) -> Path:
+def _make_relative(path: Path, folder: Path | None) -> Path:
     return Path(os.path.relpath(path, folder)) if folder and path.is_absolute() else path
 
 
 def load_study_file(path: Path | str) -> StudyFile:
-    """Read and check the study file at `path`; relative paths in it are resolved from the file's
-    own folder.
+    """Read and check a study file; relative paths are resolved from its folder.
 
-    Raises InputError: One line: file, field, what was found, what is allowed.
+    Parameters
+    ----------
+    path
+        The file `study.toml`.
+
+    Returns
+    -------
+    StudyFile
+        Its content with absolute paths.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
     """
     source = Path(path)
     study = read_validated(StudyFile, source)
@@ -474,8 +496,12 @@ def load_study_file(path: Path | str) -> StudyFile:
         if trial.forces:
             files["forces"] = found(trial.forces, f"trial[{number}].forces")
         trials.append(trial.model_copy(update=files))
-    truth = study.truth and study.truth.found(lambda file: source.parent.absolute() / file, source)
-    settings = study.calibration.found(lambda file: found(file, "calibration.priors"), source)
+    truth = study.truth and study.truth.resolve_paths(
+        lambda file: source.parent.absolute() / file, source
+    )
+    settings = study.calibration.resolve_paths(
+        lambda file: found(file, "calibration.priors"), source
+    )
     return study.model_copy(
         update={
             "markers": markers,

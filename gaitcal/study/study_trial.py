@@ -10,22 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.errors import Code, InputError
-from gaitcal.io.csv_recordings import events_beside, with_corrected_events
+from gaitcal.io.csv_recordings import apply_corrected_events, find_event_tables
 from gaitcal.io.force_plate import STANCE_S
 from gaitcal.io.formats import read_recording
-from gaitcal.io.opensim_files import loads_tables
+from gaitcal.io.opensim_files import find_loads_tables
 from gaitcal.io.recording import Recording
-from gaitcal.io.segment_poses import upright
+from gaitcal.io.segment_poses import make_upright_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.study.study_file import TrialTable
 
-OTHER_UNIT = 100.0
-"""Forces that last so many times longer than whole markers have their time in ms: laboratories crop
-markers, to a tenth or a twentieth of the forces."""
+OTHER_UNIT_RATIO = 100.0
+"""Least ratio of the durations of forces and markers that shows times in ms.
+
+Laboratories crop markers to a tenth or a twentieth of the forces.
+"""
 
 
 class Role(str, Enum):
-    """What a trial is for."""
+    """Role of a trial."""
 
     STATIC = "static"
     """Standing still."""
@@ -44,13 +46,13 @@ class Trial:
     name: str
     role: Role
     joint: str | None = None
-    """The joint of an isolated trial."""
+    """The joint of a functional trial (`role = "joint"`)."""
     recording: Recording
     """Labels as in the marker set; only the frames that the study asks for."""
     plates: Mapping[str, str] = field(default_factory=dict)
-    """Plate name -> "r", "l" or "none", where the study says so."""
+    """Plate name -> "r", "l" or "none", if the study or the file of the forces gives it."""
     filter_hz: float | str | None = None
-    """Cut-off of the force filter of this trial, `none`, or None: as in the settings."""
+    """Cut-off of the force filter of this trial, `none`, or None for that of the settings."""
     file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
@@ -60,20 +62,34 @@ class Trial:
 
 
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:
-    """Read one trial of a study file, its labels put into those of the marker set.
+    """Read one trial of a study file with the labels of the marker set.
 
-    `rename`: label in the file -> label in the marker set, before the set's own aliases are looked
-    up.
+    Parameters
+    ----------
+    trial
+        Table `[[trial]]` with absolute paths.
+    rename
+        Label in the file -> label in the marker set, before the aliases of the set.
+    marker_set
+        Marker set of the study.
 
-    Raises InputError: One line: file, field, what was found, what is allowed.
+    Returns
+    -------
+    Trial
+        The trial, not cleaned.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
     """
-    whole = with_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
-    recording = marker_set.rename_labels(_rename(whole, rename))
+    whole = apply_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
+    recording = marker_set.rename_labels(_rename_labels(whole, rename))
     known = [plate.name for plate in recording.plates]
     for name in trial.plates:
         if name not in known:
             message = f"found plate '{name}'; the recording has {', '.join(known) or 'none'}"
-            raise _fault(message, trial.file, f"trial '{trial.name}'.plates")
+            raise _make_fault(message, trial.file, f"trial '{trial.name}'.plates")
     if trial.time is not None:
         time, (low, high) = recording.time, trial.time
         inside = (time >= low - 1e-9) & (time <= high + 1e-9)
@@ -81,18 +97,18 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
             message = (
                 f"found [{low:g}, {high:g}]; the recording runs from {time[0]:g} to {time[-1]:g} s"
             )
-            raise _fault(message, trial.file, f"trial '{trial.name}'.time")
+            raise _make_fault(message, trial.file, f"trial '{trial.name}'.time")
         recording = recording.frames(inside)
     if trial.role == Role.STATIC.value:
-        recording = upright(recording)
-    recording = _with_forces_in_part(recording, trial)
+        recording = make_upright_posture(recording)
+    recording = _note_partial_forces(recording, trial)
     files = {"file": trial.file}
     if trial.forces is not None:
         files |= {"forces": trial.forces} | {
-            f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))
+            f"table{k}": path for k, path in enumerate(find_loads_tables(trial.forces))
         }
     if recording.corrected:
-        files["events"] = events_beside(trial.file)[0]
+        files["events"] = find_event_tables(trial.file)[0]
     return Trial(
         name=trial.name,
         role=Role(trial.role),
@@ -105,11 +121,11 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     )
 
 
-def _fault(message: str, source: object, field: str) -> InputError:
+def _make_fault(message: str, source: object, field: str) -> InputError:
     return InputError(message, source=source, field=field, code=Code.PART_OF_TRIAL)
 
 
-def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
+def _rename_labels(recording: Recording, rename: Mapping[str, str]) -> Recording:
     labels = tuple(rename.get(label, label) for label in recording.labels)
     changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
     doubled = sorted({label for label in labels if labels.count(label) > 1}) if changed else ()
@@ -122,22 +138,20 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
     return renamed.with_notes(f"markers renamed: {', '.join(changed)}") if changed else renamed
 
 
-def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
-    """The recording with a note where its forces cover a part of it; InputError where they cover
-    less than a step.
-    """
+def _note_partial_forces(recording: Recording, trial: TrialTable) -> Recording:
+    """Add a note if forces cover a part of the trial; InputError if less than a step."""
     if trial.role not in ("gait", "motion"):
         return recording
     time, source = recording.time, trial.forces or trial.file
     step, whole = float(np.median(np.diff(time))), float(np.ptp(time))
     for plate in recording.plates:
         lasts = float(np.ptp(plate.time))
-        if lasts > OTHER_UNIT * whole and trial.time is None:
+        if lasts > OTHER_UNIT_RATIO * whole and trial.time is None:
             message = (
                 f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the "
                 "two times is in "
             )
-            raise _fault(
+            raise _make_fault(
                 message + "another unit (ms?); both must be in s", source, f"plate {plate.name}"
             )
         start, stop = max(plate.time[0], time[0]), min(plate.time[-1], time[-1])
@@ -148,7 +162,7 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
                 f"{time[-1]:g} s; both must last for a step together: are these the forces of this "
                 "trial?"
             )
-            raise _fault(message, source, f"plate {plate.name}")
+            raise _make_fault(message, source, f"plate {plate.name}")
         if start > time[0] + step or stop < time[-1] - step:
             note = (
                 f"Plate {plate.name}: forces from {start:.2f} to {stop:.2f} s only; no torques "

@@ -123,7 +123,7 @@ def synthesize(
     trials["gait"] = motions.two_strides(model.parameters)
     movements = {activity.value: movement(activity, model.parameters) for activity in activities}
     trials |= {name: found.motion for name, found in movements.items()}
-    with result_folder.atomic_directory(folder, result_folder.ResultKind.SYNTHETIC) as target:
+    with result_folder.write_result_folder(folder, result_folder.ResultKind.SYNTHETIC) as target:
         entries = []
         curves: dict[str, tuple[motions.TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
@@ -247,7 +247,7 @@ def _plate(
     """A plate from its wrench (nf, 6) about the laboratory origin."""
     raised = wrench.copy()
     raised[:, 3:] -= np.cross([0.0, height, 0.0], wrench[:, :3])
-    point, torque = force_plate.point_and_torque(raised)
+    point, torque = force_plate.split_wrench(raised)
     corners = np.array(
         [[x[0], height, z[0]], [x[1], height, z[0]], [x[1], height, z[1]], [x[0], height, z[1]]]
     )

@@ -50,7 +50,13 @@ from gaitcal.model.linkage import (
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, measure_lower_body
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.study.declared_truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text
+from gaitcal.study.declared_truth import (
+    MOMENTS_SUFFIX,
+    MOTION_SUFFIX,
+    format_landmarks,
+    format_moments,
+    format_motion,
+)
 from gaitcal.study.study_file import TruthTable
 from gaitcal.synthetic.synthetic_motion import TrueMotion, standing_pose, synthetic_markers
 from gaitcal.tracking.spline import convert_to_bspline
@@ -353,13 +359,13 @@ def write_truth(
     frames = static_frames(model, HipCentre(TRUTH.hip_centre))
     (folder / PARAMETERS).write_text(truth_table(frames.parameters), encoding="utf-8")
     (folder / CURVES).mkdir()
-    (folder / LANDMARKS).write_text(landmarks_text(frames.posture.landmarks), encoding="utf-8")
+    (folder / LANDMARKS).write_text(format_landmarks(frames.posture.landmarks), encoding="utf-8")
     teller = Teller(model, frames, AnkleZero(TRUTH.ankle_zero))
     for name, (motion, wrench) in trials.items():
         told = teller.tell(motion, wrench)
         derivatives = () if wrench is None else (told.velocity, told.acceleration)
-        text = motion_text(told.time, told.q, *derivatives)
-        (folder / CURVES / (name + MOTION)).write_text(text, encoding="utf-8")
+        text = format_motion(told.time, told.q, *derivatives)
+        (folder / CURVES / (name + MOTION_SUFFIX)).write_text(text, encoding="utf-8")
         if told.forces is not None:
-            text = moments_text(told.time, told.forces, model.subject.bwh)
-            (folder / CURVES / (name + MOMENTS)).write_text(text, encoding="utf-8")
+            text = format_moments(told.time, told.forces, model.subject.bwh)
+            (folder / CURVES / (name + MOMENTS_SUFFIX)).write_text(text, encoding="utf-8")

@@ -35,7 +35,7 @@ from scipy.linalg import solveh_banded
 from gaitcal.arrays import Array
 from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.derivatives import compute_root_residual
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model import coordinates, nominal, subject_model
 from gaitcal.model.chain import get_chain
 from gaitcal.model.kinematics import Kinematics
@@ -188,7 +188,9 @@ def ramp(x: Array) -> Array:
 
 @cache
 def _nominal_gait() -> dict[str, Any]:
-    content = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    content = json.loads(
+        (find_models_folder() / "nominal_subject.json").read_text(encoding="utf-8")
+    )
     gait: dict[str, Any] = content["nominal_gait"]
     return gait
 

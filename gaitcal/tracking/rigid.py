@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, find_visible
 from gaitcal.model.segment_frames import find_nearest_rotation
 from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.tracking.marker_residual import MarkerData
@@ -85,7 +85,7 @@ def fit_segment(markers: MarkerPlacement, segment: str, recording: Recording) ->
     if len(on) < FEWEST_MARKERS:
         return None
     measured = recording.markers[:, [column[markers.labels[i]] for i in on]]
-    visible = seen_mask(measured)
+    visible = find_visible(measured)
     placed = np.where(visible[:, :, None], measured, 0.0).transpose(1, 2, 0)
     fit = fit_rigid(markers.local[on], placed, visible.T.astype(float))
     return fit if fit.determined.any() else None

@@ -37,7 +37,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, compute_pelvis_r
 from gaitcal.dynamics.off_sole import compute_distance_outside_hull, compute_sole_edge
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.io.force_plate import point_and_torque
+from gaitcal.io.force_plate import split_wrench
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.synthetic.subject import true_gait
@@ -116,7 +116,7 @@ def true_walk(seed: int | None = None) -> Walk:
         for stem in MOMENTS
         for side in SIDES
     }
-    centre = np.stack([point_and_torque(wrench[:, foot])[0] for foot in range(2)], axis=1)
+    centre = np.stack([split_wrench(wrench[:, foot])[0] for foot in range(2)], axis=1)
     centre[wrench[:, :, 1] <= LOADED_N] = np.nan
     return Walk(
         phase=np.asarray(motion.phase),

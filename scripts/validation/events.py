@@ -27,7 +27,7 @@ from gaitcal.dynamics.ground_reactions import compute_foot_points
 from gaitcal.dynamics.measurement_errors import compute_distance_outside, has_known_outline
 from gaitcal.gait.events import motion_events, plate_events
 from gaitcal.io.force_plate import LOADED_N
-from gaitcal.io.labels import FootEvent, FootMoment, times_of
+from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
 from gaitcal.preprocess.study_model import nominal_of
@@ -93,7 +93,9 @@ def whole_contacts(
     outlined = [p for p in recording.plates if has_known_outline(p, LOADED_N)]
     for event in events:
         foot, strike = SIDES.index(event.side), event.moment is FootMoment.STRIKE
-        other = times_of(events, event.side, FootMoment.OFF if strike else FootMoment.STRIKE)
+        other = select_event_times(
+            events, event.side, FootMoment.OFF if strike else FootMoment.STRIKE
+        )
         lengths = [abs(t - event.time) for t in other if (t > event.time) == strike]
         if lengths and not SHORTEST < min(lengths) < LONGEST:
             continue
@@ -120,7 +122,7 @@ def differences(
         if event.moment is moment and time[0] + SAME < event.time < time[-1] - SAME:
             near = [
                 t - event.time
-                for t in times_of(found, event.side, moment)
+                for t in select_event_times(found, event.side, moment)
                 if abs(t - event.time) < SAME
             ]
             out.append(min(near, key=abs) if near else np.nan)

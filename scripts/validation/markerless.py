@@ -42,7 +42,7 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv
 from gaitcal.io.recording import Recording
-from gaitcal.io.segment_poses import points_of_poses
+from gaitcal.io.segment_poses import compute_pose_points
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SIDES
@@ -193,7 +193,7 @@ def poses_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Rec
         pose[:, :3, 3] = origin + axes @ beside + errors.place * slow(rng, time, errors.memory)
         labels.append(f"{name}_4X4")
         out.append(pose)
-    names, markers, notes = points_of_poses(labels, np.stack(out, axis=1))
+    names, markers, notes = compute_pose_points(labels, np.stack(out, axis=1))
     return Recording(source="made up", time=time, labels=names, markers=markers, notes=notes)
 
 

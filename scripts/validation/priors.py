@@ -43,8 +43,15 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.study_model import nominal_of
-from gaitcal.study.cohort_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, mirror
-from gaitcal.study.study import cohort_prior
+from gaitcal.study.cohort_prior import (
+    HEIGHT_STEP_M,
+    REFERENCE_HEIGHT_M,
+    CohortPriors,
+    JointPrior,
+    Person,
+    build_mirror,
+)
+from gaitcal.study.study import build_cohort_prior
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
     isolated_motion,
@@ -75,7 +82,7 @@ def scaled(millimetres: float, degrees: float) -> Array:
 
 def both_sides(values: Array) -> Array:
     paired = np.array([p.joint[-2:] in ("_r", "_l") for p in JOINT_PARAMETERS])
-    return 0.5 * (values + mirror(JP_NAMES) @ values) * np.where(paired, np.sqrt(2.0), 1.0)
+    return 0.5 * (values + build_mirror(JP_NAMES) @ values) * np.where(paired, np.sqrt(2.0), 1.0)
 
 
 def offset(rng: np.random.Generator) -> Draw:
@@ -103,7 +110,7 @@ def structured(rng: np.random.Generator) -> Draw:
     common = both_sides(rng.normal(size=count) * scaled(4.0, 4.0))
 
     def draw(own: np.random.Generator, person: Person) -> Array:
-        by_size = (person.height - HEIGHT) / STEP * size
+        by_size = (person.height - REFERENCE_HEIGHT_M) / HEIGHT_STEP_M * size
         out: Array = (
             common
             + by_size
@@ -347,7 +354,7 @@ def outcomes(
         made = person_of(draw, (seed, 1, number), isolated=False)
         plain = fit(made)
         told = {
-            f"cohort: {k}": fit(made, cohort_prior(p, made.study, Path("priors.json")))
+            f"cohort: {k}": fit(made, build_cohort_prior(p, made.study, Path("priors.json")))
             for k, p in learnt.items()
         }
         parts = evidence("", made, plain).parts

@@ -26,20 +26,26 @@ import numpy as np
 
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.export.other_formats import write_external_loads
-from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d, write_c3d
+from gaitcal.io.c3d.writer import (
+    AddedPoint,
+    PointKind,
+    open_c3d_original,
+    supplement_c3d,
+    write_c3d,
+)
 from gaitcal.io.csv_recordings import (
-    with_corners,
+    add_corners,
     write_forces_csv,
     write_markers_csv,
     write_plates_csv,
 )
-from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.force_plate import build_plate_from_moment
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import read_forces, read_recording
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.opensim_files import write_forces_mot, write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
@@ -218,7 +224,7 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
         check_damaged_static,
         100_000,
     )
-    sets = sorted((models_path() / "markersets").glob("*.toml"))
+    sets = sorted((find_models_folder() / "markersets").glob("*.toml"))
     yield Kind("marker set .toml", sets[0].read_bytes(), ".toml", load_marker_set, 3000)
     save_model(published_model(), folder / "model.toml")
     yield Kind("model .toml", (folder / "model.toml").read_bytes(), ".toml", load_model, 4000)
@@ -248,7 +254,10 @@ def supplement(path: Path) -> Recording:
     target = path.with_name("supplemented.c3d")
     try:
         supplement_c3d(
-            c3d_original(path, frames), target, [point], [FootEvent(FootMoment.STRIKE, "r", 0.5)]
+            open_c3d_original(path, frames),
+            target,
+            [point],
+            [FootEvent(FootMoment.STRIKE, "r", 0.5)],
         )
         return read_recording(target)
     except InputError as error:
@@ -259,7 +268,7 @@ def read_damaged_corners(path: Path) -> object:
     """Plates with the damaged table beside their forces."""
     path.with_name("torn_plates.csv").write_bytes(path.read_bytes())
     forces = Forces(source="torn_forces.csv", plates=small_recording().plates)
-    return with_corners(forces, path.with_name("torn_forces.csv"))
+    return add_corners(forces, path.with_name("torn_forces.csv"))
 
 
 def check_damaged_static(path: Path) -> object:
@@ -303,7 +312,7 @@ def small_recording() -> Recording:
     up, origin = np.array([0.0, 1.0, 0.0]), np.zeros(3)
     corners = np.array([[0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5]])
     plates = tuple(
-        plate_from_moment(
+        build_plate_from_moment(
             str(k + 1), time_, wrench[:, k, :3], wrench[:, k, 3:], origin, up, corners
         )
         for k in range(2)

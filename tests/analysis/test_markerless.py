@@ -17,7 +17,7 @@ from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.io.recording import Recording
-from gaitcal.io.segment_poses import upright, with_landmarks
+from gaitcal.io.segment_poses import add_landmarks, make_upright_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import save_model
 from gaitcal.model.nominal import published_model
@@ -119,8 +119,8 @@ def test_augmented_markers_beside_key_points_are_the_set() -> None:
             [points.markers, np.ones((len(points.time), len(augmented), 3))], axis=1
         ),
     )
-    assert with_landmarks(points).labels != points.labels
-    assert with_landmarks(both) is both and upright(both) is both
+    assert add_landmarks(points).labels != points.labels
+    assert add_landmarks(both) is both and make_upright_posture(both) is both
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_another_person_without_markers(
     poses = body_poses(published_model().parameters, walk.q)
     child = {name: (axes, 0.8 * origin) for name, (axes, origin) in poses.items()}
     recordings = [
-        with_landmarks(made(seed, errors, of, walk.basis.time))
+        add_landmarks(made(seed, errors, of, walk.basis.time))
         for seed, of in enumerate([poses] * 3 + [child])
     ]
     first, *others = (pair_distances(recording, known) for recording in recordings)

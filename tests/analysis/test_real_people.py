@@ -89,7 +89,7 @@ def correlation(name: str, sign: int, calibration: Calibration, data: Path) -> t
         reference = read_table(data / "subject01/reference" / file)
         at = (reference.time >= 0.4) & (reference.time <= 1.6)
         mine = sign * np.interp(reference.time[at], walk.body.time, ours)
-        out.append(float(np.corrcoef(mine, reference.column(f"{name}{suffix}")[at])[0, 1]))
+        out.append(float(np.corrcoef(mine, reference.get_column(f"{name}{suffix}")[at])[0, 1]))
     return out[0], out[1]
 
 

@@ -37,7 +37,7 @@ from gaitcal.model.parameters import (
     Parameters,
     read_published_parameters,
 )
-from gaitcal.study.cohort_prior import other_side
+from gaitcal.study.cohort_prior import name_other_side
 from gaitcal.tracking.marker_residual import PlacedMarkers
 from gaitcal.tracking.motion import track_nodes
 from gaitcal.tracking.spline import build_spline_basis
@@ -55,7 +55,7 @@ def test_it_is_a_covariance_alike_on_both_sides() -> None:
         )[0]
         > 1e-3
     )
-    other = [JP_INDEX[other_side(name)] for name in JP_NAMES]
+    other = [JP_INDEX[name_other_side(name)] for name in JP_NAMES]
     np.testing.assert_array_equal(COVARIANCE[np.ix_(other, other)], COVARIANCE)
     mirrored = np.array([-1.0 if p.mirrored else 1.0 for p in JOINT_PARAMETERS])
     np.testing.assert_array_equal(mirrored * MEAN[other], MEAN)

@@ -23,22 +23,22 @@ from gaitcal.cohort.learn_priors import (
 )
 from gaitcal.cohort.learning import Evidence, PersonEvidence, Structure, learn, log_density
 from gaitcal.errors import InputError
-from gaitcal.io.toml import package_version
+from gaitcal.io.toml import get_package_version
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.cohort_prior import (
     CohortPriors,
     JointPrior,
     Person,
-    expected,
-    mirror,
-    other_side,
-    prior_of_person,
+    build_mirror,
+    build_sided_directions,
+    build_symmetric,
+    compute_expected_deviations,
+    name_other_side,
+    predict_prior,
     read_cohort_priors,
-    sided_directions,
-    symmetric,
 )
 from gaitcal.study.settings import ParameterPriorTable
-from gaitcal.study.study import Study, cohort_prior, with_cohort_priors
+from gaitcal.study.study import Study, add_cohort_priors, build_cohort_prior
 from tests.cohort.made_people import KNEES, NAMES, Array, people, some_information, told
 from tests.commands import refused
 from tests.synthetic_studies import write_synthetic_study
@@ -50,7 +50,7 @@ ROUNDED = 1e-7
 
 
 def offset(rng: np.random.Generator, person: Person) -> Array:
-    alike, _ = sided_directions(NAMES)
+    alike, _ = build_sided_directions(NAMES)
     common = alike @ np.linspace(-0.8, 0.8, alike.shape[1])
     out: Array = common + SPREAD * rng.normal(size=len(NAMES))
     return out
@@ -79,16 +79,16 @@ def written(priors: CohortPriors, folder: Path) -> Path:
 
 
 def test_the_other_side_of_every_parameter_is_the_mirror_image() -> None:
-    reflected = mirror(NAMES)
+    reflected = build_mirror(NAMES)
     np.testing.assert_array_equal(reflected @ reflected, np.eye(len(NAMES)))
     assert (
-        other_side("hip_r.pelvis.ant") == "hip_l.pelvis.ant"
-        and other_side("back.trunk.lat") == "back.trunk.lat"
+        name_other_side("hip_r.pelvis.ant") == "hip_l.pelvis.ant"
+        and name_other_side("back.trunk.lat") == "back.trunk.lat"
     )
     place = {name: k for k, name in enumerate(NAMES)}
     assert reflected[place["hip_l.pelvis.ant"], place["hip_r.pelvis.ant"]] == 1.0
     assert reflected[place["hip_l.pelvis.lat"], place["hip_r.pelvis.lat"]] == -1.0
-    alike, opposite = sided_directions(NAMES)
+    alike, opposite = build_sided_directions(NAMES)
     np.testing.assert_allclose(reflected @ alike, alike)
     np.testing.assert_allclose(reflected @ opposite, -opposite)
 
@@ -98,11 +98,11 @@ def test_an_offset_is_learnt_and_read_back(
 ) -> None:
     file = written(priors, tmp_path)
     assert read_cohort_priors(file) == priors
-    leaning = with_cohort_priors(study, file)
+    leaning = add_cohort_priors(study, file)
     prior = leaning.joint_prior
     assert prior is not None and prior.people == 12 and prior.left_out == 0
     mean, covariance = select_prior(NAMES, prior)
-    alike, _ = sided_directions(NAMES)
+    alike, _ = build_sided_directions(NAMES)
     common = alike @ np.linspace(-0.8, 0.8, alike.shape[1])
     origin, default = select_prior(NAMES, None)
     unit = np.linalg.inv(factor_prior(NAMES, None))
@@ -113,7 +113,7 @@ def test_an_offset_is_learnt_and_read_back(
     assert "12 people of the cohort 'lab'" in prior.notes[0]
     assert (
         leaning.inputs.keys() - study.inputs.keys() == {"priors.json"}
-        and not leaning.changed_inputs()
+        and not leaning.find_changed_inputs()
     )
     assert prior.names == NAMES, "nobody tells of trunk and arms: what is known of them stays"
     rows = list(priors_rows(priors))
@@ -130,12 +130,12 @@ def test_people_like_the_default_prior_change_nothing() -> None:
     part = learnt.parts[0]
     assert part.learning == "nothing" and part.gain == [0.0, 0.0]
     np.testing.assert_array_equal(
-        symmetric(part.populations[0].spread, len(NAMES)), np.eye(len(NAMES))
+        build_symmetric(part.populations[0].spread, len(NAMES)), np.eye(len(NAMES))
     )
-    mean, covariance = expected(part, 0, Person(height=1.7, sex=""), (1.5, 1.9))
+    mean, covariance = compute_expected_deviations(part, 0, Person(height=1.7, sex=""), (1.5, 1.9))
     np.testing.assert_allclose(mean, select_prior(NAMES, None)[0])
     np.testing.assert_allclose(covariance, select_prior(NAMES, None)[1], rtol=ROUNDED)
-    nobody = prior_of_person(learnt, Person(height=1.7, sex=""), Path("priors.json"))
+    nobody = predict_prior(learnt, Person(height=1.7, sex=""), Path("priors.json"))
     assert nobody.names == () and nobody.covariance.shape == (0, 0)
 
 
@@ -155,17 +155,17 @@ def test_who_is_among_the_people_leans_on_the_others(
         again = replace(study, inputs={**study.inputs, "walk.c3d": "file 3"})
     else:
         again = replace(study, subject=replace(study.subject, name=one.name))
-    prior = cohort_prior(priors, again, Path("priors.json"))
+    prior = build_cohort_prior(priors, again, Path("priors.json"))
     fold = priors.people[3].fold
     left_out = [p.fold for p in priors.people].count(fold)
     assert (prior.people, prior.left_out) == (12 - left_out, left_out)
     assert "left out" in prior.notes[0]
     everybody = people(12, offset, np.random.default_rng(1))
     changed = [replace(p, parts=_louder(p)) if p is everybody[3] else p for p in everybody]
-    other = cohort_prior(learn_cohort("lab", changed, RULES), again, Path("priors.json"))
+    other = build_cohort_prior(learn_cohort("lab", changed, RULES), again, Path("priors.json"))
     assert not np.allclose(
-        cohort_prior(learn_cohort("lab", changed, RULES), study, Path("x")).mean,
-        cohort_prior(priors, study, Path("x")).mean,
+        build_cohort_prior(learn_cohort("lab", changed, RULES), study, Path("x")).mean,
+        build_cohort_prior(priors, study, Path("x")).mean,
     )
     # whatever their own result says, as long as as much is learnt, what they lean on is the same
     np.testing.assert_allclose(other.mean, prior.mean, atol=1e-9)
@@ -193,17 +193,17 @@ def test_other_markers_or_nominal_joints_are_refused(
     priors: CohortPriors, study: Study, rule: str, value: str, words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
-        cohort_prior(priors.model_copy(update={rule: value}), study, Path("priors.json"))
+        build_cohort_prior(priors.model_copy(update={rule: value}), study, Path("priors.json"))
 
 
 def test_another_version_and_another_size_are_told(priors: CohortPriors, study: Study) -> None:
     tall = replace(study, subject=replace(study.subject, height=2.1))
-    notes = cohort_prior(
+    notes = build_cohort_prior(
         priors.model_copy(update={"gaitcal": "0.0.1"}), tall, Path("priors.json")
     ).notes
     assert (
         "2.10 m is outside" in notes[1]
-        and f"gaitcal 0.0.1, not {package_version('gaitcal')}" in notes[2]
+        and f"gaitcal 0.0.1, not {get_package_version('gaitcal')}" in notes[2]
     )
 
 
@@ -340,7 +340,7 @@ def evidence(people: int, spread: Array, mean: Array, seed: int, unseen: int = 0
     for _ in range(people):
         deviation = mean + root @ rng.normal(size=SIZE)
         parts.append(told(deviation, some_information(rng, SIZE, unseen), rng))
-    alike, _ = sided_directions(KNEES)
+    alike, _ = build_sided_directions(KNEES)
     return Evidence(
         information=np.array([p.information for p in parts]).reshape(-1, SIZE, SIZE),
         right=np.array([p.right for p in parts]).reshape(-1, SIZE),
@@ -349,11 +349,11 @@ def evidence(people: int, spread: Array, mean: Array, seed: int, unseen: int = 0
 
 
 def effects() -> Array:
-    return np.full(sided_directions(KNEES)[0].shape[1], COMMON)
+    return np.full(build_sided_directions(KNEES)[0].shape[1], COMMON)
 
 
 def rest() -> Array:
-    alike, _ = sided_directions(KNEES)
+    alike, _ = build_sided_directions(KNEES)
     return np.eye(SIZE) - COMMON * alike @ alike.T
 
 
@@ -364,11 +364,14 @@ def axes() -> Structure:
 @pytest.mark.parametrize("structure", [axes(), Structure(rest(), 10.0)], ids=["axes", "whole"])
 def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure: Structure) -> None:
     found = learn(
-        evidence(12, 0.1 * np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure
+        evidence(12, 0.1 * np.eye(SIZE), np.zeros(SIZE), 1),
+        effects(),
+        build_mirror(KNEES),
+        structure,
     )
     assert len(found.rises) > 3
     assert (np.diff(found.rises) > -EXACT).all()
-    spread, reflected = found.population.spread, mirror(KNEES)
+    spread, reflected = found.population.spread, build_mirror(KNEES)
     np.testing.assert_allclose(reflected @ spread @ reflected.T, spread, atol=EXACT)
     assert np.linalg.eigvalsh(spread)[0] > 0.0
 
@@ -376,19 +379,19 @@ def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure:
 def test_of_nobody_the_default_prior_is_learnt() -> None:
     for structure in (Structure(rest()), axes(), Structure(rest(), 10.0)):
         nobody = learn(
-            evidence(0, np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure
+            evidence(0, np.eye(SIZE), np.zeros(SIZE), 1), effects(), build_mirror(KNEES), structure
         )
-        mean, covariance = nobody.population.expected(sided_directions(KNEES)[0])
+        mean, covariance = nobody.population.expected(build_sided_directions(KNEES)[0])
         np.testing.assert_allclose(mean, 0.0)
         np.testing.assert_allclose(covariance, np.eye(SIZE), atol=EXACT)
 
 
 def test_many_people_tell_mean_and_spread() -> None:
     rng = np.random.default_rng(3)
-    alike, _ = sided_directions(KNEES)
+    alike, _ = build_sided_directions(KNEES)
     mean = alike @ rng.normal(0.0, 0.7, alike.shape[1])
     traits = rng.normal(0.0, 0.3, (SIZE, 2))
-    reflected = mirror(KNEES)
+    reflected = build_mirror(KNEES)
     spread = 0.05 * np.eye(SIZE) + traits @ traits.T
     spread = 0.5 * (spread + reflected @ spread @ reflected.T)
     found = learn(
@@ -403,8 +406,8 @@ def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
     """With information of full rank, m = S^-1 r is normal with the covariance of people and
     recordings together.
     """
-    people, alike = 5, sided_directions(KNEES)[0]
-    prior, reflected = effects(), mirror(KNEES)
+    people, alike = 5, build_sided_directions(KNEES)[0]
+    prior, reflected = effects(), build_mirror(KNEES)
 
     def dense(made: Evidence, spread: Array) -> float:
         blocks = [np.linalg.inv(s) for s in made.information]
@@ -443,7 +446,7 @@ def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
 def test_what_nobody_shows_stays_as_it_was() -> None:
     rng = np.random.default_rng(8)
     vectors = np.linalg.qr(rng.normal(size=(SIZE, SIZE)))[0]
-    reflected, alike = mirror(KNEES), sided_directions(KNEES)[0]
+    reflected, alike = build_mirror(KNEES), build_sided_directions(KNEES)[0]
     # the same on both sides, so that the other side does not show it
     seen = (vectors[:, : SIZE // 3]) @ vectors[:, : SIZE // 3].T
     seen = 0.5 * (seen + reflected @ seen @ reflected.T)
@@ -466,7 +469,7 @@ def test_what_nobody_shows_stays_as_it_was() -> None:
 
 
 def test_people_seen_in_a_mirror_teach_the_same() -> None:
-    made, reflected = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 10), mirror(KNEES)
+    made, reflected = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 10), build_mirror(KNEES)
     turned = Evidence(
         information=reflected @ made.information @ reflected.T,
         right=made.right @ reflected.T,

@@ -21,7 +21,7 @@ from gaitcal.cohort.outcome import Outcome, fingerprint, keep
 from gaitcal.cohort.run_cohort import mark
 from gaitcal.errors import InputError, UsageError
 from gaitcal.intake.draft_file import settings_text
-from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved_result import load_result
 from gaitcal.study.cohort_prior import JointPrior
@@ -295,7 +295,10 @@ def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path:
     )
     assert note == "priors = p.json was said for the cohort; the study file's own.json is used"
     same = SimpleNamespace(
-        **{**vars(study), "joint_prior": replace(own, sha256=sha256_of(tmp_path / "p.json") or "")}
+        **{
+            **vars(study),
+            "joint_prior": replace(own, sha256=compute_sha256(tmp_path / "p.json") or ""),
+        }
     )
     assert not _contradictions(
         person, cast(Study, same), CommonSettings(priors=tmp_path / "p.json")

@@ -34,7 +34,7 @@ from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import CurveKind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.io.result_folder import listed
+from gaitcal.io.result_folder import read_listed_hashes
 from gaitcal.results.table_files import write_csv
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.commands import run
@@ -262,11 +262,11 @@ def test_a_cohort_is_no_result_of_one_person(tmp_path: Path, words: tuple[str, .
 
 def test_the_manifest_of_a_cohort_is_signed(tmp_path: Path) -> None:
     write_cohort(tmp_path, [Kept(name="Ann")])
-    assert {"people.csv", "cohort.html"} < set(listed(tmp_path))
+    assert {"people.csv", "cohort.html"} < set(read_listed_hashes(tmp_path))
     manifest = tmp_path / "manifest.json"
     manifest.write_text(manifest.read_text().replace('"people": 1', '"people": 2'))
     with pytest.raises(InputError, match="is damaged, or was edited"):
-        listed(tmp_path)
+        read_listed_hashes(tmp_path)
 
 
 @pytest.mark.slow

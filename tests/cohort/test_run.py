@@ -28,7 +28,7 @@ from gaitcal.cohort.run_cohort import (
 )
 from gaitcal.errors import InputError
 from gaitcal.intake.draft_file import settings_text
-from gaitcal.io.atomic import disk_errors
+from gaitcal.io.atomic import convert_disk_errors
 from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides, write_result
 from tests.commands import refused
 from tests.intake.folders import recordings, write
@@ -207,7 +207,7 @@ def test_who_cannot_be_kept_is_a_failure(
 
     def full(folder: Path, outcome: Outcome) -> None:
         if outcome.name in ("Ann", "Zed"):
-            with disk_errors(folder / outcome.place):
+            with convert_disk_errors(folder / outcome.place):
                 raise OSError(ENOSPC, "No space left on device")
         keep(folder, outcome)
 

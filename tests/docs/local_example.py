@@ -26,7 +26,7 @@ def main() -> None:
             raise InputError(f"{file.name} is not among the recordings of these tests", source=data)
         target.write_bytes(held[file.sha256].read_bytes())
 
-    named = examples.example_named
+    named = examples.find_example
 
     def smaller(name: str) -> Example:
         whole = named(name)
@@ -35,7 +35,7 @@ def main() -> None:
             update={"files": tuple(f for f in whole.files if Path(f.name).parent in people)}
         )
 
-    examples.download, examples.example_named = copied, smaller
+    examples.download, examples.find_example = copied, smaller
     cli.main()
 
 

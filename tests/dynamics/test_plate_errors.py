@@ -23,7 +23,7 @@ from gaitcal.dynamics.measurement_errors import (
     compute_wrench_rates,
 )
 from gaitcal.errors import Severity
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground, resample_wrench
+from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground, resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.preprocess.study_model import nominal_of
@@ -51,7 +51,7 @@ def turned(wrench: Array, angle: float) -> Array:
     """(nf, 6) a plate turned about the vertical through each centre of pressure, where one stands."""
     out = wrench.copy()
     on = wrench[:, 1] > LOADED_N
-    point, rotation = centre_on_ground(wrench[on]), Rotation.from_rotvec([0.0, angle, 0.0])
+    point, rotation = compute_centre_on_ground(wrench[on]), Rotation.from_rotvec([0.0, angle, 0.0])
     free = wrench[on, 3:] - np.cross(point, wrench[on, :3])
     out[on, :3] = rotation.apply(wrench[on, :3])
     out[on, 3:] = np.cross(point, out[on, :3]) + rotation.apply(free)

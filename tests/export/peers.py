@@ -186,7 +186,7 @@ def run_inverse_dynamics(
     assert tool.run()
     found = read_table(out)
     columns = [f"{name}_{'force' if is_translation(name) else 'moment'}" for name in COORDINATES]
-    return np.stack([found.column(name) for name in columns], axis=1), _derivatives(
+    return np.stack([found.get_column(name) for name in columns], axis=1), _derivatives(
         osim, model, motion, time
     )
 
@@ -236,7 +236,8 @@ def run_inverse_kinematics(
     np.testing.assert_allclose(found.time, time, rtol=0, atol=1e-8)
     units = [1.0 if is_translation(name) else np.pi / 180 for name in COORDINATES]
     return np.stack(
-        [found.column(name) * unit for name, unit in zip(COORDINATES, units, strict=True)], axis=1
+        [found.get_column(name) * unit for name, unit in zip(COORDINATES, units, strict=True)],
+        axis=1,
     )
 
 

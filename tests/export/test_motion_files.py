@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.export.other_formats import write_external_loads, write_mot, write_sto_moments
-from gaitcal.io.force_plate import LOADED_N, point_and_torque
+from gaitcal.io.force_plate import LOADED_N, split_wrench
 from gaitcal.io.opensim_files import read_mot_forces, read_table
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, is_translation
 
@@ -34,7 +34,7 @@ def test_mot_round_trip(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.time, TIME)
     for i, name in enumerate(COORDINATES):
         unit = 1.0 if is_translation(name) else np.pi / 180
-        np.testing.assert_allclose(read.column(name) * unit, q[:, i], rtol=ROUNDING)
+        np.testing.assert_allclose(read.get_column(name) * unit, q[:, i], rtol=ROUNDING)
 
 
 def test_mot_of_some_coordinates_in_any_order(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def walking_wrenches(seed: int = 5) -> np.ndarray:
 
 def test_point_and_torque_are_the_same_wrench() -> None:
     for wrench in np.moveaxis(walking_wrenches(), 1, 0):
-        point, torque = point_and_torque(wrench)
+        point, torque = split_wrench(wrench)
         np.testing.assert_allclose(
             np.cross(point, wrench[:, :3]) + torque, wrench[:, 3:], atol=1e-10
         )
@@ -118,7 +118,7 @@ def test_point_and_torque_are_the_same_wrench() -> None:
 
 def test_never_loaded() -> None:
     wrench = np.full((4, 6), 0.5)
-    point, torque = point_and_torque(wrench)
+    point, torque = split_wrench(wrench)
     assert (point == 0).all()
     np.testing.assert_array_equal(torque, wrench[:, 3:])
 

@@ -101,7 +101,7 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
     assert [t.name for t in loaded.trials] == [t.name for t in direct.trials]
     assert len(direct.trials[-1].recording.plates) == len(loaded.trials[-1].recording.plates) == 2
     assert "study.toml" not in direct.inputs, "nobody wrote one"
-    assert direct.changed_inputs() == ()
+    assert direct.find_changed_inputs() == ()
     assert set(direct.inputs) == {
         f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")
     }

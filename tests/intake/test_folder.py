@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gaitcal.intake.recordings_folder import FileKind, marker_sets_above, read_folder
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 from tests.intake.folders import recordings, write
 from tests.refusal import refusal
 
@@ -17,7 +17,7 @@ LOADS = (
 
 def test_kinds(tmp_path: Path) -> None:
     folder = write(tmp_path, {"walk": recordings()["walk"]}, forces="grf")
-    (folder / "own.toml").write_bytes((models_path() / "markersets/rcnl.toml").read_bytes())
+    (folder / "own.toml").write_bytes((find_models_folder() / "markersets/rcnl.toml").read_bytes())
     for name, content in {
         "study.toml": '[subject]\nname = "x"\n',
         "other.toml": "a = 1\n",

@@ -6,7 +6,7 @@ from typing import Any
 import ezc3d
 import numpy as np
 
-from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.force_plate import build_plate_from_moment
 from gaitcal.io.recording import ForcePlate, Recording
 
 BODY_N = 700.0
@@ -37,7 +37,9 @@ def plate(time: np.ndarray, name: str = "1", load: np.ndarray | None = None) -> 
     where = centre + np.column_stack([0.1 * np.cos(3 * time), 0 * time, 0.02 + 0 * time])
     moment = np.cross(where - centre, force)
     moment[:, 1] += 0.005 * load
-    return plate_from_moment(name, time, force, moment, centre, np.array([0.0, 1.0, 0.0]), corners)
+    return build_plate_from_moment(
+        name, time, force, moment, centre, np.array([0.0, 1.0, 0.0]), corners
+    )
 
 
 def loaded_body(frames: int = 100, rate: float = 100.0, ratio: int = 10) -> Recording:

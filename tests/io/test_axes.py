@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from gaitcal.io.axes import (
-    ABOUT_Y,
+    QUARTER_ROTATIONS,
     UP_TO_Y,
-    Turn,
+    AxisPermutation,
     Vertical,
     find_vertical,
     make_y_up,
-    turn_recording,
-    turn_to_progression,
+    rotate_recording,
+    rotate_to_progression,
 )
 from gaitcal.io.recording import Recording
 from tests.io.recordings import body, loaded_body
@@ -22,13 +22,13 @@ from tests.io.recordings import body, loaded_body
 OTHERWISE = Vertical(2, 1, "nothing")
 
 
-def matrix(turn: Turn) -> np.ndarray:
+def matrix(turn: AxisPermutation) -> np.ndarray:
     return turn.apply(np.eye(3)).T
 
 
-def inverse(turn: Turn) -> Turn:
+def inverse(turn: AxisPermutation) -> AxisPermutation:
     source = tuple(turn.source.index(i) for i in range(3))
-    return Turn(source, tuple(turn.sign[i] for i in source))
+    return AxisPermutation(source, tuple(turn.sign[i] for i in source))
 
 
 def require_same(found: Recording, expected: Recording) -> None:
@@ -39,8 +39,8 @@ def require_same(found: Recording, expected: Recording) -> None:
         np.testing.assert_array_equal(a.corners, b.corners)
 
 
-@pytest.mark.parametrize("turn", [*UP_TO_Y.values(), *ABOUT_Y])
-def test_turns_are_proper_rotations(turn: Turn) -> None:
+@pytest.mark.parametrize("turn", [*UP_TO_Y.values(), *QUARTER_ROTATIONS])
+def test_turns_are_proper_rotations(turn: AxisPermutation) -> None:
     assert np.linalg.det(matrix(turn)) == pytest.approx(1.0)
 
 
@@ -50,7 +50,7 @@ def test_any_vertical_is_found_and_undone_bit_for_bit(
     axis: int, sign: int, make: type[Recording]
 ) -> None:
     upright = make()
-    tipped = turn_recording(upright, inverse(UP_TO_Y[axis, sign]))
+    tipped = rotate_recording(upright, inverse(UP_TO_Y[axis, sign]))
     found = find_vertical(tipped.markers, tipped.plates)
     assert (found.axis, found.sign) == (axis, sign)
     back = make_y_up(tipped, OTHERWISE)
@@ -75,18 +75,18 @@ def test_arms_held_out_do_not_make_the_body_wide() -> None:
     assert find_vertical(markers, ()).axis == 2
 
 
-@pytest.mark.parametrize("turn", ABOUT_Y)
-def test_any_heading_becomes_x(turn: Turn) -> None:
+@pytest.mark.parametrize("turn", QUARTER_ROTATIONS)
+def test_any_heading_becomes_x(turn: AxisPermutation) -> None:
     walk = loaded_body()
-    turned = turn_to_progression(turn_recording(walk, inverse(turn)))
+    turned = rotate_to_progression(rotate_recording(walk, inverse(turn)))
     require_same(turned, walk)
     assert bool(turned.notes) == (not turn.is_identity)
 
 
 def test_standing_faces_where_it_is_told_or_stays() -> None:
     standing = body(speed=0.0)
-    assert turn_to_progression(standing) is standing
-    turned = turn_to_progression(standing, np.array([0.2, 0.9, -1.0]))
+    assert rotate_to_progression(standing) is standing
+    turned = rotate_to_progression(standing, np.array([0.2, 0.9, -1.0]))
     np.testing.assert_array_equal(turned.markers[..., 0], -standing.markers[..., 2])
     assert "the file's -z" in turned.notes[-1]
 
@@ -94,24 +94,24 @@ def test_standing_faces_where_it_is_told_or_stays() -> None:
 def test_wrenches_turn_with_the_markers() -> None:
     """The moment of a force about the origin is a vector like any other."""
     walk = loaded_body()
-    turned = turn_recording(walk, ABOUT_Y[1])
-    rotation = matrix(ABOUT_Y[1])
+    turned = rotate_recording(walk, QUARTER_ROTATIONS[1])
+    rotation = matrix(QUARTER_ROTATIONS[1])
     wrench, expected = turned.plates[0].wrench(), walk.plates[0].wrench()
     np.testing.assert_allclose(wrench[:, :3], expected[:, :3] @ rotation.T, atol=1e-12)
     np.testing.assert_allclose(wrench[:, 3:], expected[:, 3:] @ rotation.T, atol=1e-9)
 
 
-@pytest.mark.parametrize("turn", ABOUT_Y)
+@pytest.mark.parametrize("turn", QUARTER_ROTATIONS)
 @pytest.mark.parametrize(
     ("degrees", "side"), [(9.0, ""), (12.0, "12 deg to the right"), (-30.0, "30 deg to the left")]
 )
-def test_a_walk_off_x_is_told(turn: Turn, degrees: float, side: str) -> None:
+def test_a_walk_off_x_is_told(turn: AxisPermutation, degrees: float, side: str) -> None:
     """Z is to the right; the angle is that of the turned recording, whatever the file's axes."""
     standing = body(speed=0.0)
     way = np.array([np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))])
     walk = replace(standing, markers=standing.markers.copy())
     walk.markers[..., [0, 2]] += np.linspace(0, 1, 50)[:, None, None] * way
-    notes = turn_to_progression(turn_recording(walk, inverse(turn))).notes
+    notes = rotate_to_progression(rotate_recording(walk, inverse(turn))).notes
     about = [note for note in notes if "pelvis angles are relative to the laboratory's x" in note]
     assert len(about) == bool(side)
     assert all(side in note for note in about)

@@ -9,7 +9,7 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.intake.draft_file import study_of
 from gaitcal.intake.recordings_folder import FileKind, read_folder
-from gaitcal.io.csv_recordings import EVENTS, with_corrected_events, write_markers_csv
+from gaitcal.io.csv_recordings import EVENT_FILE, apply_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
 from tests.commands import refused
 from tests.intake.folders import draft, recordings, write
@@ -20,7 +20,7 @@ HEAD = "file,time,side,event\n"
 
 def folder_with(folder: Path, rows: str, head: str = HEAD) -> Path:
     write_markers_csv(folder / "walk.csv", body())  # 0 to 0.49 s
-    (folder / EVENTS).write_text(head + rows, encoding="utf-8")
+    (folder / EVENT_FILE).write_text(head + rows, encoding="utf-8")
     return folder / "walk.csv"
 
 
@@ -28,13 +28,13 @@ def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> Non
     walk = folder_with(
         tmp_path, "walk.csv,0.4,left,foot off\n\nwalk.csv, 0.125 ,right,foot strike\n"
     )
-    recording = with_corrected_events(body(), walk)
+    recording = apply_corrected_events(body(), walk)
     strike, off = FootEvent(FootMoment.STRIKE, "r", 0.125), FootEvent(FootMoment.OFF, "l", 0.4)
     assert recording.events == (strike, off) and recording.corrected
     assert "2 foot events are those of events.csv" in recording.notes[-1]
-    assert not with_corrected_events(body(), tmp_path / "other.csv").corrected
-    (tmp_path / EVENTS).unlink()
-    assert not with_corrected_events(body(), walk).corrected
+    assert not apply_corrected_events(body(), tmp_path / "other.csv").corrected
+    (tmp_path / EVENT_FILE).unlink()
+    assert not apply_corrected_events(body(), walk).corrected
 
 
 @pytest.mark.parametrize(
@@ -64,13 +64,13 @@ def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> Non
 )
 def test_a_fault_names_file_line_and_field(tmp_path: Path, rows: str, told: str) -> None:
     walk = folder_with(tmp_path, rows)
-    with refused(f"{tmp_path / EVENTS}: {told}"):
-        with_corrected_events(body(), walk)
+    with refused(f"{tmp_path / EVENT_FILE}: {told}"):
+        apply_corrected_events(body(), walk)
 
 
 def test_what_a_spreadsheet_adds_does_no_harm(tmp_path: Path) -> None:
     rows = "walk.csv,0.125,Right,Foot Strike,,\n,,,\n,,,,,\nwalk.csv,0.4,LEFT,foot off\n"
-    recording = with_corrected_events(
+    recording = apply_corrected_events(
         body(), folder_with(tmp_path, rows, head="File,time,side,event,,\n")
     )
     assert [(e.moment, e.side, e.time) for e in recording.events] == [
@@ -83,15 +83,15 @@ def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_a
     tmp_path: Path,
 ) -> None:
     folder = write(tmp_path, recordings())
-    (folder / EVENTS).write_text("frame,event\n12,RHS\n", encoding="utf-8")
+    (folder / EVENT_FILE).write_text("frame,event\n12,RHS\n", encoding="utf-8")
     made = draft(folder)
-    [row] = [row for row in made.left_out if row.name == EVENTS]
+    [row] = [row for row in made.left_out if row.name == EVENT_FILE]
     assert "its first line is not 'file,time,side,event'" in row.reason
     study = study_of(made)
     walk = next(trial for trial in study.trials if trial.name == "walk")
-    assert not walk.recording.corrected and EVENTS not in study.inputs
+    assert not walk.recording.corrected and EVENT_FILE not in study.inputs
     assert any(note.startswith("events.csv is not used") for note in walk.recording.notes)
-    (folder / EVENTS).write_text(
+    (folder / EVENT_FILE).write_text(
         "file;time;side;event\nwalk.csv;0,5;right;foot strike\n", encoding="utf-8"
     )
     with pytest.raises(InputError, match="a header 'file,time,side,event' is needed"):
@@ -100,15 +100,15 @@ def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_a
 
 def test_a_study_of_a_folder_uses_it_and_has_its_hash(tmp_path: Path) -> None:
     folder = write(tmp_path, recordings())
-    (folder / EVENTS).write_text(f"{HEAD}walk.csv,0.5,right,foot strike\n", encoding="utf-8")
+    (folder / EVENT_FILE).write_text(f"{HEAD}walk.csv,0.5,right,foot strike\n", encoding="utf-8")
     read = read_folder(folder)
-    assert [file.name for file in read.of_kind(FileKind.EVENTS)] == [EVENTS]
+    assert [file.name for file in read.of_kind(FileKind.EVENTS)] == [EVENT_FILE]
     made = draft(folder)
-    assert [row.used for row in made.seen if row.name == EVENTS] == [
+    assert [row.used for row in made.seen if row.name == EVENT_FILE] == [
         "foot events of the recordings that it names"
     ]
     study = study_of(made)
     static, walk = study.static, next(trial for trial in study.trials if trial.name == "walk")
     assert [event.time for event in walk.recording.events] == [0.5] and walk.recording.corrected
     assert not static.recording.corrected
-    assert EVENTS in study.inputs and study.input_names(walk)["events"] == EVENTS
+    assert EVENT_FILE in study.inputs and study.get_input_names(walk)["events"] == EVENT_FILE

@@ -26,12 +26,12 @@ from gaitcal.io.examples import (
     Example,
     RemoteFile,
     download,
-    example_named,
-    examples,
     fetch_example,
+    find_example,
     is_complete,
+    load_examples,
 )
-from gaitcal.io.toml import validated
+from gaitcal.io.toml import validate_table
 from gaitcal.study.study import Study
 from gaitcal.study.study_file import StudyFile
 from tests.commands import gaitcal
@@ -124,7 +124,7 @@ def example(name: str = "small") -> Example:
         for file, data in CONTENT.items()
     )
     known = {"name": name, "commit": "0123abcd", "study": "[subject]\n", "files": files}
-    return example_named("subject01").model_copy(update=known)
+    return find_example("subject01").model_copy(update=known)
 
 
 @pytest.fixture
@@ -159,7 +159,7 @@ def test_recordings_are_fetched_and_told_whose_they_are(server: Served, tmp_path
     assert content(tmp_path / "small") == CONTENT
     assert (tmp_path / "small" / STUDY).read_text() == "[subject]\n"
     words, one = " ".join((tmp_path / "small" / SOURCE).read_text().split()), example()
-    told = (one.of, one.commit, one.licence, one.licence_text, one.cite, one.remark)
+    told = (one.publisher, one.commit, one.licence, one.licence_text, one.cite, one.remark)
     assert [word for word in told if word not in words] == []
     assert all(file.url in words and file.sha256 in words for file in one.files)
     manifest = json.loads((tmp_path / "small/manifest.json").read_text())
@@ -323,8 +323,8 @@ def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
 
 
 def test_the_registry_names_public_files_of_one_commit() -> None:
-    assert [one.name for one in examples()] == list(HERE)
-    for one in examples():
+    assert [one.name for one in load_examples()] == list(HERE)
+    for one in load_examples():
         place = f"{urlsplit(one.repository).path}/{one.commit}/"
         assert re.fullmatch("[0-9a-f]{40}", one.commit)
         assert one.hosts == ("raw.githubusercontent.com",)
@@ -335,7 +335,7 @@ def test_the_registry_names_public_files_of_one_commit() -> None:
         if one.study:
             from gaitcal.io.toml import tomllib
 
-            study = validated(StudyFile, tomllib.loads(one.study), "study.toml")
+            study = validate_table(StudyFile, tomllib.loads(one.study), "study.toml")
             named = {str(trial.file) for trial in study.trials} | {
                 str(t.forces) for t in study.trials if t.forces
             }
@@ -343,7 +343,7 @@ def test_the_registry_names_public_files_of_one_commit() -> None:
 
 
 def test_the_registered_files_are_those_the_other_tests_use(data_dir: Path) -> None:
-    for one in examples():
+    for one in load_examples():
         for file in one.files:
             here = data_dir / HERE[one.name] / file.name
             assert here.stat().st_size == file.bytes, file.name
@@ -355,9 +355,9 @@ def test_the_registered_files_are_those_the_other_tests_use(data_dir: Path) -> N
 )
 def test_a_registry_file_that_leads_elsewhere_is_refused(change: dict[str, object]) -> None:
     good = {"name": "x", "url": "https://example.org/x", "bytes": 1, "sha256": "0" * 64}
-    validated(RemoteFile, good, "examples.toml")
+    validate_table(RemoteFile, good, "examples.toml")
     with pytest.raises(InputError, match="examples.toml"):
-        validated(RemoteFile, {**good, **change}, "examples.toml")
+        validate_table(RemoteFile, {**good, **change}, "examples.toml")
 
 
 def test_nothing_else_asks_the_network() -> None:
@@ -378,7 +378,7 @@ def test_nothing_else_asks_the_network() -> None:
 
 
 def mirrored(data: Path, name: str) -> Served:
-    files = example_named(name).files
+    files = find_example(name).files
     return Served(
         {urlsplit(file.url).path: (data / HERE[name] / file.name).read_bytes() for file in files}
     )
@@ -387,7 +387,7 @@ def mirrored(data: Path, name: str) -> Served:
 def test_the_command_lists_the_examples_and_refuses_others() -> None:
     done = gaitcal("example")
     assert done.returncode == 0, done.stderr
-    assert all(one.name in done.stdout and one.licence in done.stdout for one in examples())
+    assert all(one.name in done.stdout and one.licence in done.stdout for one in load_examples())
     done = gaitcal("example", "subject02")
     assert done.returncode == 2 and "did you mean 'subject01'?" in done.stderr
     with pytest.raises(UsageError, match="--out: says where to put an example"):

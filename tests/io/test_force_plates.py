@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.c3d.plates import wrench_of
+from gaitcal.io.c3d.plates import compute_wrench
 from gaitcal.io.force_plate import (
-    centre_on_ground,
-    empty_samples,
+    build_plate_frame,
+    compute_centre_on_ground,
+    filter_low_pass,
     filter_plate,
-    low_pass,
-    plate_frame,
+    find_empty_samples,
     resample_wrench,
 )
 from gaitcal.io.formats import read_recording
@@ -146,7 +146,9 @@ def test_type_3_adds_up_its_eight_sensors(tmp_path: Path) -> None:
         tmp_path, 3, channels, np.array([1e3 * A, 1e3 * B, 1e3 * ARM[2]]), ["N"] * 8
     )
     require_truth(recording, truth)
-    computed_force, computed_moment = wrench_of(3, channels, np.array([A, B, ARM[2]]), 1.0, 1.0)
+    computed_force, computed_moment = compute_wrench(
+        3, channels, np.array([A, B, ARM[2]]), 1.0, 1.0
+    )
     np.testing.assert_allclose(computed_force, truth.force, atol=1e-9)
     np.testing.assert_allclose(computed_moment, truth.moment, atol=1e-9)
 
@@ -262,7 +264,9 @@ def test_the_unit_of_moments_is_that_with_which_the_centre_of_pressure_moves(
     require_truth(recording, truth)
     wrong = newton_metres if unit != "Nm" else not newton_metres
     assert any("its moments are in units of" in note for note in recording.notes) is wrong
-    assert any("says in its UNITS" in note for note in recording.notes) is (wrong and bool(unit))
+    assert any("declares in its UNITS" in note for note in recording.notes) is (
+        wrong and bool(unit)
+    )
 
 
 def test_centres_of_a_type_1_plate_in_metres_are_seen_to_be(tmp_path: Path) -> None:
@@ -331,7 +335,7 @@ def test_samples_without_numbers_at_the_end_are_cut_off(tmp_path: Path) -> None:
 def test_tilted_corners_give_a_proper_frame() -> None:
     tilted = CORNERS_MM / 1e3
     tilted[:2, 2] += 0.02
-    frame = plate_frame(tilted)
+    frame = build_plate_frame(tilted)
     np.testing.assert_allclose(frame.rotation.T @ frame.rotation, np.eye(3), atol=1e-12)
     assert np.linalg.det(frame.rotation) == pytest.approx(1.0)
     assert frame.up[2] > 0.99
@@ -341,7 +345,7 @@ def test_empty_stretches_leave_out_landing_and_lift_off() -> None:
     vertical = np.concatenate(
         [np.full(500, 15.0), np.linspace(15, 700, 50), np.full(300, 700.0), np.full(30, 15.0)]
     )
-    empty = empty_samples(vertical, 1000.0)
+    empty = find_empty_samples(vertical, 1000.0)
     assert empty[100]
     assert not empty[
         485:
@@ -356,7 +360,7 @@ def test_centre_on_the_ground_is_where_force_and_free_moment_act(height: float) 
         np.array([0.0, 7.0, 0.0]),
     )
     wrench = np.hstack([force, np.cross(point, force) + free])
-    np.testing.assert_allclose(centre_on_ground(wrench, height), point, atol=1e-15)
+    np.testing.assert_allclose(compute_centre_on_ground(wrench, height), point, atol=1e-15)
 
 
 RATE = 1000.0
@@ -366,7 +370,7 @@ TIME = np.arange(4000) / RATE
 def response(frequency: float, cutoff: float) -> complex:
     """Of the filter to a wave of that frequency, Hz."""
     wave = np.exp(2j * np.pi * frequency * TIME)
-    out = low_pass(np.column_stack([wave.real, wave.imag]), RATE, cutoff)
+    out = filter_low_pass(np.column_stack([wave.real, wave.imag]), RATE, cutoff)
     return complex(np.mean(((out[:, 0] + 1j * out[:, 1]) / wave)[1500:2500]))
 
 
@@ -385,7 +389,7 @@ def test_fourth_order_slope() -> None:
 @pytest.mark.parametrize("cutoff", [0.0, -5.0, 500.0, float("nan")])
 def test_cutoffs_beyond_nyquist_are_refused(cutoff: float) -> None:
     with pytest.raises(InputError, match="half the sampling rate, 500 Hz"):
-        low_pass(np.zeros((100, 1)), RATE, cutoff)
+        filter_low_pass(np.zeros((100, 1)), RATE, cutoff)
 
 
 def test_stretches_between_gaps_are_filtered_each_alone() -> None:
@@ -393,7 +397,7 @@ def test_stretches_between_gaps_are_filtered_each_alone() -> None:
     values[:100] = 5.0
     values[100:150, 0] = np.nan
     values[299] = np.nan
-    out = low_pass(values, RATE, 10.0)
+    out = filter_low_pass(values, RATE, 10.0)
     np.testing.assert_allclose(out[:100], 5.0)
     np.testing.assert_allclose(out[150:299], 1.0)
     assert np.isnan(out[100:150, 0]).all()
@@ -402,7 +406,9 @@ def test_stretches_between_gaps_are_filtered_each_alone() -> None:
 def test_the_wrench_about_the_origin_is_filtered_not_the_centre_of_pressure() -> None:
     raw = plate(TIME)
     smooth = filter_plate(raw, 15.0)
-    np.testing.assert_allclose(smooth.wrench(), low_pass(raw.wrench(), RATE, 15.0), atol=1e-9)
+    np.testing.assert_allclose(
+        smooth.wrench(), filter_low_pass(raw.wrench(), RATE, 15.0), atol=1e-9
+    )
     loaded = smooth.force[:, 1] > 100
     np.testing.assert_allclose(smooth.point[loaded, 1], 0, atol=1e-12)
     np.testing.assert_allclose(smooth.moment[loaded][:, [0, 2]], 0, atol=1e-9)
@@ -416,7 +422,9 @@ def test_the_height_of_the_points_is_kept_with_corners_or_without() -> None:
     raw = replace(with_corners, corners=None)
     smooth = filter_plate(raw, 15.0)
     np.testing.assert_array_equal(filter_plate(with_corners, 15.0).point, smooth.point)
-    np.testing.assert_allclose(smooth.wrench(), low_pass(raw.wrench(), RATE, 15.0), atol=1e-9)
+    np.testing.assert_allclose(
+        smooth.wrench(), filter_low_pass(raw.wrench(), RATE, 15.0), atol=1e-9
+    )
     np.testing.assert_allclose(smooth.point[smooth.force[:, 1] > 100, 1], -0.0075, atol=1e-9)
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from gaitcal import cli
-from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals, unbroken
-from gaitcal.io.result_folder import ResultKind, atomic_directory
+from gaitcal.io.atomic import InterruptedWork, Stopped, defer_signals, raise_on_signals
+from gaitcal.io.result_folder import ResultKind, write_result_folder
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 KINDS = {signal.SIGTERM: Stopped, signal.SIGHUP: Stopped, signal.SIGINT: KeyboardInterrupt}
@@ -24,7 +24,7 @@ def test_a_signal_cleans_up_and_later_ones_do_not_disturb_that(number: int, tmp_
     before = signal.getsignal(number)
 
     def work() -> None:
-        with atomic_directory(tmp_path / "out", ResultKind.CALIBRATION) as folder:
+        with write_result_folder(tmp_path / "out", ResultKind.CALIBRATION) as folder:
             (folder / "half").touch()
             try:
                 os.kill(os.getpid(), number)
@@ -33,7 +33,7 @@ def test_a_signal_cleans_up_and_later_ones_do_not_disturb_that(number: int, tmp_
                 os.kill(os.getpid(), signal.SIGTERM)
                 cleaned.append(number)
 
-    with pytest.raises(KINDS[signal.Signals(number)]), ended_by_signals():
+    with pytest.raises(KINDS[signal.Signals(number)]), raise_on_signals():
         work()
     assert cleaned == [number]
     assert list(tmp_path.iterdir()) == []
@@ -42,9 +42,9 @@ def test_a_signal_cleans_up_and_later_ones_do_not_disturb_that(number: int, tmp_
 
 def test_what_must_not_be_broken_is_finished_first() -> None:
     done = []
-    with pytest.raises(Stopped) as ending, ended_by_signals():
-        with unbroken():
-            with unbroken():
+    with pytest.raises(Stopped) as ending, raise_on_signals():
+        with defer_signals():
+            with defer_signals():
                 os.kill(os.getpid(), signal.SIGTERM)
                 done.append("inner")
             done.append("outer")
@@ -64,16 +64,16 @@ def test_a_signal_that_a_loading_library_makes_an_error_of_is_still_that_signal(
         except BaseException as error:
             raise ImportError("initialization failed") from error
 
-    with pytest.raises(KINDS[signal.Signals(number)]), ended_by_signals():
+    with pytest.raises(KINDS[signal.Signals(number)]), raise_on_signals():
         load()
-    with pytest.raises(ImportError, match="no such"), ended_by_signals():
+    with pytest.raises(ImportError, match="no such"), raise_on_signals():
         raise ImportError("no such module")
 
 
 def test_nohup_is_respected() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with ended_by_signals():
+        with raise_on_signals():
             os.kill(os.getpid(), signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)

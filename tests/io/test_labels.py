@@ -15,11 +15,11 @@ from gaitcal.io.labels import (
     Facts,
     FootEvent,
     FootMoment,
-    common_prefix,
-    computed_points,
-    events_of,
-    facts_of,
-    unique,
+    find_common_prefix,
+    find_computed_points,
+    number_repetitions,
+    parse_events,
+    parse_facts,
 )
 from tests.io.recordings import standing_points_mm, write_raw_c3d
 
@@ -71,7 +71,7 @@ def test_computed_points_go_by_the_files_own_lists_and_by_their_spelling(tmp_pat
     ids=["parts of a set", "a whole set", "by their spelling", "markers of real sets"],
 )
 def test_only_whole_sets_of_segment_points_are_taken_for_such(labels: str, computed: str) -> None:
-    assert computed_points(labels.split()) == set(computed.split())
+    assert find_computed_points(labels.split()) == set(computed.split())
 
 
 def test_only_computed_points_is_an_error(tmp_path: Path) -> None:
@@ -80,11 +80,11 @@ def test_only_computed_points_is_an_error(tmp_path: Path) -> None:
 
 
 def test_unique_never_makes_a_name_that_is_taken_and_a_prefix_needs_a_rest() -> None:
-    names, notes = unique(["X", "X", "X#2", "X"])
+    names, notes = number_repetitions(["X", "X", "X#2", "X"])
     assert names == ("X", "X#3", "X#2", "X#4")
     assert notes == ("Marker names that occur more than once were numbered: X#3, X#4.",)
     for labels, prefix in ((["A:", "A:B"], ""), (["A:B", "C"], ""), (["A:B"], "A:")):
-        assert common_prefix(labels)[0] == prefix
+        assert find_common_prefix(labels)[0] == prefix
 
 
 LABELS = [f"M{i}" for i in range(8)]
@@ -104,7 +104,7 @@ def file_with(path: Path, **groups: dict[str, Any]) -> Path:
 
 
 def events(labels: list[Any], contexts: list[Any], times: Any) -> tuple[FootEvent, ...]:
-    return events_of({"EVENT": {"LABELS": labels, "CONTEXTS": contexts, "TIMES": times}})
+    return parse_events({"EVENT": {"LABELS": labels, "CONTEXTS": contexts, "TIMES": times}})
 
 
 def test_events_come_with_side_in_order_of_time(tmp_path: Path) -> None:
@@ -174,12 +174,12 @@ def test_forms_that_nobody_filled_in_say_nothing(value: Any) -> None:
         "MarkerDiameter",
         "InterAsisDistance",
     )
-    assert facts_of({"PROCESSING": dict.fromkeys(names, value)}) == Facts()
+    assert parse_facts({"PROCESSING": dict.fromkeys(names, value)}) == Facts()
 
 
 @pytest.mark.parametrize("given, height", [(1780.0, 1.78), (1.78, 1.78), (0.9, 0.9), (178.0, None)])
 def test_heights_in_millimetres_or_metres(given: float, height: float | None) -> None:
-    assert facts_of({"PROCESSING": {"HEIGHT": [given]}}).height == (
+    assert parse_facts({"PROCESSING": {"HEIGHT": [given]}}).height == (
         None if height is None else pytest.approx(height)
     )
 
@@ -224,12 +224,12 @@ def test_strikes_of_real_files_lie_on_the_clock_of_the_plates(data_dir: Path, fi
 def test_figures_in_other_units_are_kept_and_told(
     name: str, value: float, fact: str, words: str, meant: float | None
 ) -> None:
-    facts = facts_of({"PROCESSING": {name: [value]}})
+    facts = parse_facts({"PROCESSING": {name: [value]}})
     assert facts.height is facts.mass is None and facts.knee_width == facts.leg_length == {}
     told, guess = facts.doubtful[fact]
     assert told.startswith(f"{name} = {value:g}: ") and words in told
     assert guess == (None if meant is None else pytest.approx(meant, rel=1e-3))
-    assert facts_of({"PROCESSING": {name: [0.0]}}).doubtful == {}, (
+    assert parse_facts({"PROCESSING": {name: [0.0]}}).doubtful == {}, (
         "0 stands where nobody filled in the form"
     )
 
@@ -238,5 +238,5 @@ def test_figures_in_other_units_are_kept_and_told(
     ("text", "day"), [("2016-03-09", "2016-03-09"), ("20160309", "2016-03-09"), ("6/14/35", None)]
 )
 def test_a_date_is_read_where_it_can_be_read_in_one_way_only(text: str, day: str | None) -> None:
-    facts = facts_of({"TRIAL": {"DATE": [text]}, "SUBJECT": {"DATE_OF_BIRTH": [text]}})
+    facts = parse_facts({"TRIAL": {"DATE": [text]}, "SUBJECT": {"DATE_OF_BIRTH": [text]}})
     assert (facts.session_date, facts.birth_date) == (day, day)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.axes import UP_TO_Y, Turn, turn_recording
+from gaitcal.io.axes import UP_TO_Y, AxisPermutation, rotate_recording
 from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import convert, read_forces, read_recording
-from gaitcal.io.opensim_files import loads_tables, read_table, write_forces_mot, write_trc
+from gaitcal.io.opensim_files import find_loads_tables, read_table, write_forces_mot, write_trc
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
 from tests.commands import refused
@@ -161,7 +161,7 @@ def test_tables(tmp_path: Path, text: str, degrees: bool | None) -> None:
     found = read_table(str(path))  # a path as text serves too
     assert found.in_degrees is degrees and found.names == ("a", "b")
     np.testing.assert_array_equal(found.values, [[1, 2], [3, 4]])
-    np.testing.assert_array_equal(found.column("b"), [2, 4])
+    np.testing.assert_array_equal(found.get_column("b"), [2, 4])
 
 
 @pytest.mark.parametrize(
@@ -187,16 +187,16 @@ def test_faults_of_tables(tmp_path: Path, text: str, message: str) -> None:
 )
 @pytest.mark.parametrize("kind", ["mot", "csv"])
 def test_markers_and_forces_of_a_room_with_another_axis_up(
-    tmp_path: Path, turn: Turn, kind: str
+    tmp_path: Path, turn: AxisPermutation, kind: str
 ) -> None:
     """Both are turned alike, so that the feet stay on their plates; corners too."""
     recording = standing_body()
-    back = Turn(
+    back = AxisPermutation(
         tuple(turn.source.index(k) for k in range(3)),
         tuple(turn.sign[turn.source.index(k)] for k in range(3)),
     )
     np.testing.assert_array_equal(turn.apply(back.apply(np.array([1.0, 2, 3]))), [1, 2, 3])
-    away = turn_recording(recording, back)
+    away = rotate_recording(recording, back)
     if kind == "mot":
         markers, forces = tmp_path / "w.trc", tmp_path / "w.mot"
         write_trc(markers, away)
@@ -299,7 +299,7 @@ def test_order_bodies_and_switches(tmp_path: Path) -> None:
 )
 def test_the_table_is_found_beside_it(tmp_path: Path, table: str) -> None:
     path = write(tmp_path, force(), table=table)
-    assert loads_tables(path) == (tmp_path / "grf.mot",)
+    assert find_loads_tables(path) == (tmp_path / "grf.mot",)
     assert read_forces(path).plates[0].force[0, 1] == 700
 
 
@@ -311,7 +311,7 @@ def test_a_table_of_each_force(tmp_path: Path) -> None:
         table="",
     )
     shutil.copy(tmp_path / "grf.mot", tmp_path / "other.mot")
-    assert len(loads_tables(path)) == 2 and read_forces(path).feet == {"one": "r", "two": "l"}
+    assert len(find_loads_tables(path)) == 2 and read_forces(path).feet == {"one": "r", "two": "l"}
 
 
 @pytest.mark.parametrize(
@@ -384,7 +384,7 @@ def test_a_study_takes_feet_and_table_from_it(tmp_path: Path) -> None:
         text.replace(of_walk, of_walk + 'plates = { right = "none" }\n'), encoding="utf-8"
     )
     assert Study.load(path).trials[1].plates == {"right": "none", "left": "l"}
-    assert study.input_names(study.trials[1]) == {
+    assert study.get_input_names(study.trials[1]) == {
         "file": "walk.csv",
         "forces": "grf.xml",
         "table0": "grf.mot",

@@ -18,19 +18,19 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io import result_folder, snapshot
-from gaitcal.io.atomic import atomic_file, atomic_text
+from gaitcal.io.atomic import write_atomically, write_text_atomically
 from gaitcal.io.result_folder import (
-    KEPT,
+    KEPT_FOLDERS,
     MANIFEST,
-    OLD,
+    OLD_PREFIX,
     ResultKind,
-    amended,
-    atomic_directory,
-    file_in_place,
-    listed,
-    locked,
-    require_room,
-    sha256_of,
+    amend_result,
+    check_output_folder,
+    compute_sha256,
+    lock_result,
+    read_listed_hashes,
+    write_file_in_place,
+    write_result_folder,
 )
 from gaitcal.io.snapshot import read_whole
 from tests.commands import content, refused
@@ -42,7 +42,7 @@ def write_result(
     kind: ResultKind = ResultKind.CALIBRATION,
     inputs: tuple[Path, ...] = (),
 ) -> None:
-    with atomic_directory(target, kind, inputs) as folder:
+    with write_result_folder(target, kind, inputs) as folder:
         (folder / MANIFEST).write_text('{"gaitcal": "0.1.0"}')
         (folder / "motion").mkdir()
         (folder / "motion" / "walk.mot").write_text(content)
@@ -73,7 +73,7 @@ def test_new_then_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(2)], ids=repr)
 @pytest.mark.parametrize(
-    "write", [lambda path: atomic_directory(path, ResultKind.CALIBRATION), amended]
+    "write", [lambda path: write_result_folder(path, ResultKind.CALIBRATION), amend_result]
 )
 def test_failure_leaves_the_old_or_none(
     tmp_path: Path, error: BaseException, write: object
@@ -98,9 +98,9 @@ def test_what_a_killed_run_left_is_put_right_by_the_next(tmp_path: Path) -> None
     target = tmp_path / "out"
     write_result(target, "one")
     write_result(target / "dynamics", "further", ResultKind.DYNAMICS)
-    (target / "dynamics").rename(target / f"{OLD}dynamics")
-    target.rename(tmp_path / f"{OLD}out")
-    assert require_room(target, ResultKind.CALIBRATION) == ("dynamics",)
+    (target / "dynamics").rename(target / f"{OLD_PREFIX}dynamics")
+    target.rename(tmp_path / f"{OLD_PREFIX}out")
+    assert check_output_folder(target, ResultKind.CALIBRATION) == ("dynamics",)
     assert result(target) == "one"
     assert result(target / "dynamics") == "further"
     assert names(tmp_path) == ["out"]
@@ -112,10 +112,10 @@ def test_a_kill_before_later_work_was_moved_loses_none_of_it(tmp_path: Path) -> 
     write_result(target, "one")
     (target / "montecarlo").mkdir()
     (target / "montecarlo/draws").write_text("hours")
-    target.rename(tmp_path / f"{OLD}out")
+    target.rename(tmp_path / f"{OLD_PREFIX}out")
     write_result(tmp_path / "new", "two")
     (tmp_path / "new").rename(target)
-    require_room(target, ResultKind.CALIBRATION)
+    check_output_folder(target, ResultKind.CALIBRATION)
     assert result(target) == "two" and (target / "montecarlo/draws").read_text() == "hours"
     assert names(tmp_path) == ["out"]
 
@@ -123,11 +123,11 @@ def test_a_kill_before_later_work_was_moved_loses_none_of_it(tmp_path: Path) -> 
 REPLACE = """
 import sys
 from pathlib import Path
-from gaitcal.io.result_folder import ResultKind, atomic_directory
+from gaitcal.io.result_folder import ResultKind, write_result_folder
 n = 0
 while True:
     n += 1
-    with atomic_directory(Path(sys.argv[1]), ResultKind.CALIBRATION) as folder:
+    with write_result_folder(Path(sys.argv[1]), ResultKind.CALIBRATION) as folder:
         (folder / "manifest.json").write_text('{"gaitcal": "0"}')
         (folder / "motion").mkdir()
         (folder / "motion/walk.mot").write_text(f"{n}\\n" * 1000)
@@ -150,7 +150,7 @@ def test_kill_at_any_moment_leaves_a_whole_result(tmp_path: Path) -> None:
         time.sleep(0.007 * number)
         process.kill()
         process.wait()
-        require_room(target, ResultKind.CALIBRATION)
+        check_output_folder(target, ResultKind.CALIBRATION)
         assert len(set(result(target).split())) == 1 and result(target).count("\n") == 1000
         assert (target / "montecarlo/draws").read_text() == "hours"
     write_result(target, "end")
@@ -160,10 +160,13 @@ def test_kill_at_any_moment_leaves_a_whole_result(tmp_path: Path) -> None:
 def test_full_disk_is_one_line_but_other_errors_of_the_body_stay_themselves(tmp_path: Path) -> None:
     with (
         pytest.raises(InputError, match="No space left"),
-        atomic_directory(tmp_path / "out", ResultKind.CALIBRATION),
+        write_result_folder(tmp_path / "out", ResultKind.CALIBRATION),
     ):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    with pytest.raises(PermissionError), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
+    with (
+        pytest.raises(PermissionError),
+        write_result_folder(tmp_path / "out", ResultKind.CALIBRATION),
+    ):
         raise PermissionError(errno.EACCES, "an input file")
     assert names(tmp_path) == []
 
@@ -178,8 +181,8 @@ def test_unwritable_places_end_in_one_line(tmp_path: Path) -> None:
     ):
         for write in (
             lambda path: write_result(path, "one"),
-            lambda path: atomic_text(path / "deeper" / "file.txt", "text"),
-            lambda path: require_room(path, ResultKind.CALIBRATION),
+            lambda path: write_text_atomically(path / "deeper" / "file.txt", "text"),
+            lambda path: check_output_folder(path, ResultKind.CALIBRATION),
         ):
             with refused(""):
                 write(target)
@@ -210,7 +213,7 @@ def assert_refused(
     """In the same line before the work and after it."""
     before = content(target)
     with refused(told):
-        require_room(target, kind, inputs)
+        check_output_folder(target, kind, inputs)
     with refused(told):
         write_result(target, "two", kind, inputs)
     assert content(target) == before
@@ -260,7 +263,7 @@ def test_a_link_and_a_file_that_appears_during_the_run_are_not_ours(tmp_path: Pa
     write_result(tmp_path / "out", "one")
     with (
         pytest.raises(InputError, match="notes.txt"),
-        atomic_directory(tmp_path / "out", ResultKind.CALIBRATION),
+        write_result_folder(tmp_path / "out", ResultKind.CALIBRATION),
     ):
         (tmp_path / "out/notes.txt").write_text("mine")
     assert (tmp_path / "out/notes.txt").read_text() == "mine"
@@ -288,13 +291,13 @@ def test_inputs_are_never_replaced(tmp_path: Path) -> None:
 def test_what_later_commands_added_is_kept(tmp_path: Path) -> None:
     out = tmp_path / "out"
     write_result(out, "one")
-    for name in KEPT[ResultKind.CALIBRATION]:
+    for name in KEPT_FOLDERS[ResultKind.CALIBRATION]:
         (out / name / "deeper").mkdir(parents=True)
         (out / name / "deeper/file").write_text(name)
     (out / ".gaitcal-tmp-abc").mkdir()  # a killed run's
-    kept = tuple(sorted(KEPT[ResultKind.CALIBRATION]))
+    kept = tuple(sorted(KEPT_FOLDERS[ResultKind.CALIBRATION]))
     for text in ("two", "three"):
-        assert require_room(out, ResultKind.CALIBRATION) == kept
+        assert check_output_folder(out, ResultKind.CALIBRATION) == kept
         write_result(out, text)
     assert result(out) == "three"
     assert {name: (out / name / "deeper/file").read_text() for name in kept} == {
@@ -309,17 +312,17 @@ def test_what_later_commands_added_is_kept(tmp_path: Path) -> None:
 
 def test_a_file_has_its_name_while_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    with atomic_file(path) as stage:
+    with write_atomically(path) as stage:
         assert stage.name == "a.txt"
         stage.write_text("whole")
         assert not path.exists()
-    atomic_text(path, "ν\r\n")
+    write_text_atomically(path, "ν\r\n")
     assert path.read_bytes() == "ν\r\n".encode()
     with pytest.raises(UnicodeEncodeError):
-        atomic_text(path, "\ud800")
+        write_text_atomically(path, "\ud800")
     assert path.read_text() == "ν\n"
     with pytest.raises(InputError, match="is a folder"):
-        atomic_text(tmp_path, "x")
+        write_text_atomically(tmp_path, "x")
     assert names(tmp_path) == ["a.txt"]
 
 
@@ -329,14 +332,14 @@ def test_files_take_their_places_though_a_signal_comes(
 ) -> None:
     out, replace = tmp_path / "out", Path.replace
     for name in ("one", "two"):
-        atomic_text(out / name, "old")
+        write_text_atomically(out / name, "old")
 
     def signalled(path: Path, target: Path) -> Path:
         os.kill(os.getpid(), signal.SIGINT)
         return replace(path, target)
 
     monkeypatch.setattr(Path, "replace", signalled)
-    with pytest.raises(KeyboardInterrupt), amended(out) as stage:
+    with pytest.raises(KeyboardInterrupt), amend_result(out) as stage:
         for name in ("one", "two", "deeper/three"):
             (stage / name).parent.mkdir(exist_ok=True)
             (stage / name).write_text("new")
@@ -345,9 +348,9 @@ def test_files_take_their_places_though_a_signal_comes(
 
 
 def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path: Path) -> None:
-    atomic_text(tmp_path / "one", "old")
+    write_text_atomically(tmp_path / "one", "old")
     (tmp_path / "three").mkdir()
-    with pytest.raises(InputError, match="three: is a folder"), amended(tmp_path) as stage:
+    with pytest.raises(InputError, match="three: is a folder"), amend_result(tmp_path) as stage:
         for name in ("one", "three"):
             (stage / name).write_text("new")
     assert content(tmp_path) == {"one": b"old"}
@@ -355,27 +358,29 @@ def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path: Path) -> No
 
 def test_the_manifest_learns_of_it(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with atomic_directory(out, ResultKind.CALIBRATION) as folder:
+    with write_result_folder(out, ResultKind.CALIBRATION) as folder:
         (folder / MANIFEST).write_text('{"gaitcal": "0"}')
         (folder / "report.html").write_text("old")
         (folder / "view.html").write_text("old")
-    with amended(out) as stage:
+    with amend_result(out) as stage:
         (stage / "report.html").write_text("new")
         (stage / "export").mkdir()
         (stage / "export/model.osim").write_text("of nobody's list")
-    with file_in_place(out / "view.html") as path:
+    with write_file_in_place(out / "view.html") as path:
         path.write_text("new")
-    assert listed(out) == {name: sha256_of(out / name) for name in ("report.html", "view.html")}
-    with file_in_place(tmp_path / "view.html") as path:
+    assert read_listed_hashes(out) == {
+        name: compute_sha256(out / name) for name in ("report.html", "view.html")
+    }
+    with write_file_in_place(tmp_path / "view.html") as path:
         assert path == tmp_path / "view.html"  # no result of ours: nothing but the file
     manifest = json.loads((out / MANIFEST).read_text())
     (out / MANIFEST).write_text(json.dumps({**manifest, "number": 1}))
-    with amended(out) as stage:
+    with amend_result(out) as stage:
         (stage / "report.html").write_text("newer")
     with pytest.raises(
         InputError, match="damaged"
     ):  # a damaged manifest does not become sound by this
-        listed(out)
+        read_listed_hashes(out)
 
 
 # ----------------------------------------------------------------------------------------------- one writer at a time
@@ -383,8 +388,8 @@ def test_the_manifest_learns_of_it(tmp_path: Path) -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
-from gaitcal.io.result_folder import locked
-with locked(Path(sys.argv[1])):
+from gaitcal.io.result_folder import lock_result
+with lock_result(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -408,30 +413,34 @@ def held_elsewhere(folder: Path) -> Iterator[None]:
 def test_it_is_told_while_waiting_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(result_folder, "NOTICE_S", 0.1)
+    monkeypatch.setattr(result_folder, "WAIT_NOTICE_S", 0.1)
     with held_elsewhere(tmp_path / "out"):
         with (
             refused("out: is being written by another process"),
-            locked(tmp_path / "out", wait_s=0.5),
+            lock_result(tmp_path / "out", wait_s=0.5),
         ):
             pass
         assert "is being written by another process; waiting" in caplog.text
         with (
-            locked(tmp_path / "other", wait_s=0.0),
-            locked(tmp_path / "out", "another purpose", wait_s=0.0),
+            lock_result(tmp_path / "other", wait_s=0.0),
+            lock_result(tmp_path / "out", "another purpose", wait_s=0.0),
         ):
             pass
-    with locked(tmp_path / "out", wait_s=0.0):  # the killed process holds it no longer
+    with lock_result(tmp_path / "out", wait_s=0.0):  # the killed process holds it no longer
         pass
     assert names(tmp_path) == []
 
 
 def test_again_within_and_in_another_thread(tmp_path: Path) -> None:
     def other() -> None:
-        with refused("is being written by"), locked(tmp_path / "out", wait_s=0.1):
+        with refused("is being written by"), lock_result(tmp_path / "out", wait_s=0.1):
             pass
 
-    with locked(tmp_path / "out"), locked(tmp_path / "out"), ThreadPoolExecutor() as threads:
+    with (
+        lock_result(tmp_path / "out"),
+        lock_result(tmp_path / "out"),
+        ThreadPoolExecutor() as threads,
+    ):
         threads.submit(other).result()
     assert names(tmp_path) == []
 
@@ -442,11 +451,11 @@ def test_parts_of_a_result_have_its_lock_and_other_folders_of_such_names_their_o
     result = tmp_path / "result"
     (result / "dynamics").mkdir(parents=True)
     with held_elsewhere(result):
-        with locked(result / "dynamics", wait_s=0.0):
+        with lock_result(result / "dynamics", wait_s=0.0):
             pass  # a folder of the user's that is called so
         (result / MANIFEST).write_text('{"gaitcal": "0"}')
         for part in ("dynamics", "montecarlo", "export"):
-            with refused("is being written by"), locked(result / part, wait_s=0.0):
+            with refused("is being written by"), lock_result(result / part, wait_s=0.0):
                 pass
 
 
@@ -463,7 +472,7 @@ def test_a_file_system_without_locks_is_told_of(
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", none)
-    with locked(tmp_path / "out"):
+    with lock_result(tmp_path / "out"):
         pass
     (line,) = caplog.messages
     assert "no locks; run one command at a time" in line
@@ -472,7 +481,7 @@ def test_a_file_system_without_locks_is_told_of(
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    with atomic_directory(tmp_path / "out", ResultKind.CALIBRATION) as out:
+    with write_result_folder(tmp_path / "out", ResultKind.CALIBRATION) as out:
         (out / MANIFEST).write_text(
             json.dumps({"gaitcal": "0", "subject": "Zoë", "number": 0.1}), encoding="utf-8"
         )
@@ -488,13 +497,13 @@ def read(folder: Path, *names: str) -> tuple[bytes, snapshot.Snapshot]:
 def test_every_file_is_listed_with_its_hash_and_an_edited_one_that_may_be_is_told(
     folder: Path,
 ) -> None:
-    assert listed(folder) == {
-        name: sha256_of(folder / name) for name in ("model.toml", "splines.npz")
+    assert read_listed_hashes(folder) == {
+        name: compute_sha256(folder / name) for name in ("model.toml", "splines.npz")
     }
     data, files = read(folder, "splines.npz", "marker_set.toml")
     assert data == bytes(range(200))
     assert files.sha256 == {
-        "splines.npz": sha256_of(folder / "splines.npz"),
+        "splines.npz": compute_sha256(folder / "splines.npz"),
         "marker_set.toml": None,
     }
     assert files.remarks == ()

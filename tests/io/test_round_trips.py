@@ -14,7 +14,7 @@ from gaitcal.errors import InputError
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.formats import convert, read_forces, read_recording
-from gaitcal.io.labels import clean, common_prefix, is_unlabelled
+from gaitcal.io.labels import clean_label, find_common_prefix, is_unlabelled
 from gaitcal.io.opensim_files import parse_trc, write_forces_mot, write_trc
 from gaitcal.io.recording import ForcePlate, Recording
 from tests.commands import refused
@@ -24,7 +24,7 @@ QUICK = settings(max_examples=60, suppress_health_check=[HealthCheck.function_sc
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(
     st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=12
-).filter(lambda name: clean(name) == name and not is_unlabelled(name))
+).filter(lambda name: clean_label(name) == name and not is_unlabelled(name))
 
 
 @st.composite
@@ -38,7 +38,7 @@ def recordings(draw: st.DrawFn) -> Recording:
     time = draw(times())
     labels = draw(
         st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(
-            lambda names: not common_prefix(names)[0]
+            lambda names: not find_common_prefix(names)[0]
         )
     )
     markers = draw(arrays(np.float64, (len(time), len(labels), 3), elements=FINITE))

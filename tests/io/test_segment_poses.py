@@ -16,11 +16,11 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.segment_poses import (
     CORNERS,
     LENGTH_PER_TURN,
-    NEEDED,
+    NEEDED_SEGMENTS,
     PARENT,
     VISUAL3D,
-    points_of_poses,
-    upright,
+    compute_pose_points,
+    make_upright_posture,
 )
 from gaitcal.io.text_file import FileFault
 from tests.io.recordings import standing_points_mm, write_raw_c3d
@@ -71,8 +71,8 @@ def test_any_axis_may_point_up(order: tuple[int, ...]) -> None:
     """
     turned = np.eye(3)[:, order]
     turned[:, 0] *= np.linalg.det(turned)
-    labels, points, _ = points_of_poses(*body(turned))
-    usual, expected, _ = points_of_poses(*body(np.eye(3)))
+    labels, points, _ = compute_pose_points(*body(turned))
+    usual, expected, _ = compute_pose_points(*body(np.eye(3)))
     assert labels == usual
     np.testing.assert_allclose(points, expected, atol=1e-12)
 
@@ -88,7 +88,7 @@ def test_segments_called_as_visual3d_calls_them(spelling: dict[str, str]) -> Non
     """`RTH`, or `Right Thigh`, for `r_thigh_4X4`, as in what Qualisys makes of Theia's files."""
     labels, poses = body(np.eye(3))
     theirs = [spelling[label.removesuffix("_4X4")] for label in labels]
-    expected, found = points_of_poses(labels, poses), points_of_poses(theirs, poses)
+    expected, found = compute_pose_points(labels, poses), compute_pose_points(theirs, poses)
     assert found[0] == expected[0] and found[2] == expected[2]
     np.testing.assert_array_equal(found[1], expected[1])
 
@@ -96,8 +96,8 @@ def test_segments_called_as_visual3d_calls_them(spelling: dict[str, str]) -> Non
 def test_both_namings_in_one_file_are_not_the_same_segment_twice() -> None:
     labels, poses = body(np.eye(3))
     both = np.concatenate([poses, poses[:, :1]], axis=1)
-    _, points, _ = points_of_poses([*labels, "RPV"], both)
-    np.testing.assert_array_equal(points, points_of_poses(labels, poses)[1])
+    _, points, _ = compute_pose_points([*labels, "RPV"], both)
+    np.testing.assert_array_equal(points, compute_pose_points(labels, poses)[1])
 
 
 def test_origins_of_segments_alone_are_refused_by_what_they_are(tmp_path: Path) -> None:
@@ -116,25 +116,25 @@ def test_segments_that_are_missing_or_turned_are_named() -> None:
     with pytest.raises(
         FileFault, match=r"missing: l_thigh_4X4, l_shank_4X4, l_foot_4X4, l_toes_4X4; .* Theia"
     ):
-        points_of_poses(
+        compute_pose_points(
             *body(np.eye(3), tuple(name for name in PARENT if not name.startswith("l_")))
         )
     labels, poses = body(np.eye(3))
     poses[:, labels.index("r_shank_4X4"), :3, :3] @= np.diag([-1.0, -1.0, 1.0])
     with pytest.raises(FileFault, match="found wrong: r_shank"):
-        points_of_poses(labels, poses)
+        compute_pose_points(labels, poses)
     labels, poses = body(np.eye(3))
     with pytest.raises(FileFault, match="two poses of pelvis_4X4"):
-        points_of_poses([*labels, "Pelvis_4x4"], np.concatenate([poses, poses[:, :1]], axis=1))
+        compute_pose_points([*labels, "Pelvis_4x4"], np.concatenate([poses, poses[:, :1]], axis=1))
     with pytest.raises(FileFault, match="no frame has a pose .* l_foot_4X4"):
-        points_of_poses(
+        compute_pose_points(
             labels, np.where(np.array(labels)[:, None, None] == "l_foot_4X4", np.nan, poses)
         )
     poses[..., :3, 3] /= 1000.0
     with pytest.raises(
         FileFault, match=r"from hip to knee it is 0.0004 m; allowed: 0.1 to 0.8 m; .* POINT:UNITS"
     ):
-        points_of_poses(labels, poses)
+        compute_pose_points(labels, poses)
 
 
 def test_lost_poses_are_gaps_and_standing_does_not_need_them(data_dir: Path) -> None:
@@ -145,14 +145,17 @@ def test_lost_poses_are_gaps_and_standing_does_not_need_them(data_dir: Path) -> 
     assert recording.markers.shape == (340, 63, 3) and set(
         np.isnan(recording.markers[..., 0]).sum(axis=0)
     ) == {3, 5}
-    still = upright(recording)
-    assert np.ptp(still.markers, axis=0).max() == 0.0 and upright(still).labels == still.labels
+    still = make_upright_posture(recording)
+    assert (
+        np.ptp(still.markers, axis=0).max() == 0.0
+        and make_upright_posture(still).labels == still.labels
+    )
     at = {label: still.markers[0, i] for i, label in enumerate(still.labels)}
     assert np.linalg.norm(at["hjc_r"] - at["hjc_l"]) == pytest.approx(0.188, abs=0.001)
     assert at["hjc_r"][2] > 0 > at["hjc_l"][2] and at["toe_r"][0] > at["heel_r"][0]
     knees = 0.5 * (at["knee_lat_r"] + at["knee_med_r"])
     np.testing.assert_allclose(knees, [at["hjc_r"][0], 0.573, at["hjc_r"][2]], atol=0.002)
-    np.testing.assert_allclose(upright(still).markers, still.markers, atol=1e-9)
+    np.testing.assert_allclose(make_upright_posture(still).markers, still.markers, atol=1e-9)
 
 
 def test_markers_come_before_poses(tmp_path: Path) -> None:
@@ -160,5 +163,5 @@ def test_markers_come_before_poses(tmp_path: Path) -> None:
     recording = read_recording(
         write_raw_c3d(tmp_path / "m.c3d", standing_points_mm(5), [f"M{i}" for i in range(8)])
     )
-    assert upright(recording) is recording
-    assert len(NEEDED) == 9
+    assert make_upright_posture(recording) is recording
+    assert len(NEEDED_SEGMENTS) == 9

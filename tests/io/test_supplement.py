@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d
+from gaitcal.io.c3d.writer import AddedPoint, PointKind, open_c3d_original, supplement_c3d
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent, FootMoment
 from tests.export.peer_programs import peer
@@ -71,7 +71,11 @@ def supplemented(source: Path, target: Path) -> tuple[list[AddedPoint], tuple[st
     frames = len(read_recording(source).time)
     points = added(frames)
     lost = supplement_c3d(
-        c3d_original(source, frames), target, points, EVENTS, ("GAITCAL", {"VERDICT": ["doubtful"]})
+        open_c3d_original(source, frames),
+        target,
+        points,
+        EVENTS,
+        ("GAITCAL", {"VERDICT": ["doubtful"]}),
     )
     return points, lost
 
@@ -158,9 +162,11 @@ def test_limits_are_told(data_dir: Path, tmp_path: Path) -> None:
     frames = len(read_recording(source).time)
     many = [FootEvent(FootMoment.STRIKE, "r", 0.1 * k) for k in range(255)]
     with pytest.raises(InputError, match="events; 255 are allowed"):
-        supplement_c3d(c3d_original(source, frames), tmp_path / "a.c3d", added(frames), many)
+        supplement_c3d(open_c3d_original(source, frames), tmp_path / "a.c3d", added(frames), many)
     with pytest.raises(InputError, match="frames were read|frames; .* were read"):
-        supplement_c3d(c3d_original(source, 10 * frames), tmp_path / "a.c3d", added(10 * frames))
+        supplement_c3d(
+            open_c3d_original(source, 10 * frames), tmp_path / "a.c3d", added(10 * frames)
+        )
     with pytest.raises(InputError, match="values of shape"):
-        supplement_c3d(c3d_original(source, frames), tmp_path / "a.c3d", added(frames - 1))
+        supplement_c3d(open_c3d_original(source, frames), tmp_path / "a.c3d", added(frames - 1))
     assert not list(tmp_path.iterdir())

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
-from gaitcal.io.axes import Turn
+from gaitcal.io.axes import AxisPermutation
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.csv_recordings import write_forces_csv
 from gaitcal.io.formats import read_forces, read_recording
@@ -162,7 +162,7 @@ def test_given_forces_take_the_place_of_the_plates(tmp_path: Path) -> None:
     write_forces_csv(tmp_path / "f.csv", recording.plates[:1])
     found = read_recording(str(tmp_path / "x.c3d"), forces=str(tmp_path / "f.csv"))
     assert len(found.plates) == 1
-    assert any("gave way" in note for note in found.notes)
+    assert any("were replaced by" in note for note in found.notes)
     assert len(read_recording(tmp_path / "x.c3d").plates) == 2
 
 
@@ -209,7 +209,7 @@ def test_counts_that_lie_are_told_or_ignored(tmp_path: Path) -> None:
     recording = parse_trc(trc(tmp_path, frames=1763, markers=40))
     assert recording.markers.shape == (3, 2, 3)
     assert recording.rate == pytest.approx(100)  # the Time column, not DataRate 50
-    assert recording.notes == ("Header says 1763 frames; 3 found.",)
+    assert recording.notes == ("Header declares 1763 frames; 3 found.",)
 
 
 @pytest.mark.parametrize("gap", ["\t\t", "NaN\tnan\tNaN", "0\t0.0\t0.000", "7\t\t8"])
@@ -283,7 +283,7 @@ def test_names_in_any_layout(tmp_path: Path) -> None:
 
 def test_a_z_up_file_is_stood_up(tmp_path: Path) -> None:
     upright = body(5)
-    z_up = replace(upright, markers=Turn((0, 2, 1), (1, -1, 1)).apply(upright.markers))
+    z_up = replace(upright, markers=AxisPermutation((0, 2, 1), (1, -1, 1)).apply(upright.markers))
     write_trc(tmp_path / "z.trc", z_up)
     recording = read_recording(tmp_path / "z.trc")
     np.testing.assert_array_equal(recording.markers, upright.markers)

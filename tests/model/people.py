@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitcal.dynamics.ground_reactions import get_leg
 from gaitcal.io.formats import read_recording
-from gaitcal.io.recording import Recording, still_window
+from gaitcal.io.recording import Recording, find_still_window
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
@@ -40,7 +40,7 @@ class Person:
         still.
         """
         static = self.markers.rename_labels(self.static(data))
-        return static, still_window(static, self.markers.labels).frames
+        return static, find_still_window(static, self.markers.labels).frames
 
     def model(self, static: Recording, **options: Any) -> SubjectModel:
         return nominal_model(static, self.markers, self.subject, **options)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gaitcal.arrays import Array
 from gaitcal.io.formats import read_recording
-from gaitcal.io.recording import still_window
+from gaitcal.io.recording import find_still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, measure_standing_ankles
 from gaitcal.model.landmarks import StaticPosture, measure_static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -222,7 +222,7 @@ def test_standing_ankles_as_the_laboratory_has_them(
     static = complete_static(marker_set.rename_labels(read_recording(file)), marker_set)
     marker_set = resolve_marker_set(marker_set, static)
     posture = measure_static_posture(
-        static, marker_set, still_window(static, marker_set.labels).frames
+        static, marker_set, find_still_window(static, marker_set.labels).frames
     )
     legs = measure_lower_body(posture, height, HipCentre.HARRINGTON)
     found = degrees(
@@ -376,7 +376,7 @@ def test_derived_shoulders_of_real_people_are_near_the_measured(name: str, data_
     for marker_set in (person.markers, without_acromia(person.markers)):
         static = marker_set.rename_labels(person.static(data_dir))
         posture = measure_static_posture(
-            static, marker_set, still_window(static, marker_set.labels).frames
+            static, marker_set, find_still_window(static, marker_set.labels).frames
         )
         legs = measure_lower_body(posture, person.subject.height, HipCentre.BELL)
         found.append(

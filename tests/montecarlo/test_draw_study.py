@@ -238,7 +238,7 @@ def test_damaged_settings_cost_no_draw(
 def test_one_study_at_a_time(
     case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(result_folder, "WAIT_S", 0.1)
+    monkeypatch.setattr(result_folder, "LOCK_WAIT_S", 0.1)
     with alone(tmp_path / "store", PURPOSE), ThreadPoolExecutor(1) as other:
         told = other.submit(refusal, study, case, tmp_path / "store").result()
     assert "is being written by another process" in told

@@ -82,7 +82,7 @@ def test_a_run_prepares_its_study_once(
     taken = list[object]()
     monkeypatch.setattr(run_study.Study, "load", lambda _: study)
     monkeypatch.setattr(run_study, "load_study_file", lambda _: None)
-    monkeypatch.setattr(run_study, "input_files", lambda *_: ())
+    monkeypatch.setattr(run_study, "list_input_files", lambda *_: ())
     monkeypatch.setattr(run_study, "calibrate_preprocessed", lambda of, *_, **__: taken.append(of))
     with pytest.raises(AttributeError):  # what follows needs a calibration
         run_study.run_found_study(tmp_path / "x.toml", tmp_path / "out", run_study.RunSettings())
@@ -152,7 +152,7 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     assert {name for name in placed.loosened if "hip_r" in name} == {
         f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")
     }
-    prior = ANATOMY.loosened(placed.loosened)
+    prior = ANATOMY.widen(placed.loosened)
     k = prior.names.index("hip_r.thigh.sup")
     more = prior.covariance[k, k] - ANATOMY.covariance[k, k]
     assert more == pytest.approx(one.shift_spread**2) and preprocess_study(study).study is study

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Severity
-from gaitcal.io.recording import Recording, still_window
+from gaitcal.io.recording import Recording, find_still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.present_markers import path_of
+from gaitcal.model.present_markers import get_path
 from gaitcal.preprocess.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.preprocess.study_model import nominal_of, rebuild_static
 from gaitcal.study.study import Study
@@ -66,7 +66,7 @@ def test_a_rigid_body_gives_its_marker_back(seed: int, label: str) -> None:
     (marker,) = done.markers
     assert (marker.label, marker.trial) == (label, "walk")
     assert np.abs(marker.place - PELVIS[label]).max() < EXACT_M
-    assert np.abs(path_of(done.static, label) - PELVIS[label]).max() < EXACT_M
+    assert np.abs(get_path(done.static, label) - PELVIS[label]).max() < EXACT_M
 
 
 def test_nothing_is_touched_where_nothing_is_lost() -> None:
@@ -76,7 +76,9 @@ def test_nothing_is_touched_where_nothing_is_lost() -> None:
 
 
 def test_the_static_trial_itself_is_asked_first_where_it_shows_the_marker_at_another_time() -> None:
-    long = recorded({m: np.vstack([path_of(standing(), m), path_of(moving(3), m)]) for m in PELVIS})
+    long = recorded(
+        {m: np.vstack([get_path(standing(), m), get_path(moving(3), m)]) for m in PELVIS}
+    )
     (marker,) = rebuilt(lost_from(long, "RPSI", slice(0, 60))).markers
     assert marker.trial == "static"
     assert np.abs(marker.place - PELVIS["RPSI"]).max() < EXACT_M
@@ -126,7 +128,7 @@ def subject01(real_study: Callable[[str], Study]) -> Study:
 def test_a_real_marker_is_rebuilt_as_well_as_is_said(subject01: Study, label: str) -> None:
     """Median 2.3, at most 7.8 mm over 23 markers of this person; said are 4 to 12 mm."""
     recorded = subject01.static.recording
-    still = still_window(recorded, subject01.marker_set.labels).frames
+    still = find_still_window(recorded, subject01.marker_set.labels).frames
     truth = np.nanmean(recorded.markers[still, recorded.labels.index(label)], axis=0)
     done: Rebuilding = rebuild_static(that_lost(subject01, label))
     (marker,) = done.markers

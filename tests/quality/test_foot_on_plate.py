@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gaitcal.dynamics.off_sole import DIVIDED, IDENTICAL_CENTRE_M, compute_sole_edge
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.io.force_plate import plate_from_moment, resample_wrench
+from gaitcal.io.force_plate import build_plate_from_moment, resample_wrench
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
@@ -95,7 +95,9 @@ def test_a_total_on_both_plates_throughout_is_told_once(every: float) -> None:
     recording = divided_walk()
     total = np.sum([resample_wrench(p, recording.time) for p in recording.plates], axis=0) * every
     both = [
-        plate_from_moment(name, recording.time, total[:, :3], total[:, 3:], np.zeros(3), UP, None)
+        build_plate_from_moment(
+            name, recording.time, total[:, :3], total[:, 3:], np.zeros(3), UP, None
+        )
         for name in "12"
     ]
     trial = evidence(replace(recording, plates=tuple(both)))

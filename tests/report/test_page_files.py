@@ -12,7 +12,7 @@ from gaitcal.analysis.calibrate import calibrate
 from gaitcal.cli.console import Console
 from gaitcal.cli.view_command import view_result
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io.result_folder import listed, sha256_of
+from gaitcal.io.result_folder import compute_sha256, read_listed_hashes
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.report.page.page_data import build_peak_rows, read_page_data
 from gaitcal.report.page.page_folder import PAGE, SCENE, read_page, read_result_page
@@ -54,13 +54,13 @@ def with_another_model(result: Path) -> None:
 
 def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     result = folder / "result"
-    assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result))
+    assert {PAGE, PAGE_DATA, SCENE} <= set(read_listed_hashes(result))
     assert not (result / "figures").exists()
     assert trials(result / PAGE) == ["walk"]
     shown = held((result / PAGE).read_text(encoding="utf-8"))
     data = read_page_data(result / PAGE_DATA)
     assert shown["sheet"] == {**data, "peaks": build_peak_rows(data)}
-    assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result / "dynamics"))
+    assert {PAGE, PAGE_DATA, SCENE} <= set(read_listed_hashes(result / "dynamics"))
     assert trials(result / "dynamics" / PAGE) == ["walk2"]
 
 
@@ -86,7 +86,7 @@ def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
 def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
     calibration = calibrate(Study.load(made / "study/study.toml"))
     folders = [write_results(calibration, tmp_path / name) for name in ("one", "two")]
-    assert len({sha256_of(folder / SCENE) for folder in folders}) == 1
+    assert len({compute_sha256(folder / SCENE) for folder in folders}) == 1
     one, two = (read_page_data(folder / PAGE_DATA) for folder in folders)
     assert one | {"made": ""} == two | {"made": ""}
     assert list(one) == list(two)

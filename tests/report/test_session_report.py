@@ -16,7 +16,7 @@ from gaitcal.cli.console import Console
 from gaitcal.cli.view_command import compare_sessions_or_models as run
 from gaitcal.cli.view_command import print_report
 from gaitcal.errors import Code, InputError, UsageError
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
+from gaitcal.io.result_folder import MANIFEST, ResultKind, write_result_folder
 from gaitcal.model.linkage import NEEDED_JOINTS
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import JP_NAMES
@@ -44,7 +44,7 @@ from tests.fake_result import HOSTILE, Names, fake_calibration
 
 def write_result(calibration: Calibration, folder: Path) -> None:
     """What a comparison reads of a result folder, signed as one."""
-    with atomic_directory(folder, ResultKind.CALIBRATION) as out:
+    with write_result_folder(folder, ResultKind.CALIBRATION) as out:
         settings = json.loads(CalibrationSettings().model_dump_json())
         content = {"gaitcal": "0", "settings": settings, "trials": {}, "inputs_sha256": {}}
         (out / MANIFEST).write_text(json.dumps(content), encoding="utf-8")

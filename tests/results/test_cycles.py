@@ -21,7 +21,7 @@ from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, typed, u
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
 from gaitcal.gait.strides import AXES, strides_of
 from gaitcal.io.opensim_files import read_table
-from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES
 from gaitcal.pipeline.write_results import write_trial
 from gaitcal.report.page.plain_data import LARGEST
@@ -349,7 +349,7 @@ def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(
 ) -> None:
     model, walk = whole.model, replace(whole.trial("walk"), name="se")
     write_stride_files(tmp_path, model, [walk.refused(("r",))])
-    hashes = {name: str(sha256_of(tmp_path / name)) for name in STRIDE_FILES}
+    hashes = {name: str(compute_sha256(tmp_path / name)) for name in STRIDE_FILES}
     found = read_earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
     assert [len(found["cycles.csv"][1]), len(found["spatiotemporal.csv"][1])] == [1, 1]
     assert found["cycles.csv"][1][0].startswith("se: verdict: the right leg")
@@ -425,7 +425,7 @@ def test_tables_are_relative_and_the_mot_is_not(tmp_path: Path) -> None:
     anatomical = np.rad2deg(trial.body.q[:, COORDINATES.index("hip_flexion_r")])
     np.testing.assert_allclose(table["hip_flexion_r"], anatomical - 11.0, atol=WRITTEN_DEG)
     mot = read_table(tmp_path / "motion" / f"{trial.name}.mot")
-    np.testing.assert_allclose(mot.column("hip_flexion_r"), anatomical, atol=WRITTEN_DEG)
+    np.testing.assert_allclose(mot.get_column("hip_flexion_r"), anatomical, atol=WRITTEN_DEG)
 
 
 def test_static_angles_come_back_from_the_summary(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from gaitcal.cohort.run_cohort import FAILURE_COLUMNS, TIME_COLUMNS
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.peaks import PEAK_COLUMNS
-from gaitcal.io.result_folder import MANIFEST, ResultKind, files_of, read_object
+from gaitcal.io.result_folder import MANIFEST, ResultKind, list_files, read_json_object
 from gaitcal.reproduction.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
 from gaitcal.results.session_comparison import CURVE_COLUMNS
 from gaitcal.results.session_difference import COLUMNS as DIFFERENCE_COLUMNS
@@ -42,7 +42,7 @@ def undescribed(folder: Path, kind: str) -> list[str]:
     count by themselves.
     """
     out = []
-    for name in files_of(folder):
+    for name in list_files(folder):
         if kind == "calibration" and name.split("/")[0] in ADDED:
             continue
         told = file_of(kind, name)
@@ -67,7 +67,7 @@ def undescribed_below(top: Path) -> list[str]:
     """The same of every result folder below `top`."""
     out = []
     for manifest in sorted(top.rglob(MANIFEST)):
-        made = read_object(manifest)
+        made = read_json_object(manifest)
         kind = KINDS.get(
             str(made.get("kind", "")),
             "synthetic" if made.get("gaitcal") == "synthetic subject" else "",

@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d
-from gaitcal.io.csv_recordings import EVENTS
+from gaitcal.io.c3d.writer import AddedPoint, PointKind, open_c3d_original, supplement_c3d
+from gaitcal.io.csv_recordings import EVENT_FILE
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment
-from gaitcal.io.result_folder import listed, sha256_of
+from gaitcal.io.result_folder import compute_sha256, read_listed_hashes
 from gaitcal.results.cycles_export import find_original
 from tests.commands import edited
 from tests.commands import tried as run
@@ -147,7 +147,7 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
     # apart.
     shutil.copy(result / "export/walk.c3d", folder / "study/walk.c3d")
     with edited(result, "manifest.json") as manifest:
-        manifest["inputs_sha256"]["walk.c3d"] = sha256_of(folder / "study/walk.c3d")
+        manifest["inputs_sha256"]["walk.c3d"] = compute_sha256(folder / "study/walk.c3d")
     done = run(
         "export", result, "--format", "c3d", "--out", folder / "again", "--inputs", folder / "study"
     )
@@ -157,10 +157,10 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
     found, _ = points(folder / "again/walk.c3d")
     assert same(found["gcRHipAngles"], found["RHipAngles"])
     # Those that a person corrected would contradict the file's own.
-    (folder / "study" / EVENTS).write_text("as hashed", encoding="utf-8")
+    (folder / "study" / EVENT_FILE).write_text("as hashed", encoding="utf-8")
     with edited(result, "manifest.json") as manifest:
-        manifest["trials"]["walk"]["events"] = EVENTS
-        manifest["inputs_sha256"][EVENTS] = sha256_of(folder / "study" / EVENTS)
+        manifest["trials"]["walk"]["events"] = EVENT_FILE
+        manifest["inputs_sha256"][EVENT_FILE] = compute_sha256(folder / "study" / EVENT_FILE)
     done = run(
         "export", result, "--format", "c3d", "--out", folder / "third", "--inputs", folder / "study"
     )
@@ -215,18 +215,22 @@ def test_inputs_must_be_there_and_unchanged(folder: Path, monkeypatch: pytest.Mo
 def test_the_folder_says_what_was_written_of_what(folder: Path) -> None:
     result, export = folder / "result", folder / "result/export"
     run("export", result, "--format", "osim,urdf")
-    first = listed(export)
+    first = read_listed_hashes(export)
     run("export", result, "--format", "c3d,osim", "--inputs", folder / "study")
-    assert set(first) == {"model.osim", "model.urdf"} and set(listed(export)) == {
+    assert set(first) == {"model.osim", "model.urdf"} and set(read_listed_hashes(export)) == {
         *first,
         "walk.c3d",
     }
-    assert listed(export) == {name: sha256_of(export / name) for name in listed(export)}
+    assert read_listed_hashes(export) == {
+        name: compute_sha256(export / name) for name in read_listed_hashes(export)
+    }
     manifest = json.loads((export / "manifest.json").read_text(encoding="utf-8"))
     of_result = manifest["written"]["walk.c3d"]["result"]["sha256"]
     assert {"model.toml", "splines.npz", "moments/walk.csv"} <= set(of_result)
-    assert all(sha256_of(result / name) == digest for name, digest in of_result.items())
-    assert manifest["written"]["walk.c3d"]["source_sha256"] == sha256_of(folder / "study/walk.c3d")
+    assert all(compute_sha256(result / name) == digest for name, digest in of_result.items())
+    assert manifest["written"]["walk.c3d"]["source_sha256"] == compute_sha256(
+        folder / "study/walk.c3d"
+    )
 
 
 @pytest.mark.slow
@@ -272,7 +276,7 @@ def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
     """
     source, target = data_dir / file, tmp_path / "out.c3d"
     before, whole = points(source)
-    original = c3d_original(source, whole["data"]["points"].shape[2])
+    original = open_c3d_original(source, whole["data"]["points"].shape[2])
     values = np.arange(3.0 * original.frames).reshape(-1, 3)
     values[3] = np.nan
     names = ["LKneeAngles", "RHipAngles"]
@@ -361,7 +365,7 @@ def result(tmp_path: Path) -> Path:
     recording.write_bytes(b"walk")
     folder = tmp_path / "results/somebody"
     folder.mkdir(parents=True)
-    manifest = {"kind": "calibration", "inputs_sha256": {"gait.c3d": sha256_of(recording)}}
+    manifest = {"kind": "calibration", "inputs_sha256": {"gait.c3d": compute_sha256(recording)}}
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     (folder / "study.toml").write_text(
         '[[trial]]\nname = "gait"\nfile = "../../clinic/2024/gait.c3d"\n', encoding="utf-8"

@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.toml import toml_table, toml_value
+from gaitcal.io.toml import format_toml_table, format_toml_value
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.report.page.page_folder import read_page
@@ -163,7 +163,7 @@ def hostile(folder: Path) -> Path:
         table.to_csv(folder / name, index=False)
     (folder / "own.toml").write_text(own_set(), encoding="utf-8")
     text = path.read_text(encoding="utf-8").replace('"published"', '"own.toml"')
-    path.write_text(text.replace('"synthetic"', toml_value(SUBJECT)), encoding="utf-8")
+    path.write_text(text.replace('"synthetic"', format_toml_value(SUBJECT)), encoding="utf-8")
     return path
 
 
@@ -182,7 +182,7 @@ def own_set() -> str:
         "static_only": published.static_only,
     }
     tables = ['description = "<script>alert(4)</script>"\n']
-    tables += [toml_table(f"[{name}]", group(table)) for name, table in parts.items()]
+    tables += [format_toml_table(f"[{name}]", group(table)) for name, table in parts.items()]
     return "\n".join(tables)
 
 

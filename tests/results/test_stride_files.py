@@ -16,7 +16,7 @@ from gaitcal.errors import Severity
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.events import joined_events
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.report.page.page_data import build_calibration_page_data
 from gaitcal.results.cycle_tables import CYCLES
@@ -36,7 +36,7 @@ from tests.report.page.walked_blocks import page_words, rows_of, walked
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    return {name: str(sha256_of(folder / name)) for name in STRIDE_FILES}
+    return {name: str(compute_sha256(folder / name)) for name in STRIDE_FILES}
 
 
 def test_every_measure_of_every_stride_stands_in_the_table_with_its_unit(

@@ -15,7 +15,7 @@ from gaitcal.analysis import trial_result
 from gaitcal.cli import export_commands
 from gaitcal.cli import montecarlo_command as montecarlo_command
 from gaitcal.errors import InputError
-from gaitcal.io.result_folder import listed, locked, sha256_of
+from gaitcal.io.result_folder import compute_sha256, lock_result, read_listed_hashes
 from gaitcal.pipeline import run_study
 from gaitcal.results.saved_result import load_result
 from gaitcal.study import study as study_module
@@ -72,7 +72,7 @@ def test_no_other_command_comes_between_reading_and_writing(
 
     def other() -> None:
         try:
-            with locked(folder / "result", wait_s=0.0):
+            with lock_result(folder / "result", wait_s=0.0):
                 told.append("came between")
         except InputError as error:
             told.append(str(error))
@@ -134,8 +134,12 @@ def test_inputs_that_change_while_calibrating_are_told(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = folder / "study/walk.csv"
-    was = sha256_of(path)
-    monkeypatch.setattr(run_study, "calibrate", after(run_study.calibrate, lambda: edit(path)))
+    was = compute_sha256(path)
+    monkeypatch.setattr(
+        run_study,
+        "calibrate_preprocessed",
+        after(run_study.calibrate_preprocessed, lambda: edit(path)),
+    )
     told = run("calibrate", folder / "study/study.toml", "--out", folder / "new").stdout
     assert (
         "warning: changed while this ran, the result is of what was read: walk.csv; run again"
@@ -169,9 +173,9 @@ def test_inputs_of_one_name_in_two_folders_both_count(folder: Path) -> None:
     path.write_text(text.replace('"static.csv"', '"../tuesday/trial.csv"'), encoding="utf-8")
     study = Study.load(path)
     assert {"trial.csv", "monday/trial.csv"} <= set(study.inputs)
-    assert study.changed_inputs() == ()
+    assert study.find_changed_inputs() == ()
     edit(folder / "monday/trial.csv")
-    assert study.changed_inputs() == ("monday/trial.csv",)
+    assert study.find_changed_inputs() == ("monday/trial.csv",)
 
 
 def test_a_damaged_file_of_the_result_is_named_by_every_command(folder: Path) -> None:
@@ -219,11 +223,11 @@ def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -
     )
     for _ in range(2):
         assert told in run("dynamics", result, second_trial(folder)).stdout
-        assert listed(result / "dynamics")["motion/walk.csv"] != sha256_of(damaged)
+        assert read_listed_hashes(result / "dynamics")["motion/walk.csv"] != compute_sha256(damaged)
     assert "is damaged" not in run("dynamics", result, folder / "study/walk.csv").stdout
     assert all(
-        sha256_of(result / "dynamics" / name) == digest
-        for name, digest in listed(result / "dynamics").items()
+        compute_sha256(result / "dynamics" / name) == digest
+        for name, digest in read_listed_hashes(result / "dynamics").items()
     )
     spoil(result / "dynamics/summary.json")
     before = content(result / "dynamics")
@@ -242,7 +246,7 @@ def test_what_commands_change_in_a_result_is_listed_anew(
     assert (result / "result.html").read_bytes() != page
     (result / "result.html").write_text("old")
     run("view", result, "--html", result / "result.html")
-    hashes = listed(result)
+    hashes = read_listed_hashes(result)
     assert {"result.html", "page.json", "model.toml"} <= set(hashes)
-    assert all(sha256_of(result / name) == digest for name, digest in hashes.items())
+    assert all(compute_sha256(result / name) == digest for name, digest in hashes.items())
     assert not list(result.rglob(".gaitcal-*")) and not list(folder.glob(".gaitcal-*"))

@@ -30,7 +30,7 @@ def said(**tables: dict[str, float]) -> JointPrior:
 
 def test_nothing_said_is_anatomy() -> None:
     prior = make_study_prior({})
-    assert prior.names == JP_NAMES and not prior.held_near(JP_NAMES)
+    assert prior.names == JP_NAMES and not prior.describe_fallback(JP_NAMES)
     np.testing.assert_array_equal(prior.mean, MEAN)
     np.testing.assert_array_equal(prior.covariance, COVARIANCE)
 
@@ -49,9 +49,9 @@ def test_means_and_deviations_change_and_correlations_stay() -> None:
     np.testing.assert_array_equal(
         prior.covariance[np.ix_(others, others)], COVARIANCE[np.ix_(others, others)]
     )
-    assert prior.held_near(HIPS) == "what the study file expects" and not prior.held_near(
-        ("hip_r.pelvis.sup",)
-    )
+    assert prior.describe_fallback(
+        HIPS
+    ) == "what the study file expects" and not prior.describe_fallback(("hip_r.pelvis.sup",))
 
 
 def test_the_left_is_the_mirror_image_and_what_is_said_of_a_side_comes_first() -> None:
@@ -81,9 +81,9 @@ def test_a_cohort_comes_before_the_study_file() -> None:
     mean, covariance = select_prior(HIPS, prior)
     np.testing.assert_allclose(mean, [0.002, 0.005])
     np.testing.assert_allclose(covariance, np.diag([1e-6, 160e-6]))
-    assert prior.held_near(HIPS) == "what the cohort has" and prior.notes[1:] == ("lean",)
+    assert prior.describe_fallback(HIPS) == "what the cohort has" and prior.notes[1:] == ("lean",)
     assert prior.notes[0] == "priors from the study file: hip.pelvis.ant, hip.thigh.ant"
-    assert prior.held_near(HIPS[1:]) == "what the study file expects"
+    assert prior.describe_fallback(HIPS[1:]) == "what the study file expects"
 
 
 def written(folder: Path, text: str) -> Path:

@@ -12,8 +12,8 @@ from gaitcal.intake.draft_file import draft_text, study_of
 from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
-from gaitcal.io.toml import validated
-from gaitcal.study.study import Study, subject_of
+from gaitcal.io.toml import validate_table
+from gaitcal.study.study import Study, build_subject
 from gaitcal.study.study_file import SubjectTable
 from tests.intake.folders import SAID, draft, recordings, write
 from tests.real_studies import write_study
@@ -34,30 +34,30 @@ def test_the_study_comes_first_then_the_first_file_that_tells_and_never_another_
             name="P1", knee_width={"r": 0.12, "l": 0.12}, marker_diameter=0.010, asis_distance=0.245
         ),
     ]
-    of_files = subject_of(TABLE, files)
+    of_files = build_subject(TABLE, files)
     known = (of_files.knee_width, of_files.marker_diameter, of_files.asis_distance)
     assert known == ({"r": 0.11, "l": 0.12}, 0.010, 0.245)
     said = {"knee_width_mm": {"r": 105.0}, "marker_diameter_mm": 9.0, "asis_distance_mm": 230.0}
-    of_study = subject_of(TABLE.model_copy(update=said), files)
+    of_study = build_subject(TABLE.model_copy(update=said), files)
     assert of_study.knee_width == pytest.approx({"r": 0.105, "l": 0.12})
     assert (of_study.marker_diameter, of_study.asis_distance) == pytest.approx((0.009, 0.230))
-    assert not subject_of(
+    assert not build_subject(
         TABLE, [told(name="P1"), told(name="P2", knee_width={"r": 0.12})]
     ).knee_width
 
 
 def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> None:
     said = TABLE.model_copy(update={"birth_date": "2006-03-01", "diagnosis": "CP"})
-    subject = subject_of(
+    subject = build_subject(
         said, [told(session_date="2016-03-01", birth_date="1999-01-01", leg_length={"r": 0.71})]
     )
     assert subject.age == pytest.approx(10.0, abs=0.01) and subject.leg_length == {"r": 0.71}
     known = {"birth_date": "2006-03-01", "session_date": "2016-03-01", "diagnosis": "CP"}
     assert subject.record.known == known
-    assert subject_of(said, []).age is None, "never by the day of the computation"
+    assert build_subject(said, []).age is None, "never by the day of the computation"
     for wrong in ({"age_years": 12.0}, {"birth_date": "2017-01-01"}):
         table = said.model_copy(update={"session_date": "2016-03-01", **wrong})
-        assert "allowed: dates that agree" in refusal(subject_of, table, [])
+        assert "allowed: dates that agree" in refusal(build_subject, table, [])
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,8 @@ def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
     notes = [note for note in study.static.recording.notes if "make an age" in note]
     assert (told_too in notes[0]) if told_too else not notes
     assert (
-        subject_of(TABLE.model_copy(update={"age_years": said}), [told(**vars(facts))]).age == age
+        build_subject(TABLE.model_copy(update={"age_years": said}), [told(**vars(facts))]).age
+        == age
     )
 
 
@@ -105,7 +106,7 @@ def test_what_a_clinic_writes_down_is_checked(
     field: str, value: object, allowed: str, tmp_path: Path
 ) -> None:
     table = {**TABLE.model_dump(exclude_none=True, exclude_defaults=True), field: value}
-    said = refusal(validated, SubjectTable, table, tmp_path)
+    said = refusal(validate_table, SubjectTable, table, tmp_path)
     assert field in said and allowed in said
 
 
@@ -145,7 +146,7 @@ def test_a_height_that_nobody_says_is_that_of_people_with_such_legs(
     assert (
         0.03 < person.height_error < 0.12 and abs(person.height - 1.803) < 2.0 * person.height_error
     )
-    assert any("no height is given" in note for note in study.static.recording.notes)
+    assert any("height not given" in note for note in study.static.recording.notes)
     said = loaded("pig_c3d", "height_m").subject
     assert (said.height, said.height_error) == (1.79, 0.0), "its C3D file says it"
     assert "mass_kg" in refusal(loaded, "subject01", "mass_kg")

@@ -16,12 +16,12 @@ from gaitcal.model.parameters import JP_NAMES
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.study.declared_truth import (
     Truth,
-    landmarks_text,
-    moments_text,
-    motion_text,
-    other_landmarks,
+    describe_landmark_mismatch,
+    format_landmarks,
+    format_moments,
+    format_motion,
+    list_truth_files,
     read_truth,
-    truth_files,
 )
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import TruthTable, load_study_file
@@ -43,9 +43,9 @@ def written(folder: Path, **changes: str) -> TruthTable:
     q, forces = rng.normal(0, 0.3, (11, len(COORDINATES))), rng.normal(0, 50.0, (11, len(FORCES)))
     texts = {
         "parameters": "name,unit,value\nhip_r.pelvis.ant,mm,-40.5\nknee_l.thigh.front,deg,3\nthigh_r.mass,kg,8.1\n",
-        "motion": motion_text(TIME, q, q, q),
-        "moments": moments_text(TIME, forces, 1200.0),
-        "landmarks": landmarks_text(LANDMARKS),
+        "motion": format_motion(TIME, q, q, q),
+        "moments": format_moments(TIME, forces, 1200.0),
+        "landmarks": format_landmarks(LANDMARKS),
     } | changes
     names = {
         "parameters": "../truth.csv",
@@ -86,7 +86,7 @@ def test_round_trip(tmp_path: Path) -> None:
             np.testing.assert_allclose(curves["walk"].values[name], expected[:, k], rtol=DIGITS)
     for name, place in LANDMARKS.items():
         np.testing.assert_allclose(truth.landmarks[name], place, rtol=DIGITS)
-    files = truth_files(table, ["still", "walk"])
+    files = list_truth_files(table, ["still", "walk"])
     assert [f.name for f in files] == [
         "truth.csv",
         "landmarks.csv",
@@ -98,7 +98,7 @@ def test_round_trip(tmp_path: Path) -> None:
 def test_between_and_beyond_its_instants(tmp_path: Path) -> None:
     curve = read(written(tmp_path)).motions["walk"]
     name = "hip_flexion_r"
-    middle = curve.at(np.array([-0.5, 0.0, 0.05, 1.0, 1.5]))[name]
+    middle = curve.interpolate(np.array([-0.5, 0.0, 0.05, 1.0, 1.5]))[name]
     values = curve.values[name]
     np.testing.assert_allclose(
         middle, [np.nan, values[0], 0.5 * (values[0] + values[1]), values[-1], np.nan]
@@ -134,24 +134,24 @@ Q = np.zeros((11, len(COORDINATES)))
         ),
         (
             "motion",
-            lines(motion_text(TIME, Q), "in degrees", "in radians"),
+            lines(format_motion(TIME, Q), "in degrees", "in radians"),
             "allowed: '# true coordinates in degrees",
         ),
         (
             "motion",
-            lines(motion_text(TIME, Q), "knee_angle_r", "knee_flexion_r"),
+            lines(format_motion(TIME, Q), "knee_angle_r", "knee_flexion_r"),
             "which is no column",
         ),
-        ("motion", lines(motion_text(TIME, Q), "\n0.3,0,", "\n0.3,x,"), "no finite number"),
-        ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.1,"), "increasing times"),
+        ("motion", lines(format_motion(TIME, Q), "\n0.3,0,", "\n0.3,x,"), "no finite number"),
+        ("motion", lines(format_motion(TIME, Q), "\n0.3,", "\n0.1,"), "increasing times"),
         (
             "motion",
-            lines(motion_text(TIME, Q), "\n0.3,", "\n0.3,1,"),
+            lines(format_motion(TIME, Q), "\n0.3,", "\n0.3,1,"),
             f"cannot be read as CSV: found {len(Q[0]) + 2} cells in row 4",
         ),
         (
             "motion",
-            lines(motion_text(TIME, Q), "pelvis_list", "pelvis_tilt"),
+            lines(format_motion(TIME, Q), "pelvis_list", "pelvis_tilt"),
             "column pelvis_tilt twice",
         ),
         ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,x\n", "allowed: a finite number"),
@@ -232,20 +232,24 @@ def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
     """
     marker_set, static = load_marker_set("published"), made_recording(static_motion(), static=True)
     told = measure_static_posture(static, marker_set, slice(0, 10)).landmarks
-    assert other_landmarks(told, static, marker_set) is None
+    assert describe_landmark_mismatch(told, static, marker_set) is None
     quarter = static.markers[:, :, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.3, 0.02, -2.0]
-    assert other_landmarks(told, replace(static, markers=quarter), marker_set) is None
+    assert describe_landmark_mismatch(told, replace(static, markers=quarter), marker_set) is None
     tilted = static.markers @ make_axis_rotation(0, np.deg2rad(3.0)).T
     moved = static.markers.copy()
     moved[:, static.labels.index(marker_set.landmarks["heel_r"][0])] += [0.0, 0.0, 0.001]
     for markers in (tilted, moved):
         assert "another static trial" in str(
-            other_landmarks(told, replace(static, markers=markers), marker_set)
+            describe_landmark_mismatch(told, replace(static, markers=markers), marker_set)
         )
-    assert "heel_r most" in str(other_landmarks(told, replace(static, markers=moved), marker_set))
+    assert "heel_r most" in str(
+        describe_landmark_mismatch(told, replace(static, markers=moved), marker_set)
+    )
     same_name = replace(
         marker_set, landmarks=marker_set.landmarks | {"toe_r": marker_set.landmarks["heel_r"]}
     )
-    assert "toe_r most" in str(other_landmarks(told, static, same_name))
+    assert "toe_r most" in str(describe_landmark_mismatch(told, static, same_name))
     fewer = {name: place for name, place in told.items() if name != "toe_l"}
-    assert "toe_l, the truth does not have it" in str(other_landmarks(fewer, static, marker_set))
+    assert "toe_l, the truth does not have it" in str(
+        describe_landmark_mismatch(fewer, static, marker_set)
+    )

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.analysis.parameter_table import parameter_table
-from gaitcal.io.toml import models_path
+from gaitcal.io.toml import find_models_folder
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import nominal_model, published_model
 from gaitcal.model.parameters import (
@@ -170,7 +170,7 @@ def test_markers_are_points_of_their_segments_in_the_order_of_the_labels() -> No
 
 
 def test_the_cycle_is_that_of_the_nominal_gait() -> None:
-    told = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))[
+    told = json.loads((find_models_folder() / "nominal_subject.json").read_text(encoding="utf-8"))[
         "nominal_gait"
     ]
     assert told["cycle_s"] == GAIT_CYCLE

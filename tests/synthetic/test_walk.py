@@ -7,7 +7,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, HEEL_RADIUS_M, SOLE_SHAPE
 from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
 from gaitcal.dynamics.measurement_errors import compute_foot_tip
-from gaitcal.io.recording import runs
+from gaitcal.io.recording import find_runs
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -105,7 +105,7 @@ def test_the_ground_carries_the_walk(person: str) -> None:
     assert loaded[(own > 0.01) & (own < STANCE - 0.01)].all()
     assert loaded[(own[:, 0] > 0.01) & (own[:, 0] < DOUBLE_SUPPORT - 0.01)].all()
     for foot in range(2):
-        for stance in runs(up[:, foot] > LOADED_N):
+        for stance in find_runs(up[:, foot] > LOADED_N):
             steps = np.linalg.norm(np.diff(ground.centre[stance, foot], axis=0), axis=1)
             assert steps[1:-1].max() < SPRINGS_M
             assert steps[[0, -1]].max() < (PERTURBED_SPRINGS_M if person.isdigit() else SPRINGS_M)
@@ -119,7 +119,7 @@ def test_resting_feet_do_not_slide() -> None:
     points = feet_of(parameters, motion.q).points
     for foot in range(2):
         for begin, end, point in ((0.08, 0.28, 0), (0.18, 0.46, 2)):
-            for still in runs((own[:, foot] > begin) & (own[:, foot] < end)):
+            for still in find_runs((own[:, foot] > begin) & (own[:, foot] < end)):
                 assert np.ptp(points[still, foot, point], axis=0).max() < 0.012
 
 

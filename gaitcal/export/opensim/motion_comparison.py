@@ -228,7 +228,7 @@ def _of_opensim(
     error = next(folder.glob("*marker_errors.sto"), None)
     missed = float("nan")
     if error is not None:
-        missed = float(np.sqrt(np.mean(read_table(error).column("marker_error_RMS") ** 2)))
+        missed = float(np.sqrt(np.mean(read_table(error).get_column("marker_error_RMS") ** 2)))
     frames = np.column_stack([np.interp(time, table.time, column) for column in table.values.T])
     basis = trial.motion.basis
     coefficients = basis.fit(frames)
@@ -236,7 +236,7 @@ def _of_opensim(
         coefficients = Smoother(basis).smooth(basis.matrices[0].T @ frames, trial.cutoff)
     smooth = replace(table, time=time, values=basis.evaluate(coefficients))
     turning = [name for name in table.names if name in COORDINATES and not is_translation(name)]
-    angles = {name: np.radians(smooth.column(name)) for name in turning}
+    angles = {name: np.radians(smooth.get_column(name)) for name in turning}
     if trial.torques is None or not trial.loads.is_file():
         return angles, {}, missed
     return angles, _moments(opensim, loaded, legs, trial, folder, smooth), missed
@@ -251,7 +251,7 @@ def _moments(
     motion: StorageTable,
 ) -> dict[str, Array]:
     """Coordinate -> (nf,) N·m, NaN where there are no forces."""
-    (folder / "motion.mot").write_text(motion.text("Coordinates"), encoding="utf-8")
+    (folder / "motion.mot").write_text(motion.format_text("Coordinates"), encoding="utf-8")
     document = ET.parse(trial.loads)
     feet = {
         leg.ours[-1]: leg.theirs.child
@@ -281,7 +281,7 @@ def _moments(
         raise RuntimeError("inverse dynamics failed")
     table, time = read_table(folder / "id.sto"), motion.time
     columns = {
-        name.removesuffix("_moment"): table.column(name)
+        name.removesuffix("_moment"): table.get_column(name)
         for name in table.names
         if name.endswith("_moment")
     }

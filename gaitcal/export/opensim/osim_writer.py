@@ -38,7 +38,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.io.atomic import atomic_text
+from gaitcal.io.atomic import write_text_atomically
 from gaitcal.model.chain import HALF_TURNS, LinkageModel, get_chain
 from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, split_side
 from gaitcal.model.linkage import (
@@ -227,7 +227,7 @@ def write_xml(root: ET.Element, path: Path | str) -> None:
     """Write an indented UTF-8 document, whole or not at all."""
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
-    atomic_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
+    write_text_atomically(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
 
 
 # ------------------------------------------------------------------------------------------------- the document

@@ -1,4 +1,4 @@
-"""The binary layout of a C3D file: its header, its parameters record by record, its samples.
+"""Read the binary layout of a C3D file: header, parameter records and samples.
 
 C3D user guide (www.c3d.org): 512-byte blocks; byte 1 of block 1 is the block number of the
 parameters, byte 2 is 0x50; then 16-bit words: 2 points, 3 analog values a frame, 4 first and 5 last
@@ -11,15 +11,16 @@ and the content. Of a group: length and text of its description. Of a parameter:
 byte, 2 integer, 4 float), number of dimensions, dimensions, data (first dimension fastest),
 description. A record with a name of length 0 ends the section.
 
-ezc3d reads what is here read twice, but for two cases. It takes the layout of a frame from the
-parameters: old files without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of
-one frame passing for points of the next; where the header accounts for the length of the file and
-the parameters do not, `read_samples` follows the header. The words of its first and last frame
-cannot count beyond 65535: where they, or FRAMES, stopped there or began again at zero, the number
-of frames is the one of TRIAL, LONG_FRAMES or further turns of the counter with which the data end
-where the file does. And its errors do not name the record of the parameters that is damaged
-(`find_damage`), nor does it name those that it writes otherwise than they were read: groups without
-a name, and types (`parameters_not_copied`).
+ezc3d reads the file; this module reads parts of it again where ezc3d is not sufficient:
+
+- ezc3d takes the layout of a frame from the parameters. In old files without ANALOG:RATE or
+  ANALOG:USED it then takes analog values for points. If the header explains the length of the file
+  and the parameters do not, `read_samples` follows the header.
+- Frame numbers of the header stop at 65535 or begin again at zero. The number of frames is then
+  that of TRIAL, LONG_FRAMES or further rounds of the counter with which the data fill the file.
+- ezc3d does not name a damaged parameter (`find_damage`).
+- ezc3d does not report what it writes differently: groups without a name, and types
+  (`find_changed_parameters`).
 """
 
 import struct
@@ -32,13 +33,11 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code
-from gaitcal.io.text_file import FileFault, naming_file, readable_size
+from gaitcal.io.text_file import FileFault, check_readable, name_file_in_faults
 
 BLOCK = 512
 WORD = 1 << 16
-"""Values of a 16-bit word: a header's frame numbers stay at the greatest one, or begin again at
-zero.
-"""
+"""Number of values of a 16-bit word, in which a header counts frames."""
 C3D_KEY = 0x50
 INTEL, DEC, MIPS = 84, 85, 86
 HEADER_BYTES = 24
@@ -46,7 +45,7 @@ HEADER_BYTES = 24
 
 @dataclass(frozen=True, kw_only=True)
 class C3DHeader:
-    """The first block of a C3D file, and the size of the file."""
+    """First block of a C3D file, and the size of the file."""
 
     size: int  # Bytes
     processor: int
@@ -63,34 +62,44 @@ class C3DHeader:
 
     @property
     def data_bytes(self) -> int:
-        """Length of the data by the header."""
+        """Length of the data (bytes) by the header."""
         return self.frames * self.frame_bytes
 
     @property
     def frame_bytes(self) -> int:
-        """Length of one frame: four words of each point, then the analog values."""
+        """Length of one frame (bytes): four words of each point, then the analog values."""
         return (4 * self.points + self.analog_values) * (4 if self.is_float else 2)
 
     @property
     def counts(self) -> range:
-        """Numbers of frames that its counter may mean, which begins again at zero; as many as the
-        file can hold.
-        """
+        """Numbers of frames that the 16-bit counter may stand for, up to what the file can hold."""
         return range(self.frames, (self.size - self.start) // max(self.frame_bytes, 1) + 1, WORD)
 
-    def fills(self, data_bytes: int) -> bool:
-        """Whether data of this length end where the file does, but for the filling of its last
-        block.
-        """
+    def is_filled_by(self, data_bytes: int) -> bool:
+        """Return whether data of this length (bytes) end in the last block of the file."""
         return 0 <= self.size - self.start - data_bytes < 2 * BLOCK
 
 
-@naming_file
+@name_file_in_faults
 def check_c3d_header(path: Path) -> C3DHeader:
-    """The header; InputError where the file is no C3D, is cut short, contradicts itself, or is not
-    Intel or DEC.
+    """Read and check the header of a C3D file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    C3DHeader
+        Its header.
+
+    Raises
+    ------
+    InputError
+        The file is no C3D, is cut short, contradicts itself, or is neither Intel nor DEC.
     """
-    size = readable_size(path)
+    size = check_readable(path)
     try:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
@@ -129,7 +138,7 @@ def check_c3d_header(path: Path) -> C3DHeader:
         start=(words[8] - 1) * BLOCK,
     )
     if words[4] < words[3] and not any(
-        header.fills(n * header.frame_bytes) for n in header.counts if n
+        header.is_filled_by(n * header.frame_bytes) for n in header.counts if n
     ):
         found = f"frame {words[3]} is its first and {words[4]} its last"
         raise FileFault(found, "header", Code.DAMAGED_RECORDING)
@@ -147,20 +156,31 @@ def check_c3d_header(path: Path) -> C3DHeader:
     return header
 
 
-def layout_of_samples(
+def find_sample_layout(
     header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]], points: Array, analogs: Array
 ) -> C3DHeader | None:
-    """The header, with its number of frames, by which the samples fill the file; None where those
-    read do.
+    """Find the frame layout that fills the file, where the samples as parsed do not.
 
-    `points` (3, np, nf), `analogs` (na, ns): as the parser read them.
+    Parameters
+    ----------
+    points
+        (3, np, nf) Points as the parser read them.
+    analogs
+        (na, ns) Analog samples as the parser read them.
+
+    Returns
+    -------
+    C3DHeader or None
+        The header with its true number of frames; None if the samples as parsed are right.
     """
     read = (4 * points[0].size + analogs.size) * (4 if header.is_float else 2)
-    if not header.frame_bytes or (header.fills(read) and points.shape[2] != header.frames):
+    if not header.frame_bytes or (header.is_filled_by(read) and points.shape[2] != header.frames):
         return None
     trial, point = parameters.get("TRIAL", {}), parameters.get("POINT", {})
-    start, end = (long_number(trial.get(f"ACTUAL_{name}_FIELD", ())) for name in ("START", "END"))
-    given = [long_number(point.get(name, ())) for name in ("LONG_FRAMES", "FRAMES")]
+    start, end = (
+        read_long_number(trial.get(f"ACTUAL_{name}_FIELD", ())) for name in ("START", "END")
+    )
+    given = [read_long_number(point.get(name, ())) for name in ("LONG_FRAMES", "FRAMES")]
     counts = [
         *header.counts,
         *([end - start + 1] if start and end else []),
@@ -168,15 +188,24 @@ def layout_of_samples(
     ]
     if header.saturated:
         counts.append((header.size - header.start) // header.frame_bytes)
-    whole = next((n for n in counts if n > 0 and header.fills(n * header.frame_bytes)), None)
+    whole = next((n for n in counts if n > 0 and header.is_filled_by(n * header.frame_bytes)), None)
     return replace(header, frames=whole) if whole and whole * header.frame_bytes != read else None
 
 
-def long_number(words: Any) -> int | None:
-    """Read a number from two 16-bit values, the lower first, or from one float; None where there is
-    none.
+def read_long_number(parts: Any) -> int | None:
+    """Read a number from two 16-bit values (the lower first) or from one float.
+
+    Parameters
+    ----------
+    parts
+        One or two numbers.
+
+    Returns
+    -------
+    int or None
+        None if there is no such number.
     """
-    values = np.asarray(words, dtype=np.float64).ravel()
+    values = np.asarray(parts, dtype=np.float64).ravel()
     if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
         return None
     return (
@@ -189,7 +218,27 @@ def long_number(words: Any) -> int | None:
 def read_samples(
     path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Array, Array]:
-    """Points (3, np, nf), NaN where missing, and analogs (na, ns), both in the units of the file."""
+    """Read the samples of a C3D file by the layout of its header.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, from `find_sample_layout`.
+    parameters
+        Group -> parameter -> value, for the scales of the channels.
+
+    Returns
+    -------
+    points, analogs
+        (3, np, nf), NaN where missing, and (na, ns), both in the units of the file.
+
+    Raises
+    ------
+    FileFault
+        The file is not Intel, or cannot be read.
+    """
     if header.processor != INTEL:
         raise FileFault(
             "found DEC encoding and parameters that do not fit; save the file again in Intel format"
@@ -200,11 +249,10 @@ def read_samples(
         raw = np.fromfile(path, dtype=kind, count=length, offset=header.start).astype(np.float64)
     except OSError as error:
         raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
-    # a frame: x y z and residual of every point, then `samples` times all channels; a negative
-    # residual is a gap
+    # A frame: x y z and residual of every point, then `samples` times all channels. A negative
+    # residual is a gap.
     rows = raw.reshape(header.frames, -1)
-    # where the length of the file alone counts the frames, zeros that fill its last block may pass
-    # for some
+    # Zeros that fill the last block are no frames, where only the length of the file counts them
     if header.saturated:
         rows = rows[: np.flatnonzero(rows.any(axis=1))[-1] + 1] if rows.any() else rows[:1]
     quads = rows[:, : 4 * header.points].reshape(len(rows), header.points, 4)
@@ -226,7 +274,7 @@ def read_samples(
     return points.transpose(2, 1, 0), scaled * (general[0] if len(general) else 1.0)
 
 
-# ------------------------------------------------------------------------------------------------------ parameters
+# --------------------------------------------------------------------------------------- parameters
 
 TEXT, FLOAT = -1, 4
 _KINDS = (TEXT, 1, 2, FLOAT)
@@ -234,7 +282,7 @@ _KINDS = (TEXT, 1, 2, FLOAT)
 
 @dataclass(frozen=True)
 class Record:
-    """A group, or a parameter of one."""
+    """Record of the parameter section: a group, or a parameter of one."""
 
     group: int  # Number of the group, positive
     name: str
@@ -242,17 +290,30 @@ class Record:
     is_group: bool
 
 
-def _extent(content: bytes) -> tuple[int, tuple[int, ...], int]:
-    """Type and dimensions of a parameter, and where its data end."""
+def _read_extent(content: bytes) -> tuple[int, tuple[int, ...], int]:
+    """Read type and dimensions of a parameter, and the position at which its data end."""
     kind, count = struct.unpack("<bB", content[:2])
     dims = tuple(content[2 : 2 + count])
     return kind, dims, 2 + count + abs(kind) * int(np.prod(dims))
 
 
 def parse_records(content: bytes) -> tuple[Record, ...]:
-    """Return the records of the parameter section of a C3D file, in their order.
+    """Parse the parameter section of a C3D file into its records.
 
-    Raises ValueError, IndexError or struct.error: They are damaged.
+    Parameters
+    ----------
+    content
+        All bytes of the file.
+
+    Returns
+    -------
+    tuple of Record
+        In the order of the file.
+
+    Raises
+    ------
+    ValueError, IndexError, struct.error
+        The section is damaged.
     """
     start = (content[0] - 1) * BLOCK
     section = content[start : start + content[start + 2] * BLOCK]
@@ -267,11 +328,12 @@ def parse_records(content: bytes) -> tuple[Record, ...]:
         (offset,) = struct.unpack("<H", section[at : at + 2])
         if offset:
             end = at + offset
-        else:  # some programs write that of the last record as 0
-            end = at + 2 if group < 0 else at + 2 + _extent(section[at + 2 :])[2]
+        else:
+            # Some programs write the offset of the last record as 0
+            end = at + 2 if group < 0 else at + 2 + _read_extent(section[at + 2 :])[2]
             end += 1 + section[end]
         if end > len(section) or end < at + 3:
-            raise ValueError(f"{_named(name)} is damaged")
+            raise ValueError(f"{_name_parameter(name)} is damaged")
         records.append(Record(abs(group), name, section[at + 2 : end], is_group=group < 0))
         if offset == 0:
             break
@@ -279,8 +341,8 @@ def parse_records(content: bytes) -> tuple[Record, ...]:
     return tuple(records)
 
 
-def _named(name: str) -> str:
-    """The parameter of that name; what follows a damaged one has a name of any bytes."""
+def _name_parameter(name: str) -> str:
+    """Name a parameter for a message; after damage a name may consist of any bytes."""
     return (
         f"the parameter {name}"
         if name.isidentifier() and name.isascii()
@@ -289,43 +351,60 @@ def _named(name: str) -> str:
 
 
 def find_damage(content: bytes) -> str:
-    """Say what is wrong with the parameters of a C3D file; empty where every record of them can be
-    read.
+    """Describe the first damaged parameter of a C3D file.
+
+    Parameters
+    ----------
+    content
+        All bytes of the file.
+
+    Returns
+    -------
+    str
+        Empty if every record can be read.
     """
     try:
         for record in (record for record in parse_records(content) if not record.is_group):
-            kind, _, end = _extent(record.content)
+            kind, _, end = _read_extent(record.content)
             if kind not in _KINDS:
-                return f"{_named(record.name)} has the type {kind}; allowed are -1, 1, 2 and 4"
+                name = _name_parameter(record.name)
+                return f"{name} has the type {kind}; allowed are -1, 1, 2 and 4"
             if end > len(record.content):
-                return f"{_named(record.name)} is longer than its record"
+                return f"{_name_parameter(record.name)} is longer than its record"
     except (ValueError, IndexError, struct.error) as fault:
         return str(fault) if isinstance(fault, ValueError) else "its parameters are cut short"
     return ""
 
 
-def parameters_not_copied(source: bytes, target: bytes) -> tuple[str, ...]:
-    """Names `GROUP:NAME` of the parameters of one C3D file that another does not have with the same
-    type and values.
+def find_changed_parameters(source: bytes, target: bytes) -> tuple[str, ...]:
+    """List the parameters of one C3D file that another lacks or holds with other types or values.
+
+    Parameters
+    ----------
+    source, target
+        All bytes of the two files.
+
+    Returns
+    -------
+    tuple of str
+        Names `GROUP:NAME`.
     """
-    old, new = _values(source), _values(target)
+    old, new = _read_values(source), _read_values(target)
     return tuple(
         name for name, value in old.items() if new.get(name.upper(), new.get(name)) != value
     )
 
 
-def _values(content: bytes) -> dict[str, tuple[int, tuple[int, ...], list[bytes]]]:
-    """`GROUP:NAME` -> type, columns of a table of texts, and the texts without trailing blanks, or
-    the numbers.
-    """
+def _read_values(content: bytes) -> dict[str, tuple[int, tuple[int, ...], list[bytes]]]:
+    """Read `GROUP:NAME` -> type, table shape, and texts without trailing blanks, or the numbers."""
     records, out = parse_records(content), {}
     is_dec = content[(content[0] - 1) * BLOCK + 3] == DEC
     groups = {record.group: record.name for record in records if record.is_group}
     for record in (record for record in records if not record.is_group):
-        kind, dims, end = _extent(record.content)
+        kind, dims, end = _read_extent(record.content)
         data = record.content[2 + len(dims) : end]
         if kind == FLOAT and is_dec:
-            # the halves of a DEC float are exchanged, and its exponent is greater by two
+            # The halves of a DEC float are swapped, and its exponent is greater by two
             halves = np.frombuffer(data, dtype="<u2").reshape(-1, 2)[:, ::-1].tobytes()
             data = (np.frombuffer(halves, dtype="<f4") * np.float32(0.25)).tobytes()
         width = dims[0] if kind == TEXT and dims else 0

@@ -1,5 +1,6 @@
-"""The force plates that a C3D file describes: parameters and analog channels to wrenches in the
-axes of the file.
+"""Convert the parameters and analog channels of a C3D file to force plate wrenches.
+
+The conventions and equations of the plate types are those of `gaitcal.io.force_plate`.
 """
 
 import re
@@ -15,15 +16,15 @@ from gaitcal.io.recording import ForcePlate
 
 Parameters = Mapping[str, Mapping[str, Any]]
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of each plate type read here
-CONTRADICTED = "says in its UNITS"  # In a note on a unit that the data contradict
-DOUBTFUL = 0.2  # Share of centres of pressure outside the plate from which the user is told
+# Words of a note on a unit that the data contradict
+CONTRADICTED = "declares in its UNITS"
+# Share of centres of pressure outside the plate above which a note is given
+DOUBTFUL_SHARE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPlate:
-    """A plate before the vertical is known: wrench about the middle of its surface, in the axes of
-    the file.
-    """
+    """Plate before the vertical is known: wrench about its centre, in the axes of the file."""
 
     name: str
     time: Array  # (ns,) s
@@ -31,8 +32,8 @@ class MeasuredPlate:
     moment: Array  # (ns, 3) N·m
     frame: force_plate.PlateFrame
 
-    def as_plate(self) -> ForcePlate:
-        """With its full moment about the middle of its surface."""
+    def to_force_plate(self) -> ForcePlate:
+        """Convert to a force plate with the full moment about the centre of the surface."""
         point, wrench = (
             np.tile(self.frame.centre, (len(self.time), 1)),
             {"force": self.force, "moment": self.moment},
@@ -42,19 +43,28 @@ class MeasuredPlate:
         )
 
 
-def measured_plates(
+def read_force_plates(
     parameters: Parameters, analogs: Array, first: float, rate: float, metres: float, markers: Array
 ) -> tuple[tuple[MeasuredPlate, ...], tuple[str, ...]]:
-    """All usable plates and notes on the rest.
+    """Read all usable force plates of a C3D file.
 
-    `analogs` (na, ns) are all analog channels at `rate` Hz, in the units of the file (N, and for
-    moments N times the length of POINT:UNITS unless ANALOG:UNITS says otherwise); `first` tells how
-    many samples the clock was past zero at the first one. `metres` is the length of POINT:UNITS.
-    `markers` (nf, nm, 3) m in the axes of the file show when somebody is over a plate. A plate that
-    cannot be placed or read is left out, with a note.
+    Parameters
+    ----------
+    analogs
+        (na, ns) All analog channels in the units of the file: N, and for moments N times the length
+        of POINT:UNITS unless ANALOG:UNITS differs. first Number of samples from time zero to the
+        first sample. rate Sampling rate, Hz. metres Length of POINT:UNITS, m.
+    markers
+        (nf, nm, 3) Marker positions, m, in the axes of the file; they show when a person is over a
+        plate.
+
+    Returns
+    -------
+    plates, notes
+        Usable plates, and one sentence for each plate that was left out or corrected.
     """
     group = parameters.get("FORCE_PLATFORM", {})
-    types, used = _numbers(group, "TYPE").ravel(), _numbers(group, "USED").ravel()
+    types, used = _read_numbers(group, "TYPE").ravel(), _read_numbers(group, "USED").ravel()
     count = min(len(types), int(used[0])) if len(used) and np.isfinite(used[0]) else len(types)
     if count < 1:
         return (), ()
@@ -64,7 +74,9 @@ def measured_plates(
     notes: list[str] = []
     for index in range(count):
         try:
-            plate, plate_notes = _plate(parameters, index, analogs, first, rate, metres, markers)
+            plate, plate_notes = _read_plate(
+                parameters, index, analogs, first, rate, metres, markers
+            )
         except ValueError as fault:
             notes.append(f"Plate {index + 1} left out: {fault}.")
             continue
@@ -73,11 +85,20 @@ def measured_plates(
     return tuple(plates), tuple(notes)
 
 
-def stand_up(
+def orient_plates(
     plates: tuple[MeasuredPlate, ...], up: Array
 ) -> tuple[tuple[ForcePlate, ...], tuple[str, ...]]:
-    """Plates with centres of pressure and with the force acting on the body, given the vertical
-    `up` (3,).
+    """Give plates a centre of pressure and the force that acts on the body.
+
+    Parameters
+    ----------
+    up
+        (3,) Unit vector of the vertical in these axes.
+
+    Returns
+    -------
+    plates, notes
+        Plates in the same axes, and one sentence for each correction.
     """
     ready = []
     notes = []
@@ -90,18 +111,18 @@ def stand_up(
                 f"Plate {plate.name}: its corners are numbered against the standard (its z axis "
                 "points up)."
             )
-        if force_plate.pushes_down(force, up):
+        if force_plate.is_reaction_on_plate(force, up):
             force, moment = -force, -moment
-            notes.append(f"Plate {plate.name}: {force_plate.TURNED_ROUND}")
+            notes.append(f"Plate {plate.name}: {force_plate.REVERSED_NOTE}")
         ready.append(
-            force_plate.plate_from_moment(
+            force_plate.build_plate_from_moment(
                 plate.name, plate.time, force, moment, frame.centre, normal, frame.corners
             )
         )
     return tuple(ready), tuple(notes)
 
 
-def _plate(
+def _read_plate(
     parameters: Parameters,
     index: int,
     analogs: Array,
@@ -111,11 +132,11 @@ def _plate(
     markers: Array,
 ) -> tuple[MeasuredPlate, list[str]]:
     group = parameters["FORCE_PLATFORM"]
-    kind = _numbers(group, "TYPE").ravel()[index]
+    kind = _read_numbers(group, "TYPE").ravel()[index]
     if kind not in CHANNELS:
         raise ValueError(f"its type is {kind:g}; allowed are 1, 2, 3 and 4")
-    frame = force_plate.plate_frame(_column(group, "CORNERS", index, (3, 4)).T * metres)
-    channels, torque = _channels(parameters, index, CHANNELS[kind], analogs)
+    frame = force_plate.build_plate_frame(_read_column(group, "CORNERS", index, (3, 4)).T * metres)
+    channels, torque = _select_channels(parameters, index, CHANNELS[kind], analogs)
     keep = np.flatnonzero(np.isfinite(channels).all(axis=0))
     if not len(keep):
         raise ValueError("its channels hold no numbers")
@@ -127,11 +148,11 @@ def _plate(
             "off)"
         )
     channels = channels[:, begin:end]
-    origin = np.zeros(3) if kind == 1 else _column(group, "ORIGIN", index, (3,)) * metres
+    origin = np.zeros(3) if kind == 1 else _read_column(group, "ORIGIN", index, (3,)) * metres
     if kind == 4:
-        channels, torque = _column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
+        channels, torque = _read_column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
     declared, torque = torque is not None and kind != 4, metres if torque is None else torque
-    scale = _unit_scale(int(kind), channels, origin, metres, torque, frame)
+    scale = _find_unit_scale(int(kind), channels, origin, metres, torque, frame)
     if scale != 1.0:
         what, unit, size = (
             ("centres of pressure", "m", metres) if kind == 1 else ("moments", "N·m", torque)
@@ -143,33 +164,26 @@ def _plate(
         why += ": only so does the centre of pressure move under the foot, on the plate"
         notes.append(f"its {what} are in units of {scale * size:g} {unit}, {why}")
         metres, torque = (metres * scale if kind == 1 else metres), torque * scale
-    force, moment = wrench_of(int(kind), channels, origin, metres, torque)
-    # ORIGIN without a height does not betray its sign; the plate itself does.
-    if kind in (2, 4) and force_plate.outside_share(force, moment, frame) > 0.5:
-        other = moment + 2.0 * cross(_below(origin), force)
-        if force_plate.outside_share(force, other, frame) < 0.1:
+    force, moment = compute_wrench(int(kind), channels, origin, metres, torque)
+    # The sign of ORIGIN is wrong where only the opposite one keeps the centre on the plate
+    if kind in (2, 4) and force_plate.compute_outside_share(force, moment, frame) > 0.5:
+        other = moment + 2.0 * cross(_orient_origin(origin), force)
+        if force_plate.compute_outside_share(force, other, frame) < 0.1:
             moment = other
             notes.append(
                 "ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)"
             )
     frames = np.arange(begin, end) * len(markers) // analogs.shape[1]
-    empty = force_plate.offset(
-        force, moment, rate, *(mask[frames] for mask in _presence(group, frame, markers))
+    empty = force_plate.estimate_offset(
+        force, moment, rate, *(mask[frames] for mask in _find_presence(group, frame, markers))
     )
     if empty is None:
         notes.append("never empty, so that its offset is unknown and was left in")
-    elif np.linalg.norm(empty[:3]) > force_plate.OFFSET_TOLD_N:
+    elif np.linalg.norm(empty[:3]) > force_plate.LEAST_OFFSET_N:
         force, moment = force - empty[:3], moment - empty[3:]
         removed = ", ".join(f"{value:.1f}" for value in empty[:3])
         notes.append(f"offset of the empty plate removed, {removed} N in its own axes")
-    share = force_plate.outside_share(force, moment, frame)
-    if share > DOUBTFUL:
-        notes.append(
-            f"{100 * share:.0f} % of the centres of pressure under more than "
-            f"{force_plate.BODY_N:.0f} N lie over "
-            f"{1e3 * force_plate.OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and "
-            "CHANNEL"
-        )
+    notes += _note_doubtful_corners(force, moment, frame)
     turn, time = (
         frame.rotation.T,
         np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64),
@@ -179,7 +193,20 @@ def _plate(
     ), notes
 
 
-def _unit_scale(
+def _note_doubtful_corners(force: Array, moment: Array, frame: force_plate.PlateFrame) -> list[str]:
+    """Note a plate whose centres of pressure are often outside its corners."""
+    share = force_plate.compute_outside_share(force, moment, frame)
+    if share > DOUBTFUL_SHARE:
+        return [
+            f"{100 * share:.0f} % of the centres of pressure under more than "
+            f"{force_plate.BODY_N:.0f} N lie over "
+            f"{1e3 * force_plate.OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and "
+            "CHANNEL"
+        ]
+    return []
+
+
+def _find_unit_scale(
     kind: int,
     channels: Array,
     origin: Array,
@@ -187,12 +214,11 @@ def _unit_scale(
     torque: float,
     frame: force_plate.PlateFrame,
 ) -> float:
-    """By what the unit of the moments (type 1: of the centres of pressure) is to be multiplied;
-    nearly always 1.
+    """Find the factor that corrects the unit of the moments (type 1: of the centres of pressure).
 
-    Moments in N·m that are taken for N·mm leave the centre of pressure within a millimetre of the
-    sensor's axis, whoever walks; the reverse puts it far beyond the plate. Another unit is taken
-    where this one does either, and that one neither.
+    It is nearly always 1. Moments in N·m that are taken for N·mm keep the centre of pressure within
+    a millimetre of the sensor's axis. The reverse moves it far beyond the plate. Another unit is
+    used if this one does either, and that one neither.
     """
 
     def fits(scale: float, most: float) -> bool:
@@ -200,10 +226,13 @@ def _unit_scale(
         move at all.
         """
         units = metres * (scale if kind == 1 else 1.0), torque * scale
-        outside = force_plate.outside_share(*wrench_of(kind, channels, origin, *units), frame)
-        about_sensor = wrench_of(kind, channels, np.zeros(3), *units)
+        outside = force_plate.compute_outside_share(
+            *compute_wrench(kind, channels, origin, *units), frame
+        )
+        about_sensor = compute_wrench(kind, channels, np.zeros(3), *units)
         return np.isnan(outside) or (
-            outside < most and force_plate.travel(*about_sensor) > force_plate.SWAY_M
+            outside < most
+            and force_plate.measure_cop_travel(*about_sensor) > force_plate.LEAST_SWAY_M
         )
 
     if kind == 3 or fits(1.0, 0.5):
@@ -213,60 +242,70 @@ def _unit_scale(
     return fitting[0] if len(fitting) == 1 else 1.0
 
 
-def _presence(
+def _find_presence(
     group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array
 ) -> tuple[BoolArray, ...]:
-    """Find the frames (nf,) with a person over a plate; without, by ZERO and the markers; without,
-    by the markers.
-    """
-    occupied, known = force_plate.over_plate(markers, frame)
-    first, last = zero if len(zero := _numbers(group, "ZERO").ravel()) == 2 else (1.0, 0.0)
+    """Find frames (nf,) with a person over the plate; without by ZERO; without by the markers."""
+    occupied, known = force_plate.find_points_over_plate(markers, frame)
+    zero = _read_numbers(group, "ZERO").ravel()
+    first, last = zero if len(zero) == 2 else (1.0, 0.0)
     numbers = np.arange(1, len(markers) + 1)
-    named = (numbers >= first) & (numbers <= last)  # none where a damaged file has no numbers
+    # No frame is named in a damaged file without these numbers
+    named = (numbers >= first) & (numbers <= last)
     return occupied, named & ~occupied, known & ~occupied
 
 
-def wrench_of(
+def compute_wrench(
     kind: int, channels: Array, origin: Array, metres: float, torque: float
 ) -> tuple[Array, Array]:
-    """Force (ns, 3), N, and moment (ns, 3), N·m, about the middle of the surface, plate axes.
+    """Compute the wrench about the centre of the surface from the channels of a plate.
 
-    `channels` (6 or 8, ns): N, moments in units of `torque` N·m, centres of pressure in units of
-    `metres` m. `origin` (3,) m is ORIGIN of the plate.
+    Parameters
+    ----------
+    channels
+        (6 or 8, ns) Forces in N, moments in units of `torque`, centres of pressure in units of
+        `metres`.
+    origin
+        (3,) ORIGIN of the plate, m. metres Unit of the centres of pressure, m. torque Unit of the
+        moments, N·m.
+
+    Returns
+    -------
+    force, moment
+        (ns, 3) N and (ns, 3) N·m in the plate frame.
     """
     if kind == 3:
         x12, x34, y14, y23, z1, z2, z3, z4 = channels
         a, b = np.abs(origin[:2])
         force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
-        turning = [
+        moments = [
             b * (z1 + z2 - z3 - z4),
             a * (-z1 + z2 + z3 - z4),
             b * (x34 - x12) + a * (y14 - y23),
         ]
-        return force, np.column_stack(turning) - cross(np.array([0.0, 0.0, -abs(origin[2])]), force)
+        return force, np.column_stack(moments) - cross(np.array([0.0, 0.0, -abs(origin[2])]), force)
     force = channels[:3].T.copy()
     if kind == 1:
-        loaded = (
-            np.abs(force[:, 2]) > force_plate.LOADED_N
-        )  # the centre of an unloaded plate is noise divided by noise
+        # The centre of pressure of an unloaded plate is noise divided by noise
+        loaded = np.abs(force[:, 2]) > force_plate.LOADED_N
         point = np.zeros_like(force)
         point[loaded, :2] = channels[3:5].T[loaded] * metres
         moment = cross(point, force)
         moment[:, 2] += channels[5] * torque
         return force, moment
-    return force, channels[3:].T * torque - cross(_below(origin), force)
+    return force, channels[3:].T * torque - cross(_orient_origin(origin), force)
 
 
-def _below(origin: Array) -> Array:
-    """ORIGIN as the guide means it: from the sensor origin up to the surface, so z is not positive."""
+def _orient_origin(origin: Array) -> Array:
+    """Orient ORIGIN as the guide defines it: from sensor to surface, so that z is not positive."""
     return -origin if origin[2] > 0 else origin
 
 
-def _channels(
+def _select_channels(
     parameters: Parameters, index: int, count: int, analogs: Array
 ) -> tuple[Array, float | None]:
-    """(count, ns) channels of a plate, and metres in their unit of torque where the file names one."""
-    table = _numbers(parameters["FORCE_PLATFORM"], "CHANNEL")
+    """Select the (count, ns) channels of a plate, with its unit of torque (m) if given."""
+    table = _read_numbers(parameters["FORCE_PLATFORM"], "CHANNEL")
     if table.ndim != 2 or table.shape[0] < count or table.shape[1] <= index:
         raise ValueError(
             f"FORCE_PLATFORM:CHANNEL has the shape {table.shape}; {count} channels are needed"
@@ -276,17 +315,17 @@ def _channels(
         raise ValueError(
             f"it uses channels {numbers.astype(int).tolist()}; the file holds 1 to {len(analogs)}"
         )
-    places = numbers.astype(int) - 1
+    rows = numbers.astype(int) - 1
     units = parameters.get("ANALOG", {}).get("UNITS", [])
-    unit = re.sub(r"[^a-z]", "", str(units[places[-1]]).lower()) if len(units) > places[-1] else ""
+    unit = re.sub(r"[^a-z]", "", str(units[rows[-1]]).lower()) if len(units) > rows[-1] else ""
     in_mm, in_m = (
         re.fullmatch(r"(n|nt|newton)mm", unit),
         re.fullmatch(r"(n|nt|newton)m(eters?|etres?)?", unit),
     )
-    return analogs[places], 1e-3 if in_mm else 1.0 if in_m else None
+    return analogs[rows], 1e-3 if in_mm else 1.0 if in_m else None
 
 
-def _numbers(group: Mapping[str, Any], name: str) -> Array:
+def _read_numbers(group: Mapping[str, Any], name: str) -> Array:
     value = group.get(name, [])
     try:
         return np.asarray(value, dtype=np.float64)
@@ -294,9 +333,9 @@ def _numbers(group: Mapping[str, Any], name: str) -> Array:
         raise ValueError(f"FORCE_PLATFORM:{name} holds no numbers") from None
 
 
-def _column(group: Mapping[str, Any], name: str, index: int, shape: tuple[int, ...]) -> Array:
-    """The part of a parameter (*shape, plates) that belongs to one plate."""
-    value = _numbers(group, name)
+def _read_column(group: Mapping[str, Any], name: str, index: int, shape: tuple[int, ...]) -> Array:
+    """Read the part of a parameter (*shape, plates) that belongs to one plate."""
+    value = _read_numbers(group, name)
     if value.ndim == len(shape):
         value = value[..., None]
     if value.shape[:-1] != shape or value.shape[-1] <= index:

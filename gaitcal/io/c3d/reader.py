@@ -1,9 +1,9 @@
-"""C3D files: the measured markers and the force plates of one trial, in metres and seconds, y up.
+"""Read the measured markers and the force plates of a C3D file, in m and s, y up.
 
-A damaged file can make a parser of binary data crash, hang, or ask for all memory: of 250 real
+A damaged file can make a parser of binary data crash, hang, or ask for all memory. Of 250 real
 files with up to 40 bytes changed among their first 1500, eleven ended ezc3d 1.7 by a segmentation
-fault and two never. So ezc3d runs in a process of its own, which parses one file after the other; a
-new one follows when it has died.
+fault and two never returned. ezc3d therefore runs in a separate process that parses one file after
+the other. A new process starts when it has died.
 """
 
 import atexit
@@ -25,9 +25,9 @@ from gaitcal.io import axes, segment_poses
 from gaitcal.io import labels as labelling
 from gaitcal.io.c3d import layout
 from gaitcal.io.c3d.layout import WORD, C3DHeader
-from gaitcal.io.c3d.plates import measured_plates, stand_up
-from gaitcal.io.recording import Recording, zeros_to_missing
-from gaitcal.io.text_file import FileFault, naming_file
+from gaitcal.io.c3d.plates import orient_plates, read_force_plates
+from gaitcal.io.recording import Recording, replace_zeros
+from gaitcal.io.text_file import FileFault, name_file_in_faults
 
 PER_METRE = {
     "mm": 1e3,
@@ -39,29 +39,26 @@ PER_METRE = {
     "metres": 1.0,
 }
 """Lengths that POINT:UNITS may name."""
-ABSURD_M = 1e6  # No place lies so far off; only a damaged float does
-# By how much products of the axes of a pose may differ from 0 and 1: files hold single precision
-ORTHONORMAL = 1e-3
-NUMBERS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS")
-"""POINT parameters that list points which are no places: three numbers of another kind."""
-COMPUTED_GROUPS = (*NUMBERS, "MODELED_MARKERS")
+# Largest coordinate (m) of a measured position; only a damaged float exceeds it
+LARGEST_COORDINATE_M = 1e6
+# Largest error of the products of the axes of a pose: files hold single precision
+ORTHONORMAL_TOLERANCE = 1e-3
+NON_POSITION_GROUPS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS")
+"""POINT parameters that list points which are no positions: angles, moments and the like."""
+COMPUTED_GROUPS = (*NON_POSITION_GROUPS, "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
-USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not tell")
+USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not show it")
 
-# ------------------------------------------------------------------------------------------ ezc3d in its own process
+# ------------------------------------------------------------------------- ezc3d in its own process
 
-START_SECONDS = (
-    120.0  # A process that loads its libraries on a busy machine is no fault of the file
-)
-BASE_SECONDS = (
-    6.0  # An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged
-)
+# Longest start of the parser process (s); on a busy machine it loads its libraries slowly
+START_SECONDS = 120.0
+# Longest time for a small file (s); a sound one takes 0.1 s, and nobody should wait 10 s
+BASE_SECONDS = 6.0
 SECONDS_PER_BYTE = 1e-6
 BASE_MEMORY = 2**30
 MEMORY_PER_BYTE = 100
-"""Bytes the process may take for each byte of the file: 16-bit samples become doubles, held some
-times over.
-"""
+"""Bytes of memory allowed per byte of the file: 16-bit samples become doubles, several times."""
 GROUPS = (
     "POINT",
     "ANALOG",
@@ -72,7 +69,7 @@ GROUPS = (
     "SUBJECTS",
     "ROTATION",
 )
-FAULTS = (
+PARSER_FAULTS = (
     RuntimeError,
     ValueError,
     IndexError,
@@ -83,21 +80,37 @@ FAULTS = (
     OSError,
     SystemError,
 )
-"""What ezc3d and its wrapper raise on files that they cannot read."""
+"""Exceptions of ezc3d and its wrapper on files that they cannot read."""
 
 
 class ParserDiedError(Exception):
-    """The process ended, or was ended, without an answer; the text says how."""
+    """The parser process ended, or was ended, without an answer; the text describes how."""
 
 
 def parse_c3d(path: Path, size: int) -> dict[str, Any]:
-    """Raw content: `points` (3, np, nf) with NaN for missing, `poses` (4, 4, ns, nf or more),
-    `analogs` (na, ns), `parameters`, rates, first frame.
+    """Parse a C3D file in the parser process.
 
-    ValueError with the parser's words where it refuses the file; ParserDiedError where it does not
-    survive it.
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        Its size, bytes; it limits time and memory.
+
+    Returns
+    -------
+    dict
+        `points` (3, np, nf) with NaN for missing, `poses` (4, 4, ns, nf or more), `analogs` (na,
+        ns), `parameters`, rates and first frame, in the units of the file.
+
+    Raises
+    ------
+    ValueError
+        The parser refuses the file; its message.
+    ParserDiedError
+        The parser did not survive the file.
     """
-    kind, content = _PARSER.answer(
+    kind, content = _PARSER.parse(
         str(path.absolute()), size, BASE_SECONDS + SECONDS_PER_BYTE * size
     )
     if kind == "fault":
@@ -106,15 +119,15 @@ def parse_c3d(path: Path, size: int) -> dict[str, Any]:
 
 
 class _Parser:
-    """The process, for one thread at a time."""
+    """The parser process, used by one thread at a time."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._one_at_a_time = threading.Lock()
         atexit.register(self.end)
 
-    def answer(self, path: str, size: int, seconds: float) -> tuple[str, Any]:
-        """`content` and a file's content, or `fault` and why there is none."""
+    def parse(self, path: str, size: int, seconds: float) -> tuple[str, Any]:
+        """Ask for a file; return `content` and its content, or `fault` and the reason."""
         with self._one_at_a_time:
             try:
                 if self._process is None:
@@ -128,19 +141,19 @@ class _Parser:
                     self._process = subprocess.Popen(
                         command, stdin=pipe, stdout=pipe, stderr=nowhere
                     )
-                    self._asked(None, START_SECONDS)
-                kind, content = self._asked((path, size), seconds)
-            except (
-                BaseException
-            ):  # also Ctrl-C: what it still says is no answer to the next question
+                    self._ask(None, START_SECONDS)
+                kind, content = self._ask((path, size), seconds)
+            except BaseException:
+                # Also Ctrl-C: a late answer must not be taken for that of the next file
                 self.end()
                 raise
             if kind == "fault":
-                self.end()  # a parser that met a damaged file reads no other
+                # A parser that met a damaged file reads no other
+                self.end()
             return kind, content
 
-    def _asked(self, question: tuple[str, int] | None, seconds: float) -> Any:
-        """What the process answers; without a question, that it is ready."""
+    def _ask(self, question: tuple[str, int] | None, seconds: float) -> Any:
+        """Send a question and return the answer; without one, wait until the process is ready."""
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
             raise ParserDiedError("it did not begin")
@@ -170,14 +183,13 @@ class _Parser:
 
 
 _PARSER = _Parser()
-if hasattr(os, "register_at_fork"):  # a copy of this process asks a parser of its own
+# A forked process starts a new parser
+if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_PARSER.__init__)  # type: ignore[misc]
 
 
 def serve() -> None:
-    """Parse one file after the other, until the caller has gone; what the library prints goes
-    nowhere.
-    """
+    """Parse one file after the other until the caller has gone; discard what the library prints."""
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         import ezc3d  # noqa: F401  before the first file's time begins
@@ -191,8 +203,8 @@ def serve() -> None:
                 return
             _limit_memory(BASE_MEMORY + MEMORY_PER_BYTE * size)
             try:
-                answer: tuple[str, Any] = ("content", _content(path))
-            except FAULTS as error:
+                answer: tuple[str, Any] = ("content", _read_content(path))
+            except PARSER_FAULTS as error:
                 answer = ("fault", str(error) or type(error).__name__)
             pickle.dump(answer, out, protocol=5)
 
@@ -210,7 +222,7 @@ def _limit_memory(more: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def _content(path: str) -> dict[str, Any]:
+def _read_content(path: str) -> dict[str, Any]:
     import ezc3d
 
     file = ezc3d.c3d(path)
@@ -235,31 +247,45 @@ def _content(path: str) -> dict[str, Any]:
     }
 
 
-# ------------------------------------------------------------------------------------------------- the recording
+# ------------------------------------------------------------------------------------ the recording
 
 
-@naming_file
+@name_file_in_faults
 def read_c3d(path: Path) -> Recording:
-    """Markers and plates of a C3D file; InputError where it cannot be read or names no marker."""
+    """Read markers and plates of a C3D file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Recording
+        Metres, seconds and newtons, y up.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or names no marker.
+    """
     header = layout.check_c3d_header(path)
     try:
         raw = parse_c3d(path, header.size)
     except ValueError as error:
-        raise FileFault(_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
+        raise FileFault(_describe_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
     except ParserDiedError as error:
         raise FileFault(
             f"damaged: the parser did not survive it, {error}", code=Code.DAMAGED_RECORDING
         ) from None
     try:
-        return _recording(path, header, raw)
+        return _build_recording(path, header, raw)
     except (ValueError, TypeError, IndexError, OverflowError) as error:
-        raise FileFault(_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
+        raise FileFault(_describe_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
 
 
-def _damage(path: Path, error: str) -> str:
-    """Describe what is wrong with a file that a library cannot read, by its format instead of the
-    library's error.
-    """
+def _describe_damage(path: Path, error: str) -> str:
+    """Describe a file that a library cannot read by its format, not by the library's error."""
     found = "numbers in its header and its parameters contradict each other"
     if any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
         found = "a number in its header or parameters asks for more data than the file can hold"
@@ -267,7 +293,7 @@ def _damage(path: Path, error: str) -> str:
     return f"damaged: {found}; export it again from the program that recorded it"
 
 
-def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recording:
+def _build_recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recording:
     parameters: Mapping[str, Mapping[str, Any]] = raw["parameters"]
     points: Array = raw["points"]
     analogs: Array = raw["analogs"]
@@ -278,10 +304,10 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
             else "found no marker"
         )
         raise FileFault(f"{found}; labelled markers are needed, the plates in the same file")
-    rate = _rate(parameters, float(raw["rate"]))
-    per_metre, notes = _unit(parameters)
+    rate = _read_rate(parameters, float(raw["rate"]))
+    per_metre, notes = _read_unit(parameters)
     if not raw["poses"].shape[2] and (
-        whole := layout.layout_of_samples(header, parameters, points, analogs)
+        whole := layout.find_sample_layout(header, parameters, points, analogs)
     ):
         counted, (points, analogs) = points.shape[2], layout.read_samples(path, whole, parameters)
         note = (
@@ -297,34 +323,36 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     frames = points.shape[2]
     if frames < 1:
         raise FileFault("found no frame of points; at least one is needed")
-    first, first_notes = _first_frame(parameters, int(raw["first_frame"]))
+    first, first_notes = _read_first_frame(parameters, int(raw["first_frame"]))
     notes += first_notes
     computed: dict[str, int] = {}
-    poses, names = _poses(parameters, raw["poses"], frames, per_metre)
+    poses, names = _read_poses(parameters, raw["poses"], frames, per_metre)
     if points.shape[1] or not names:
-        keep, labels, label_notes, computed = _markers(parameters, points.shape[1])
+        keep, labels, label_notes, computed = _select_markers(parameters, points.shape[1])
         segment_poses.refuse_origins(labels)
         markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
         if names:
             label_notes += (f"{len(names)} segment poses left out, as the file has markers.",)
     else:
-        labels, markers, label_notes = segment_poses.points_of_poses(names, poses)
+        labels, markers, label_notes = segment_poses.compute_pose_points(names, poses)
     notes += label_notes
-    absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
+    absurd = (np.abs(markers) > LARGEST_COORDINATE_M).any(axis=2)
     if absurd.any():
         notes += (
-            f"{int(absurd.sum())} positions beyond {ABSURD_M:g} m, damaged numbers, taken as gaps.",
+            f"{int(absurd.sum())} positions beyond {LARGEST_COORDINATE_M:g} m, damaged numbers, "
+            "taken as gaps.",
         )
         markers[absurd] = np.nan
-    markers, gap_notes = zeros_to_missing(markers)
+    markers, gap_notes = replace_zeros(markers)
     ratio = analogs.shape[1] / frames
-    plates, plate_notes = measured_plates(
+    plates, plate_notes = read_force_plates(
         parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre, markers
     )
     vertical = (
-        axes.find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
+        axes.find_vertical(markers, tuple(plate.to_force_plate() for plate in plates))
+        or USUAL_VERTICAL
     )
-    standing, turn_notes = stand_up(plates, vertical.direction)
+    standing, turn_notes = orient_plates(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
     time = (first + np.arange(frames)) / rate
     recording = Recording(
@@ -334,23 +362,24 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         markers=markers,
         plates=standing,
         notes=notes,
-        events=labelling.events_of(parameters),
-        facts=labelling.facts_of(parameters),
-        computed=_computed(computed, points, per_metre),
+        events=labelling.parse_events(parameters),
+        facts=labelling.parse_facts(parameters),
+        computed=_collect_computed(computed, points, per_metre),
     )
     return (
         recording
         if axes.UP_TO_Y[vertical.axis, vertical.sign].is_identity
-        else axes.turn_up(recording, vertical)
+        else axes.rotate_vertical_to_y(recording, vertical)
     )
 
 
-def _poses(
+def _read_poses(
     parameters: Mapping[str, Mapping[str, Any]], poses: Array, frames: int, per_metre: float
 ) -> tuple[Array, tuple[str, ...]]:
-    """(nf, ns, 4, 4) m of the file's segments at its frames, NaN where not known, and their names."""
+    """Read segment poses (nf, ns, 4, 4) m, NaN if unknown, and the names of the segments."""
     names = tuple(
-        labelling.clean(label) for label in _texts(parameters.get("ROTATION", {}), "LABELS")
+        labelling.clean_label(label)
+        for label in _read_texts(parameters.get("ROTATION", {}), "LABELS")
     )[: poses.shape[2]]
     if not names or not frames:
         return np.empty((frames, 0, 4, 4)), ()
@@ -364,13 +393,18 @@ def _poses(
     out = np.array(poses[:, :, : len(names), ::each].transpose(3, 2, 0, 1))
     out[..., :3, 3] /= per_metre
     turns = out[..., :3, :3]
-    proper = np.abs(turns @ turns.swapaxes(-1, -2) - np.eye(3)).max(axis=(-2, -1)) < ORTHONORMAL
+    proper = (
+        np.abs(turns @ turns.swapaxes(-1, -2) - np.eye(3)).max(axis=(-2, -1))
+        < ORTHONORMAL_TOLERANCE
+    )
     proper &= np.linalg.det(np.nan_to_num(turns)) > 0.0
-    out[~(proper & (np.abs(out[..., :3, 3]) < ABSURD_M).all(axis=-1))] = np.nan  # lost, or zeros
+    # Lost poses are written as zeros or as no rotations
+    proper &= (np.abs(out[..., :3, 3]) < LARGEST_COORDINATE_M).all(axis=-1)
+    out[~proper] = np.nan
     return out, names
 
 
-def _rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
+def _read_rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
     values = np.asarray(parameters.get("POINT", {}).get("RATE", []), dtype=np.float64).ravel()
     for rate in [*values.tolist(), header]:
         if np.isfinite(rate) and 0.1 <= rate <= 1e5:
@@ -380,14 +414,15 @@ def _rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
     )
 
 
-def _first_frame(
+def _read_first_frame(
     parameters: Mapping[str, Mapping[str, Any]], header: int
 ) -> tuple[int, tuple[str, ...]]:
-    """Frames before the first one, by TRIAL where the header began again at zero or stopped; a note
-    if unknown.
+    """Read the number of frames before the first one, from TRIAL if the counter overflowed.
+
+    A note reports a counter at its limit without TRIAL.
     """
     stopped = header >= WORD - 2
-    start = layout.long_number(parameters.get("TRIAL", {}).get("ACTUAL_START_FIELD", ()))
+    start = layout.read_long_number(parameters.get("TRIAL", {}).get("ACTUAL_START_FIELD", ()))
     if (
         start is not None
         and start > 0
@@ -401,17 +436,17 @@ def _first_frame(
     return max(0, header), (note,) if stopped else ()
 
 
-def _unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tuple[str, ...]]:
+def _read_unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tuple[str, ...]]:
     units = parameters.get("POINT", {}).get("UNITS", [])
-    name = labelling.clean(str(units[0])) if len(units) else ""
+    name = labelling.clean_label(str(units[0])) if len(units) else ""
     if name.lower() in PER_METRE:
         return PER_METRE[name.lower()], ()
     given = f"'{name[:20]}'" if name else "no unit"
     return 1e3, (f"POINT:UNITS holds {given}; millimetres were taken.",)
 
 
-def _texts(group: Mapping[str, Any], name: str) -> list[str]:
-    """A list of text with its continuations NAME2, NAME3, ... (255 entries each)."""
+def _read_texts(group: Mapping[str, Any], name: str) -> list[str]:
+    """Read a list of texts with its continuations NAME2, NAME3, ... (255 entries each)."""
     texts: list[str] = []
     for number in range(1, 100):
         part = group.get(name if number == 1 else f"{name}{number}")
@@ -421,14 +456,16 @@ def _texts(group: Mapping[str, Any], name: str) -> list[str]:
     return texts
 
 
-def _markers(
+def _select_markers(
     parameters: Mapping[str, Mapping[str, Any]], count: int
 ) -> tuple[list[int], tuple[str, ...], tuple[str, ...], dict[str, int]]:
-    """Places of the measured, named markers among `count` points, their names, notes on the rest,
-    and the computed points that are places (label -> place), not angles or moments.
+    """Select the measured, named markers among `count` points.
+
+    Returns their columns, their names, notes on the other points, and the computed points that are
+    positions (label -> column).
     """
     group = parameters.get("POINT", {})
-    labels = [labelling.clean(label) for label in _texts(group, "LABELS")][:count]
+    labels = [labelling.clean_label(label) for label in _read_texts(group, "LABELS")][:count]
     labels += [""] * (count - len(labels))
     named = [i for i, label in enumerate(labels) if not labelling.is_unlabelled(label)]
     notes: tuple[str, ...] = ()
@@ -438,20 +475,20 @@ def _markers(
         raise FileFault(
             f"found {count} trajectories, none with a name; labelled markers are needed"
         )
-    listed = _listed_as_computed(group)
-    prefix, prefix_notes = labelling.common_prefix(
+    listed = _find_listed_as_computed(group)
+    prefix, prefix_notes = labelling.find_common_prefix(
         [labels[i] for i in named if labels[i] not in listed]
     )
     spelt = {i: labels[i].removeprefix(prefix) for i in named}
-    by_spelling = labelling.computed_points(list(spelt.values()))
+    by_spelling = labelling.find_computed_points(list(spelt.values()))
     keep = [i for i in named if labels[i] not in listed and spelt[i] not in by_spelling]
     dropped = [spelt[i] for i in named if i not in set(keep)]
     if dropped:
         notes += (f"{len(dropped)} computed points, not markers, left out: {', '.join(dropped)}.",)
     if not keep:
         raise FileFault(f"all {len(named)} named points are computed ones; markers are needed")
-    names, repetition_notes = labelling.unique(spelt[i] for i in keep)
-    numbers = _listed_as_computed(group, NUMBERS)
+    names, repetition_notes = labelling.number_repetitions(spelt[i] for i in keep)
+    numbers = _find_listed_as_computed(group, NON_POSITION_GROUPS)
     places = {
         spelt[i]: i
         for i in named
@@ -460,7 +497,7 @@ def _markers(
     return keep, names, notes + prefix_notes + repetition_notes, places
 
 
-def _computed(
+def _collect_computed(
     places: Mapping[str, int], points: Array, per_metre: float
 ) -> labelling.ComputedPoints | None:
     if not places:
@@ -468,21 +505,21 @@ def _computed(
     values = points[:, list(places.values())].transpose(2, 1, 0) / per_metre
     known = (
         np.isfinite(values).all(axis=2)
-        & (np.abs(values) <= ABSURD_M).all(axis=2)
+        & (np.abs(values) <= LARGEST_COORDINATE_M).all(axis=2)
         & (values != 0).any(axis=2)
     )
     return labelling.ComputedPoints(tuple(places), np.where(known[:, :, None], values, np.nan))
 
 
-def _listed_as_computed(group: Mapping[str, Any], groups: Sequence[str] = ()) -> set[str]:
-    """Labels in these parameters; without `groups`, in all that list computed points."""
+def _find_listed_as_computed(group: Mapping[str, Any], groups: Sequence[str] = ()) -> set[str]:
+    """Find labels in these parameters; without `groups`, in all that list computed points."""
     names = groups or [
         *COMPUTED_GROUPS,
-        *(labelling.clean(text) for text in _texts(group, "TYPE_GROUPS")),
+        *(labelling.clean_label(text) for text in _read_texts(group, "TYPE_GROUPS")),
     ]
     return {
-        labelling.clean(label)
+        labelling.clean_label(label)
         for name in names
         if name != "LABELS"
-        for label in _texts(group, name)
+        for label in _read_texts(group, name)
     }

@@ -26,7 +26,7 @@ from reportlab.platypus import (
 )
 
 from gaitcal.gait.profile_score import Score
-from gaitcal.io.atomic import atomic_bytes
+from gaitcal.io.atomic import write_bytes_atomically
 from gaitcal.report.figures.report_sheets import (
     BOLD,
     FAINT,
@@ -170,7 +170,7 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
         else _build_report(content, *size)
     )
     document.build([*story, total])
-    atomic_bytes(path, out.getvalue())
+    write_bytes_atomically(path, out.getvalue())
     return total.pages
 
 

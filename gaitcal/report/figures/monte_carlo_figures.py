@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.gait.moments import SIDE_WORDS
-from gaitcal.io.atomic import atomic_file
+from gaitcal.io.atomic import write_atomically
 from gaitcal.montecarlo import draw, draw_statistics
 from gaitcal.montecarlo.protocol import ReactionFrame, Varied
 from gaitcal.report.figures.chart import GRID, INK, create_figure
@@ -237,6 +237,6 @@ def write_monte_carlo_figures(
 
 def _write(figure: "Figure", stem: Path) -> Path:
     for suffix in ("svg", "png"):
-        with atomic_file(stem.with_suffix(f".{suffix}")) as path:
+        with write_atomically(stem.with_suffix(f".{suffix}")) as path:
             figure.savefig(path, metadata={"Date": None} if suffix == "svg" else None)
     return stem.with_suffix(".png")

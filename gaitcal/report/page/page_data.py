@@ -27,7 +27,7 @@ from gaitcal.gait import moments, peaks, profile_score, spatiotemporal
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import CurveKind, GaitCycle, coordinate_of, kind_of
 from gaitcal.gait.normal_bands import FREE_WORDS, Norm
-from gaitcal.io.toml import package_version
+from gaitcal.io.toml import get_package_version
 from gaitcal.model import anthropometry, coordinates, linkage
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict
@@ -215,7 +215,7 @@ def build_person_page_data(
         bands.append(entry)
     return {
         "format": FORMAT,
-        "program": f"gaitcal {package_version('gaitcal')}",
+        "program": f"gaitcal {get_package_version('gaitcal')}",
         "made": datetime.datetime.now().astimezone().strftime("%d %B %Y, %H:%M").lstrip("0"),
         "person": {
             "name": subject.name,

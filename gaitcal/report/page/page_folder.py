@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from gaitcal.errors import Code, InputError
 from gaitcal.io import snapshot
-from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.result_folder import compute_sha256
 from gaitcal.report.page.page_data import PAGE_DATA, read_page_data, write_page_data
 from gaitcal.report.page.page_html import (
     PageContent,
@@ -124,7 +124,7 @@ def read_result_page(folder: Path) -> tuple[PageContent, tuple[str, ...]]:
     stale = select_stale_trials(
         folder / DYNAMICS,
         [t.name for t in further.scene.trials],
-        sha256_of(folder / saved_result.MODEL),
+        compute_sha256(folder / saved_result.MODEL),
     )
     lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
     taken = {trial.name for trial in shown.scene.trials}

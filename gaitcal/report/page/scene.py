@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.export.opensim.osim_writer import frames_of
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import get_chain
 from gaitcal.model.kinematics import Kinematics
@@ -382,5 +382,8 @@ def compute_force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
     """
     pressed = wrench[..., 1] > LOADED_N
     force, centre = np.full((2, *wrench.shape[:-1], 3), np.nan, dtype=np.float32)
-    force[pressed], centre[pressed] = wrench[pressed, :3], centre_on_ground(wrench[pressed], level)
+    force[pressed], centre[pressed] = (
+        wrench[pressed, :3],
+        compute_centre_on_ground(wrench[pressed], level),
+    )
     return force, centre

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.atomic import atomic_file
+from gaitcal.io.atomic import write_atomically
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.report.page import bone_files, bone_landmarks, bone_placement
 from gaitcal.report.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
@@ -107,7 +107,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
     }
     arrays |= {f"{_LANDMARKS}{name}": point for name, point in scene.landmarks.points.items()}
     arrays["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
-    with atomic_file(path) as target, target.open("wb") as stream:
+    with write_atomically(path) as target, target.open("wb") as stream:
         np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 

@@ -17,7 +17,7 @@ from typer.models import ArgumentInfo, OptionInfo
 from gaitcal.cli.application import COMMANDS, HELP, declared
 from gaitcal.cohort.cohort_people import CohortFile, ListedPerson
 from gaitcal.cohort.one_person import COLUMNS
-from gaitcal.io.examples import examples
+from gaitcal.io.examples import load_examples
 from gaitcal.io.toml import tomllib
 from gaitcal.model import marker_set
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable, PlateErrorTable
@@ -310,5 +310,5 @@ def marker_sets() -> str:
 
 
 def public_examples() -> str:
-    rows = ((f"`{one.name}`", one.title, one.of, one.licence) for one in examples())
+    rows = ((f"`{one.name}`", one.title, one.publisher, one.licence) for one in load_examples())
     return table_of(("example", "recordings", "published by", "licence"), rows)

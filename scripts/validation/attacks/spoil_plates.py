@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
 from gaitcal.io.recording import ForcePlate
 from scripts.validation.force_faults.faults import placed
 
@@ -39,7 +39,7 @@ def _channels(p: ForcePlate, change: Callable[[Array], Array]) -> ForcePlate:
     wrench = np.hstack([values[:, :3], values[:, 3:] + np.cross(centre, values[:, :3])])
     loaded = np.abs(wrench[:, 1]) > LOADED_N
     point = np.tile(centre, (len(wrench), 1))
-    point[loaded] = centre_on_ground(wrench[loaded], float(centre[1]))
+    point[loaded] = compute_centre_on_ground(wrench[loaded], float(centre[1]))
     return replace(
         p, force=wrench[:, :3], point=point, moment=wrench[:, 3:] - np.cross(point, wrench[:, :3])
     )

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import ezc3d
 import numpy as np
 
-from gaitcal.io.labels import computed_points
+from gaitcal.io.labels import find_computed_points
 from scripts.validation.recordings import CLINICS, Person, data
 
 LISTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
@@ -38,7 +38,7 @@ class Trial:
     def computed(self) -> set[str]:
         point = self.file["parameters"]["POINT"]
         listed = {name for group in LISTS if group in point for name in point[group]["value"]}
-        return listed | computed_points(self.labels)
+        return listed | find_computed_points(self.labels)
 
     def relabel(self, change: Callable[[str], str]) -> None:
         """Other names for all points, in every list that names them."""

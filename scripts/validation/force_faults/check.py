@@ -34,7 +34,7 @@ from gaitcal.analysis.prepared_trials import (
     session_of,
 )
 from gaitcal.errors import InputError
-from gaitcal.io.axes import turn_to_progression
+from gaitcal.io.axes import rotate_to_progression
 from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -84,7 +84,7 @@ class Person:
             prepared = prepare_trial(trial, self.model, self.settings)
             motion = track_motion(prepared.body, self.parameters)
         else:
-            turned = turn_to_progression(
+            turned = rotate_to_progression(
                 trial.recording, forward_direction(self.model, trial.recording)
             )
             prepared = replace(before, recording=turned)

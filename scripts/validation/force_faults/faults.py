@@ -15,7 +15,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.io.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
+from gaitcal.io.force_plate import (
+    LOADED_N,
+    UP,
+    build_plate_from_moment,
+    is_reaction_on_plate,
+    reverse_wrench,
+)
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.quality.force_causes import ForceFault
 from gaitcal.quality.force_evidence import FORCE_UNITS
@@ -54,7 +60,7 @@ def with_force(
     if not moments:
         return replace(plate, force=force, moment=free * plate.moment)
     about = plate.moment + np.cross(plate.point - middle(plate), plate.force)
-    return plate_from_moment(
+    return build_plate_from_moment(
         plate.name, plate.time, force, factor * about, middle(plate), UP, plate.corners
     )
 
@@ -78,7 +84,9 @@ def later(plate: ForcePlate, seconds: float) -> ForcePlate:
         np.stack([np.interp(time - seconds, time, c) for c in wrench.T], axis=1), 2
     )
     moment = about - np.cross(middle(plate), force)
-    return plate_from_moment(plate.name, time, force, moment, middle(plate), UP, plate.corners)
+    return build_plate_from_moment(
+        plate.name, time, force, moment, middle(plate), UP, plate.corners
+    )
 
 
 def on_plates(change: Change, plate: int | None) -> Callable[[Recording], Recording]:
@@ -88,7 +96,9 @@ def on_plates(change: Change, plate: int | None) -> Callable[[Recording], Record
         ]
         return replace(
             recording,
-            plates=tuple(turned_round(p) if pushes_down(p.force, UP) else p for p in plates),
+            plates=tuple(
+                reverse_wrench(p) if is_reaction_on_plate(p.force, UP) else p for p in plates
+            ),
         )
 
     return apply

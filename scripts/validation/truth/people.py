@@ -373,11 +373,11 @@ def walking_person(person: str, data: Path) -> WalkingPerson:
             for kind in ("force_{s}_v", "force_{s}_p", "torque_{s}_")
         )
         force, point, free = (
-            np.column_stack([grf.column(name + axis) for axis in "xyz"]) for name in columns
+            np.column_stack([grf.get_column(name + axis) for axis in "xyz"]) for name in columns
         )
         ground.append(at_times(time, grf.time, np.hstack([force, free + np.cross(point, force)])))
     moments = {
-        n.removesuffix("_moment"): table.column(n) for n in table.names if n.endswith("_moment")
+        n.removesuffix("_moment"): table.get_column(n) for n in table.names if n.endswith("_moment")
     }
     return WalkingPerson(
         study=study,

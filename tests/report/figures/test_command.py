@@ -24,7 +24,7 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.export.opensim.transfer_account import MusclePath, muscle_changes, muscles_csv
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
+from gaitcal.io.result_folder import ResultKind, check_replaceable, write_result_folder
 from gaitcal.report.figures.chart import SIDE_COLOURS, Chart
 from gaitcal.report.figures.journal_figures import (
     LINE,
@@ -244,12 +244,12 @@ def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(
 def test_figures_in_a_result_do_not_keep_it_from_being_made_again(
     tmp_path: Path, kind: ResultKind
 ) -> None:
-    with atomic_directory(tmp_path / "result", kind) as out:
+    with write_result_folder(tmp_path / "result", kind) as out:
         (out / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
     (tmp_path / "result" / "figures").mkdir()
     (tmp_path / "result" / "figures" / "hip_power.svg").write_text("<svg/>", encoding="utf-8")
-    assert refuse_others(tmp_path / "result", kind) == ("figures",)
-    with atomic_directory(tmp_path / "result", kind) as out:
+    assert check_replaceable(tmp_path / "result", kind) == ("figures",)
+    with write_result_folder(tmp_path / "result", kind) as out:
         (out / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
     assert (tmp_path / "result" / "figures" / "hip_power.svg").exists()
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import tomllib
 
-from gaitcal.io.csv_recordings import EVENTS, with_corrected_events, write_markers_csv
+from gaitcal.io.csv_recordings import EVENT_FILE, apply_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.report.gait_report import read_comments
 from tests.io.recordings import body
@@ -125,13 +125,13 @@ def test_corrected_events_are_those_that_are_read(page: Page, tmp_path: Path) ->
     pressed(page, "events", "left foot off")
     pressed(page, "events", "Save events")
     name, table, _ = page.run("said")
-    assert name == EVENTS and "gaitcal calibrate FOLDER" in page.run(
+    assert name == EVENT_FILE and "gaitcal calibrate FOLDER" in page.run(
         "document.querySelector('#events output').textContent"
     )
-    (tmp_path / EVENTS).write_text(table, encoding="utf-8")
+    (tmp_path / EVENT_FILE).write_text(table, encoding="utf-8")
     recording = body(frames=500)
     write_markers_csv(tmp_path / "walk.csv", recording)
-    read = with_corrected_events(recording, tmp_path / "walk.csv")
+    read = apply_corrected_events(recording, tmp_path / "walk.csv")
     shown = page.run("gaitcal.sheet.events.map(e => [e.kind, e.side, e.time])")
     assert list(read.events) == [
         FootEvent(FootMoment(k), s, pytest.approx(START + t, abs=1e-6)) for k, s, t in shown

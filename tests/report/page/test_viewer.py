@@ -68,7 +68,7 @@ def test_body_meshes_have_the_poses_of_the_page(walk: Walk, viewer: MotionViewer
     model, motion, recording, ground = walk
     trial = build_trial_scene(model, "walk", "gait", motion, recording, ground)
     names = [g.name for g in viewer.visual_model.geometryObjects]
-    assert set(names) == {fitted.segment for fitted in module.fitted_meshes(model)}
+    assert set(names) == {fitted.segment for fitted in module.fit_body_meshes(model)}
     for name in names:
         pose, segment = viewer._poses[f"gaitcal/visuals/{name}"], SEGMENTS.index(name)
         assert pose.places == pytest.approx(trial.origins[:, segment], abs=SINGLE)
