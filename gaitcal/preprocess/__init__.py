@@ -9,6 +9,7 @@
 | exchanged labels: found; put back | `swapped_labels`; `put_back_labels` |
 | clusters that were knocked since the static trial | `knocked_clusters` |
 | what a trial shows, against the static posture: a `TrialEvidence` | `trial_evidence` |
-| its parts: clusters and joints; what contradicts the static trial | `marker_clusters`, `joint_links`; `static_disagreement` |
-| its parts: markers that leave their place; feet on plates | `displaced_markers`; `plate_contacts` |
+| its clusters of markers, and its joints | `marker_clusters`, `joint_links` |
+| what contradicts the static trial | `static_disagreement` |
+| markers that leave their place; feet on plates | `displaced_markers`; `plate_contacts` |
 """
