@@ -13,7 +13,7 @@ in the static posture, the mean over the trials that tell of it. The neighbours 
 points, and all moving trials must agree with the static posture then: else nothing is placed.
 
 How far R_f, o_f and the cluster wander about each other, RMS over the frames, and how far joints of
-people who move lie from where they stand (the limits of `joint_link.py` over SPREAD) is how far the
+people who move lie from where they stand (the limits of `joint_links.py` over SPREAD) is how far the
 place of the cluster is uncertain: by so much the joint parameters in that segment may lie elsewhere
 than its neighbours say.
 """

@@ -2,7 +2,7 @@
 best.
 
 A trial contradicts the static one where a cluster's offsets, a joint's gap or its turn
-(`cluster.py`, `joint_link.py`) exceed what clean recordings show. A marker that moved bends its
+(`marker_clusters.py`, `joint_links.py`) exceed what clean recordings show. A marker that moved bends its
 cluster and, through the segment's pose, both joints of the segment; so the cause is sought with all
 of them together. For a segment with markers m_i (static place s_i) and the axis points p_k of its
 joints, which the neighbours have at q_k, every explanation has a cost

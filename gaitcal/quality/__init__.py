@@ -4,6 +4,7 @@ no data.
 | checks | module |
 |---|---|
 | labels and presence of markers; one marker alone on a segment | `marker_checks` |
+| labels exchanged for a while, or right and left | `label_checks` |
 | markers that leave their place, slip or freeze | `marker_slip` |
 | frames, times, seams, single jumps, filters | `sampling` |
 | does a trial show what its role says: upright, still, walking, one joint | `trial_role` |
@@ -17,5 +18,6 @@ no data.
 | a finished fit | `after_fit` |
 | consequences of findings, and the verdict | `verdict` |
 
-`study_checks` runs the checks of trials, each a function of a `TrialEvidence` that yields findings.
+`study_checks` runs the checks of trials, each a function of a `TrialEvidence` that yields findings;
+they read a `PreprocessedStudy`.
 """
