@@ -85,18 +85,18 @@ def fit_combined(
 
     Parameters
     ----------
-    trials
-        Sequence of CombinedProblem Trials with their motions where phases 1 and 2 ended.
-    parameters
-        Parameters Start values, and the values of what is not free.
-    free
-        Tuple of str Free joint parameters.
-    which
-        InertialSet Free inertial variables.
-    subject
-        Subject Weight and height scale the loads.
-    settings
-        CombinedSettings, optional Weights and tolerances.
+    trials : sequence of CombinedProblem
+        Trials with their motions where phases 1 and 2 ended.
+    parameters : Parameters
+        Start values, and the values of what is not free.
+    free : tuple of str
+        Free joint parameters.
+    which : InertialSet
+        Free inertial variables.
+    subject : Subject
+        Weight and height scale the loads.
+    settings : CombinedSettings, optional
+        Weights and tolerances.
 
     Returns
     -------

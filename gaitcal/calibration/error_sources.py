@@ -100,11 +100,10 @@ def make_nominal_errors(
 
     Parameters
     ----------
-    names
-        Sequence of str Joint parameters; all if not given.
-    prior
-        JointPrior, optional Prior of their deviations; anatomy's if not given. Its doubts are
-        further causes.
+    names : sequence of str
+        Joint parameters; all if not given.
+    prior : JointPrior, optional
+        Prior of their deviations; anatomy's if not given. Its doubts are further causes.
 
     Returns
     -------
@@ -131,12 +130,12 @@ def compute_posterior_ratio(
 
     Parameters
     ----------
-    joint
-        Str Name of the joint.
-    errors
-        ErrorSources or None Errors after the fit; None if unknown.
-    prior
-        JointPrior, optional Prior; anatomy's if not given.
+    joint : str
+        Name of the joint.
+    errors : ErrorSources or None
+        Errors after the fit; None if unknown.
+    prior : JointPrior, optional
+        Prior; anatomy's if not given.
 
     Returns
     -------
@@ -164,16 +163,16 @@ def propagate_errors(
 
     Parameters
     ----------
-    free
-        Tuple of str Fitted parameters.
-    scores
-        ErrorSources (np, nc) u_t of every source of the fit.
-    arrow
-        Arrow H and Lambda.
-    held
-        (np, nk) array S_pk, in the order of those of `known.free` that were not fitted.
-    known
-        ErrorSources Errors before the fit, of the priors' centres and of fixed parameters.
+    free : tuple of str
+        Fitted parameters.
+    scores : ErrorSources
+        (np, nc) u_t of every source of the fit.
+    arrow : Arrow
+        H and Lambda.
+    held : (np, nk) array
+        S_pk, in the order of those of `known.free` that were not fitted.
+    known : ErrorSources
+        Errors before the fit, of the priors' centres and of fixed parameters.
 
     Returns
     -------
@@ -214,12 +213,12 @@ class CoefficientErrors:
 
         Parameters
         ----------
-        basis
-            SplineBasis Splines of the trial.
-        frames
-            Slice or array of int Frames.
-        derivatives
-            Int 1: coordinates; 2: and rates; 3: and accelerations.
+        basis : SplineBasis
+            Splines of the trial.
+        frames : slice or array of int
+            Frames.
+        derivatives : int
+            1: coordinates; 2: and rates; 3: and accelerations.
 
         Returns
         -------
@@ -251,14 +250,14 @@ class CoefficientErrors:
 
         Parameters
         ----------
-        basis
-            SplineBasis Splines of the trial.
-        frames
-            Slice or array of int Frames.
-        by_state
-            (frames, m, 3 nq) array Derivatives by coordinates, rates and accelerations.
-        by_parameter
-            (frames, m, npj) array Derivatives by the joint parameters.
+        basis : SplineBasis
+            Splines of the trial.
+        frames : slice or array of int
+            Frames.
+        by_state : (frames, m, 3 nq) array
+            Derivatives by coordinates, rates and accelerations.
+        by_parameter : (frames, m, npj) array
+            Derivatives by the joint parameters.
 
         Returns
         -------
@@ -386,14 +385,14 @@ def compute_marker_scores(
 
     Parameters
     ----------
-    problem
-        MotionProblem The trial.
-    coefficients
-        (nn, nq) array Its motion.
-    parameters
-        Parameters Parameters of the linkage.
-    joint
-        ErrorSources or None Its joint parameters are free; None: none is free.
+    problem : MotionProblem
+        The trial.
+    coefficients : (nn, nq) array
+        Its motion.
+    parameters : Parameters
+        Parameters of the linkage.
+    joint : ErrorSources or None
+        Its joint parameters are free; None: none is free.
 
     Returns
     -------
@@ -489,16 +488,16 @@ def compute_motion_sensitivity(
 
     Parameters
     ----------
-    problem
-        MotionProblem The trial.
-    coefficients
-        (nn, nq) array Its motion.
-    parameters
-        Parameters Parameters of the linkage.
-    joint
-        ErrorSources or None Errors of joint parameters; None if they were not calibrated.
-    scores
-        MarkerScores, optional Result of `compute_marker_scores`, if available.
+    problem : MotionProblem
+        The trial.
+    coefficients : (nn, nq) array
+        Its motion.
+    parameters : Parameters
+        Parameters of the linkage.
+    joint : ErrorSources or None
+        Errors of joint parameters; None if they were not calibrated.
+    scores : MarkerScores, optional
+        Result of `compute_marker_scores`, if available.
 
     Returns
     -------
@@ -538,12 +537,12 @@ def compute_coordinate_variances(
 
     Parameters
     ----------
-    problem
-        MotionProblem The trial.
-    moves
-        MotionSensitivity Its error sources.
-    more
-        (nf, m, nq) array, optional Derivatives of m further quantities by the coordinates.
+    problem : MotionProblem
+        The trial.
+    moves : MotionSensitivity
+        Its error sources.
+    more : (nf, m, nq) array, optional
+        Derivatives of m further quantities by the coordinates.
 
     Returns
     -------
@@ -571,16 +570,15 @@ def compute_coordinate_errors(
 
     Parameters
     ----------
-    problem
-        MotionProblem The trial.
-    moves
-        MotionSensitivity Its error sources.
-    turned
-        (nf, nq) array, optional Errors by the axes of the segments
-        (`AxisErrors.coordinate_errors`), rad. They are left out for coordinates that no marker
-        moves with: those are fixed at zero.
-    variances
-        (nf, nq) array, optional Variances by all sources, if available.
+    problem : MotionProblem
+        The trial.
+    moves : MotionSensitivity
+        Its error sources.
+    turned : (nf, nq) array, optional
+        Errors by the axes of the segments (`AxisErrors.coordinate_errors`), rad. They are left out
+        for coordinates that no marker moves with: those are fixed at zero.
+    variances : (nf, nq) array, optional
+        Variances by all sources, if available.
 
     Returns
     -------

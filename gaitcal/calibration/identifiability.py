@@ -74,14 +74,14 @@ def find_unobservable_parameters(
 
     Parameters
     ----------
-    free
-        Sequence of str Free joint parameters.
-    covariance
-        (np, np) array Covariance along the directions that S determines, m and rad.
-    information
-        (np, np) array S.
-    unmoved
-        Sequence of str Parameters of axes about which the joint did not move.
+    free : sequence of str
+        Free joint parameters.
+    covariance : (np, np) array
+        Covariance along the directions that S determines, m and rad.
+    information : (np, np) array
+        S.
+    unmoved : sequence of str
+        Parameters of axes about which the joint did not move.
 
     Returns
     -------
@@ -115,13 +115,12 @@ def find_unmoved_parameters(
 
     Parameters
     ----------
-    free
-        Sequence of str Free joint parameters.
-    joint
-        Str Joint of the functional trials.
-    turned
-        Mapping of str to float Coordinate without its side -> largest range, rad
-        (`measure_ranges_of_motion`).
+    free : sequence of str
+        Free joint parameters.
+    joint : str
+        Joint of the functional trials.
+    turned : mapping of str to float
+        Coordinate without its side -> largest range, rad (`measure_ranges_of_motion`).
 
     Returns
     -------
@@ -163,12 +162,12 @@ def measure_ranges_of_motion(
 
     Parameters
     ----------
-    problems
-        Sequence of MotionProblem The trials.
-    coefficients
-        Sequence of (nn, nq) array Their motions.
-    joints
-        Sequence of str or None Joint of each functional trial; None for gait.
+    problems : sequence of MotionProblem
+        The trials.
+    coefficients : sequence of (nn, nq) array
+        Their motions.
+    joints : sequence of str or None
+        Joint of each functional trial; None for gait.
 
     Returns
     -------
@@ -252,12 +251,12 @@ def report_undetermined(
 
     Parameters
     ----------
-    undetermined
-        Sequence of str Undetermined joint parameters.
-    done
-        Str Treatment of these parameters, for the message.
-    turned
-        Mapping Ranges of motion of the functional trials, rad.
+    undetermined : sequence of str
+        Undetermined joint parameters.
+    done : str
+        Treatment of these parameters, for the message.
+    turned : mapping
+        Ranges of motion of the functional trials, rad.
 
     Returns
     -------
@@ -300,10 +299,10 @@ def report_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
 
     Parameters
     ----------
-    names
-        Sequence of str Joint parameters.
-    same_body
-        Bool Whether markers show that the static trial is of the same body as the others.
+    names : sequence of str
+        Joint parameters.
+    same_body : bool
+        Whether markers show that the static trial is of the same body as the others.
 
     Returns
     -------
@@ -352,12 +351,12 @@ def detect_ambiguous_arms(
 
     Parameters
     ----------
-    problems
-        Sequence of MotionProblem Trials with trunk and arms.
-    coefficients
-        Sequence of (nn, nq) array Their fitted motions.
-    parameters
-        Parameters Parameters of the rigid fits.
+    problems : sequence of MotionProblem
+        Trials with trunk and arms.
+    coefficients : sequence of (nn, nq) array
+        Their fitted motions.
+    parameters : Parameters
+        Parameters of the rigid fits.
 
     Returns
     -------

@@ -234,10 +234,10 @@ class LoadedMotion:
 
         Parameters
         ----------
-        motion
-            Motion The tracked motion.
-        reactions
-            GroundReactions Ground reactions on the feet.
+        motion : Motion
+            The tracked motion.
+        reactions : GroundReactions
+            Ground reactions on the feet.
 
         Returns
         -------
@@ -253,12 +253,12 @@ def get_torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float)
 
     Parameters
     ----------
-    subject
-        Subject Height of the person.
-    scale
-        TorqueScale The scale.
-    pelvis_width
-        Float Distance between the hip centres, m.
+    subject : Subject
+        Height of the person.
+    scale : TorqueScale
+        The scale.
+    pelvis_width : float
+        Distance between the hip centres, m.
 
     Returns
     -------
@@ -283,16 +283,16 @@ def assemble_root_equations(
 
     Parameters
     ----------
-    motions
-        Sequence of LoadedMotion Motions with ground reactions.
-    parameters
-        Parameters Joint parameters of the linkage.
-    subject
-        Subject Weight and height of the person.
-    scale
-        TorqueScale Length that normalises torques.
-    pelvis_width
-        Float Distance between the hip centres, m.
+    motions : sequence of LoadedMotion
+        Motions with ground reactions.
+    parameters : Parameters
+        Joint parameters of the linkage.
+    subject : Subject
+        Weight and height of the person.
+    scale : TorqueScale
+        Length that normalises torques.
+    pelvis_width : float
+        Distance between the hip centres, m.
 
     Returns
     -------
@@ -356,17 +356,16 @@ def fit_published(
 
     Parameters
     ----------
-    equations
-        RootEquations The pelvis residual.
-    seed
-        (84,) array Start values, also of the parameters that stay constant.
-    which
-        InertialSet Free variables.
-    reseed
-        Bool Whether to repeat with the result as the next seed.
-    decay
-        Float Factor of the penalty's weight at every re-seed: 1 as published, 0.1 for data without
-        noise.
+    equations : RootEquations
+        The pelvis residual.
+    seed : (84,) array
+        Start values, also of the parameters that stay constant.
+    which : InertialSet
+        Free variables.
+    reseed : bool
+        Whether to repeat with the result as the next seed.
+    decay : float
+        Factor of the penalty's weight at every re-seed: 1 as published, 0.1 for data without noise.
 
     Returns
     -------
@@ -450,14 +449,14 @@ def fit_consistent(
 
     Parameters
     ----------
-    equations
-        RootEquations The pelvis residual.
-    seed
-        (84,) array Start values, SI units.
-    which
-        InertialSet Free variables.
-    settings
-        ConsistentSettings Spread of people, and noise.
+    equations : RootEquations
+        The pelvis residual.
+    seed : (84,) array
+        Start values, SI units.
+    which : InertialSet
+        Free variables.
+    settings : ConsistentSettings
+        Spread of people, and noise.
 
     Returns
     -------
@@ -517,16 +516,16 @@ def fit_chart(
 
     Parameters
     ----------
-    equations
-        RootEquations The pelvis residual.
-    chart
-        LogChart Variables x.
-    spread
-        (n,) array Prior standard deviations of x.
-    weigh
-        Float or (k, rows) array Weight of the gap.
-    start
-        (n,) array Start of the search.
+    equations : RootEquations
+        The pelvis residual.
+    chart : LogChart
+        Variables x.
+    spread : (n,) array
+        Prior standard deviations of x.
+    weigh : float or (k, rows) array
+        Weight of the gap.
+    start : (n,) array
+        Start of the search.
 
     Returns
     -------

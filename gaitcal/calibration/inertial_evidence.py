@@ -113,23 +113,23 @@ def estimate_residual_noise(
 
     Parameters
     ----------
-    trials
-        Sequence of LoadedProblem Gait trials with motions and ground reactions.
-    parameters
-        Parameters Joint parameters of the motions; the inertial ones are where `chart` begins.
-    sources
-        ErrorSources Errors of the joint parameters.
-    subject
-        Subject Weight and height of the person.
-    chart
-        LogChart Variables of the fit.
-    length
-        Float Torques are divided by body weight times this (m), as in the equations to be fitted.
-    plates
-        PlateNoise, optional Errors of the force plates.
-    unmoved
-        (84, n) array, optional R with covariance R R^T of inertial parameters that `chart` does not
-        change; exact if not given.
+    trials : sequence of LoadedProblem
+        Gait trials with motions and ground reactions.
+    parameters : Parameters
+        Joint parameters of the motions; the inertial ones are where `chart` begins.
+    sources : ErrorSources
+        Errors of the joint parameters.
+    subject : Subject
+        Weight and height of the person.
+    chart : LogChart
+        Variables of the fit.
+    length : float
+        Torques are divided by body weight times this (m), as in the equations to be fitted.
+    plates : PlateNoise, optional
+        Errors of the force plates.
+    unmoved : (84, n) array, optional
+        R with covariance R R^T of inertial parameters that `chart` does not change; exact if not
+        given.
 
     Returns
     -------
@@ -255,16 +255,16 @@ def keep_nominal(
 
     Parameters
     ----------
-    seed
-        (84,) array Inertial parameters, SI units.
-    which
-        InertialSet Variables that are not fitted.
-    settings
-        ConsistentSettings Spread of people.
-    rms
-        Tuple of float RMS residual force (N) and moment (N·m) of the seed.
-    why
-        Str Reason, for the message.
+    seed : (84,) array
+        Inertial parameters, SI units.
+    which : InertialSet
+        Variables that are not fitted.
+    settings : ConsistentSettings
+        Spread of people.
+    rms : tuple of float
+        RMS residual force (N) and moment (N·m) of the seed.
+    why : str
+        Reason, for the message.
 
     Returns
     -------
@@ -300,10 +300,10 @@ def compute_fixed_spread(inertial: Array, which: InertialSet) -> Array:
 
     Parameters
     ----------
-    inertial
-        (84,) array Inertial parameters, SI units.
-    which
-        InertialSet Fitted variables.
+    inertial : (84,) array
+        Inertial parameters, SI units.
+    which : InertialSet
+        Fitted variables.
 
     Returns
     -------
@@ -339,16 +339,16 @@ def fit_by_evidence(
 
     Parameters
     ----------
-    equations
-        RootEquations The pelvis residual.
-    seed
-        (84,) array Inertial parameters of the table, SI units.
-    which
-        InertialSet Free variables.
-    noise
-        ResidualNoise Noise for the chart that begins at `seed`, with the scale of `equations`.
-    settings
-        ConsistentSettings Spread of people.
+    equations : RootEquations
+        The pelvis residual.
+    seed : (84,) array
+        Inertial parameters of the table, SI units.
+    which : InertialSet
+        Free variables.
+    noise : ResidualNoise
+        Noise for the chart that begins at `seed`, with the scale of `equations`.
+    settings : ConsistentSettings
+        Spread of people.
 
     Returns
     -------

@@ -94,27 +94,27 @@ class JointSearch:
 
         Parameters
         ----------
-        problems
-            Sequence of MotionProblem The trials; each has its motion, all share the joint
-            parameters.
-        parameters
-            Parameters Start of the search, and the values of all that is not free.
-        free
-            Tuple of str Joint parameters to fit; those that no trial passes are left out.
-        starts
-            Sequence of (nn, nq) array Start coefficients of each trial.
-        settings
-            JointSettings, optional Bounds and tolerances.
-        nominal
-            Parameters, optional Centre of the bounds; `parameters` if not given.
-        tissue
-            TissuePrior Prior of the soft tissue of the problems.
-        expected
-            Tuple of array, optional (np,) mean (m, rad) and (np, np) precision of the joint
-            parameters `free` before any trial; no prior if not given.
-        kinds
-            Sequence of str, optional Kind of task of each trial, which has its separate soft
-            tissue; one for all if not given."""
+        problems : sequence of MotionProblem
+            The trials; each has its motion, all share the joint parameters.
+        parameters : Parameters
+            Start of the search, and the values of all that is not free.
+        free : tuple of str
+            Joint parameters to fit; those that no trial passes are left out.
+        starts : sequence of (nn, nq) array
+            Start coefficients of each trial.
+        settings : JointSettings, optional
+            Bounds and tolerances.
+        nominal : Parameters, optional
+            Centre of the bounds; `parameters` if not given.
+        tissue : TissuePrior
+            Prior of the soft tissue of the problems.
+        expected : tuple of array, optional
+            (np,) mean (m, rad) and (np, np) precision of the joint parameters `free` before any
+            trial; no prior if not given.
+        kinds : sequence of str, optional
+            Kind of task of each trial, which has its separate soft tissue; one for all if not
+            given.
+        """
         self.settings = settings or JointSettings()
         self.free = select_passed_parameters(problems, free)
         index = [JP_INDEX[name] for name in self.free]

@@ -129,10 +129,10 @@ def select_movable_parameters(
 
     Parameters
     ----------
-    problems
-        Sequence of MotionProblem The trials.
-    wanted
-        Sequence of str Joint parameters to select from.
+    problems : sequence of MotionProblem
+        The trials.
+    wanted : sequence of str
+        Joint parameters to select from.
 
     Returns
     -------
@@ -177,29 +177,28 @@ def estimate_joints(
 
     Parameters
     ----------
-    tasks
-        Mapping of str to sequence of MotionProblem Kind of task -> trials.
-    nominal
-        Parameters Centre of the prior and of the bounds.
-    free
-        Tuple of str Joint parameters to fit.
-    tissue
-        TissuePrior Prior of the soft tissue of the problems.
-    fits_tissue
-        Bool Whether the soft tissue is fitted. Else it is zero, and a source of error.
-    prior
-        JointPrior or None Prior of the joint parameters about `nominal`; None: no prior.
-    settings
-        JointSettings Bounds and tolerances.
-    equal_weights
-        Bool Whether all trials have the mean noise as they show it; else the noise of people is a
-        prior (`joint_prior.get_noise_prior`).
-    present
-        Parameters, optional Start of the search, and values of all that is not free; `nominal` if
-        not given.
-    known
-        ErrorSources, optional Errors of the joint parameters before the fit, fixed ones included.
-        If not given, those of the free ones by the prior; the others are exact.
+    tasks : mapping of str to sequence of MotionProblem
+        Kind of task -> trials.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    free : tuple of str
+        Joint parameters to fit.
+    tissue : TissuePrior
+        Prior of the soft tissue of the problems.
+    fits_tissue : bool
+        Whether the soft tissue is fitted. Else it is zero, and a source of error.
+    prior : JointPrior or None
+        Prior of the joint parameters about `nominal`; None: no prior.
+    settings : JointSettings
+        Bounds and tolerances.
+    equal_weights : bool
+        Whether all trials have the mean noise as they show it; else the noise of people is a prior
+        (`joint_prior.get_noise_prior`).
+    present : Parameters, optional
+        Start of the search, and values of all that is not free; `nominal` if not given.
+    known : ErrorSources, optional
+        Errors of the joint parameters before the fit, fixed ones included. If not given, those of
+        the free ones by the prior; the others are exact.
 
     Returns
     -------
@@ -347,15 +346,14 @@ def estimate_noise(
 
     Parameters
     ----------
-    problems
-        Sequence of MotionProblem Trials of one kind.
-    nominal
-        Parameters Start of the fit.
-    free
-        Tuple of str Joint parameters that may be free.
-    expected
-        NoisePrior, optional Prior of people's noise. Points that are no markers have a least noise
-        instead.
+    problems : sequence of MotionProblem
+        Trials of one kind.
+    nominal : Parameters
+        Start of the fit.
+    free : tuple of str
+        Joint parameters that may be free.
+    expected : NoisePrior, optional
+        Prior of people's noise. Points that are no markers have a least noise instead.
 
     Returns
     -------

@@ -143,12 +143,12 @@ def get_parameters_for_trial(
 
     Parameters
     ----------
-    joint
-        JointCalibration or None Result of the calibration.
-    trial
-        Str Name of the trial.
-    final
-        Parameters Returned if no later phase changes the parameters of this trial.
+    joint : JointCalibration or None
+        Result of the calibration.
+    trial : str
+        Name of the trial.
+    final : Parameters
+        Returned if no later phase changes the parameters of this trial.
 
     Returns
     -------
@@ -238,16 +238,16 @@ def fit_phase(
 
     Parameters
     ----------
-    plan
-        JointPhase Trials and free parameters.
-    nominal
-        Parameters Centre of the prior and of the bounds.
-    how
-        PhaseSettings Settings and prior.
-    present
-        Parameters, optional Start of the search; `nominal` if not given.
-    known
-        ErrorSources, optional Errors before the phase (`estimate_joints`).
+    plan : JointPhase
+        Trials and free parameters.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    how : PhaseSettings
+        Settings and prior.
+    present : Parameters, optional
+        Start of the search; `nominal` if not given.
+    known : ErrorSources, optional
+        Errors before the phase (`estimate_joints`).
 
     Returns
     -------
@@ -322,11 +322,10 @@ def plan_sequential_phases(
 
     Parameters
     ----------
-    trials
-        Sequence of JointProblem All trials.
-    gait
-        Mapping of str to tuple of str Side -> joint parameters that gait may determine; its keys
-        are the legs to calibrate.
+    trials : sequence of JointProblem
+        All trials.
+    gait : mapping of str to tuple of str
+        Side -> joint parameters that gait may determine; its keys are the legs to calibrate.
 
     Returns
     -------
@@ -356,10 +355,10 @@ def plan_simultaneous_phases(
 
     Parameters
     ----------
-    trials
-        Sequence of JointProblem All trials.
-    gait
-        Mapping of str to tuple of str As in `plan_sequential_phases`.
+    trials : sequence of JointProblem
+        All trials.
+    gait : mapping of str to tuple of str
+        As in `plan_sequential_phases`.
 
     Returns
     -------
@@ -396,12 +395,12 @@ def calibrate_in_phases(
 
     Parameters
     ----------
-    phases
-        Sequence of JointPhase The protocol.
-    nominal
-        Parameters Centre of the prior and of the bounds.
-    how
-        PhaseSettings Settings, and the prior of the first phase.
+    phases : sequence of JointPhase
+        The protocol.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    how : PhaseSettings
+        Settings, and the prior of the first phase.
 
     Returns
     -------
@@ -438,16 +437,16 @@ def calibrate_by_evidence(
 
     Parameters
     ----------
-    trials
-        Sequence of JointProblem All trials.
-    nominal
-        Parameters Centre of the prior.
-    bounds
-        JointSettings Parameters beyond these bounds are reported.
-    sides
-        Sequence of str Legs to calibrate.
-    prior
-        JointPrior Prior of the joint parameters.
+    trials : sequence of JointProblem
+        All trials.
+    nominal : Parameters
+        Centre of the prior.
+    bounds : JointSettings
+        Parameters beyond these bounds are reported.
+    sides : sequence of str
+        Legs to calibrate.
+    prior : JointPrior
+        Prior of the joint parameters.
 
     Returns
     -------
@@ -548,12 +547,12 @@ def take_segments(
 
     Parameters
     ----------
-    body
-        MotionProblem A trial of the whole body.
-    segments
-        Tuple of str Segments of the part, the base first.
-    nominal
-        Parameters Parameters for the bandwidth.
+    body : MotionProblem
+        A trial of the whole body.
+    segments : tuple of str
+        Segments of the part, the base first.
+    nominal : Parameters
+        Parameters for the bandwidth.
 
     Returns
     -------

@@ -236,10 +236,10 @@ def select_prior(names: Sequence[str], prior: JointPrior | None) -> tuple[Array,
 
     Parameters
     ----------
-    names
-        Sequence of str Joint parameters.
-    prior
-        JointPrior or None Prior of some parameters; anatomy's for the others.
+    names : sequence of str
+        Joint parameters.
+    prior : JointPrior or None
+        Prior of some parameters; anatomy's for the others.
 
     Returns
     -------
@@ -258,10 +258,10 @@ def factor_prior(names: Sequence[str], prior: JointPrior | None) -> Array:
 
     Parameters
     ----------
-    names
-        Sequence of str Joint parameters.
-    prior
-        JointPrior or None As in `select_prior`.
+    names : sequence of str
+        Joint parameters.
+    prior : JointPrior or None
+        As in `select_prior`.
 
     Returns
     -------
@@ -285,14 +285,13 @@ def make_study_prior(
 
     Parameters
     ----------
-    given
-        Mapping of str to ParameterPriorTable Entries of the study file, mm and deg; they replace
-        anatomy's.
-    learnt
-        JointPrior, optional Prior of a cohort; it replaces both.
-    noise
-        PointNoise, optional For points that are no markers: anatomy's deviations times `joints`,
-        for hinges times `hinges`.
+    given : mapping of str to ParameterPriorTable
+        Entries of the study file, mm and deg; they replace anatomy's.
+    learnt : JointPrior, optional
+        Prior of a cohort; it replaces both.
+    noise : PointNoise, optional
+        For points that are no markers: anatomy's deviations times `joints`, for hinges times
+        `hinges`.
 
     Returns
     -------
@@ -348,10 +347,10 @@ def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) 
 
     Parameters
     ----------
-    errors
-        (nf, k) array Errors; all columns are taken together.
-    visible
-        (nf, k) bool array, optional Samples that count; all if not given.
+    errors : (nf, k) array
+        Errors; all columns are taken together.
+    visible : (nf, k) bool array, optional
+        Samples that count; all if not given.
 
     Returns
     -------
@@ -385,10 +384,10 @@ def compute_least_noise(basis: spline.SplineBasis, noise: PointNoise | None = No
 
     Parameters
     ----------
-    basis
-        SplineBasis Splines of the trial, for its frame rate.
-    noise
-        PointNoise, optional Errors of points that are no markers.
+    basis : SplineBasis
+        Splines of the trial, for its frame rate.
+    noise : PointNoise, optional
+        Errors of points that are no markers.
 
     Returns
     -------
@@ -410,12 +409,12 @@ def estimate_forbidden_noise(
 
     Parameters
     ----------
-    problem
-        MotionProblem The trial, no joint parameter free.
-    parameters
-        Parameters Parameters of the linkage.
-    coefficients
-        (nn, nq) array The motion.
+    problem : MotionProblem
+        The trial, no joint parameter free.
+    parameters : Parameters
+        Parameters of the linkage.
+    coefficients : (nn, nq) array
+        The motion.
 
     Returns
     -------
@@ -551,16 +550,16 @@ def estimate_trial_noises(
 
     Parameters
     ----------
-    estimates
-        Sequence of ForbiddenNoise Estimate of every trial.
-    least
-        Sequence of float Smallest noise of every trial, m.
-    effective_parameters
-        Float Number of parameters that the samples of all trials determine.
-    priors
-        Sequence of NoisePrior, optional Prior of every trial; none if not given.
-    rates
-        Sequence of float, optional Frames per second of every trial.
+    estimates : sequence of ForbiddenNoise
+        Estimate of every trial.
+    least : sequence of float
+        Smallest noise of every trial, m.
+    effective_parameters : float
+        Number of parameters that the samples of all trials determine.
+    priors : sequence of NoisePrior, optional
+        Prior of every trial; none if not given.
+    rates : sequence of float, optional
+        Frames per second of every trial.
 
     Returns
     -------

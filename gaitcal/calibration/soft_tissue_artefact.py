@@ -194,10 +194,10 @@ def compute_angle_units(
 
     Parameters
     ----------
-    angles
-        Sequence of mapping Of each trial, coordinate -> (nf,) rad.
-    posture
-        Mapping of str to float, optional Coordinate -> rad in the static posture.
+    angles : sequence of mapping
+        Of each trial, coordinate -> (nf,) rad.
+    posture : mapping of str to float, optional
+        Coordinate -> rad in the static posture.
 
     Returns
     -------
@@ -226,16 +226,15 @@ def compute_task_regressors(
 
     Parameters
     ----------
-    angles
-        Sequence of mapping Of each trial, coordinate -> (nf,) rad.
-    posture
-        Mapping of str to float, optional Coordinate -> rad in the static posture; zero if not
+    angles : sequence of mapping
+        Of each trial, coordinate -> (nf,) rad.
+    posture : mapping of str to float, optional
+        Coordinate -> rad in the static posture; zero if not given.
+    units : mapping of str to AngleUnit, optional
+        Units of other trials of the kind, so that columns mean the same; found from these if not
         given.
-    units
-        Mapping of str to AngleUnit, optional Units of other trials of the kind, so that columns
-        mean the same; found from these if not given.
-    squares
-        Bool Whether to add the square of each angle, less its part that is linear by least squares.
+    squares : bool
+        Whether to add the square of each angle, less its part that is linear by least squares.
 
     Returns
     -------
@@ -272,24 +271,24 @@ def make_tissue_columns(
 
     Parameters
     ----------
-    problem
-        MotionProblem The trial. Points that are no markers have no artefact.
-    kind
-        Str Kind of task.
-    regressors
-        Mapping of str to (nf,) array By coordinate, from `compute_task_regressors`.
-    nominal
-        Parameters Positions of the knees; positions on the skin are relative to them.
-    known
-        Collection of str, optional Columns to keep; all if not given.
-    secondary
-        SecondaryColumns, optional Secondary motions of the knees.
-    table
-        SkinTable, optional Artefact of people; the built-in one if not given.
-    softness
-        Float Factor of the mean; 0 if markers are taken to stay in their static positions.
-    pinned
-        Collection of str Segments with markers fixed to the bone.
+    problem : MotionProblem
+        The trial. Points that are no markers have no artefact.
+    kind : str
+        Kind of task.
+    regressors : mapping of str to (nf,) array
+        By coordinate, from `compute_task_regressors`.
+    nominal : Parameters
+        Positions of the knees; positions on the skin are relative to them.
+    known : collection of str, optional
+        Columns to keep; all if not given.
+    secondary : SecondaryColumns, optional
+        Secondary motions of the knees.
+    table : SkinTable, optional
+        Artefact of people; the built-in one if not given.
+    softness : float
+        Factor of the mean; 0 if markers are taken to stay in their static positions.
+    pinned : collection of str
+        Segments with markers fixed to the bone.
 
     Returns
     -------
@@ -450,11 +449,10 @@ def estimate_soft_tissue_scale(
 
     Parameters
     ----------
-    trials
-        Sequence of MotionProblem Trials of the kind, with all columns that soft tissue may have.
-    possibly_still
-        Bool Whether the task may leave joints at rest, whose tracked angles follow errors of
-        others.
+    trials : sequence of MotionProblem
+        Trials of the kind, with all columns that soft tissue may have.
+    possibly_still : bool
+        Whether the task may leave joints at rest, whose tracked angles follow errors of others.
 
     Returns
     -------
@@ -589,10 +587,10 @@ def compute_cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale
 
     Parameters
     ----------
-    observed
-        ObservedDeformation Deformation in the trials of one kind of task.
-    scale
-        SoftTissueScale Softness of the person in that kind.
+    observed : ObservedDeformation
+        Deformation in the trials of one kind of task.
+    scale : SoftTissueScale
+        Softness of the person in that kind.
 
     Returns
     -------
@@ -774,13 +772,12 @@ def assemble_tissue_prior(
 
     Parameters
     ----------
-    trials
-        Sequence of MotionProblem Trials with their soft tissue.
-    scales
-        Mapping of str to SoftTissueScale Kind of task -> softness of the person.
-    clusters
-        Mapping, optional (kind of task, cluster) -> posterior from its deformation; none was
-        observed if not given.
+    trials : sequence of MotionProblem
+        Trials with their soft tissue.
+    scales : mapping of str to SoftTissueScale
+        Kind of task -> softness of the person.
+    clusters : mapping, optional
+        (kind of task, cluster) -> posterior from its deformation; none was observed if not given.
 
     Returns
     -------
@@ -969,10 +966,10 @@ class TaskTissue:
 
         Parameters
         ----------
-        bodies
-            Mapping of str to MotionProblem Trials of the whole body.
-        known
-            Collection of str Columns to keep.
+        bodies : mapping of str to MotionProblem
+            Trials of the whole body.
+        known : collection of str
+            Columns to keep.
 
         Returns
         -------
@@ -1003,19 +1000,18 @@ def prepare_task_tissue(
 
     Parameters
     ----------
-    kinds
-        Mapping of str to str Trial -> kind of task.
-    parts
-        Mapping of str to MotionProblem Trial -> part of the body that is fitted.
-    nominal
-        Parameters Parameters that trials are tracked with.
-    table
-        SkinTable, optional Artefact of people; the built-in one if not given.
-    fitted
-        Bool Whether the artefact will be fitted, or is a source of error alone.
-    pinned
-        Collection of str Segments with markers fixed to the bone, which do not show the person's
-        soft tissue.
+    kinds : mapping of str to str
+        Trial -> kind of task.
+    parts : mapping of str to MotionProblem
+        Trial -> part of the body that is fitted.
+    nominal : Parameters
+        Parameters that trials are tracked with.
+    table : SkinTable, optional
+        Artefact of people; the built-in one if not given.
+    fitted : bool
+        Whether the artefact will be fitted, or is a source of error alone.
+    pinned : collection of str
+        Segments with markers fixed to the bone, which do not show the person's soft tissue.
 
     Returns
     -------
@@ -1083,10 +1079,10 @@ def choose_kind_for_trial(found: FoundTissue, activity: str) -> str:
 
     Parameters
     ----------
-    found
-        FoundTissue Artefact of the calibration.
-    activity
-        Str Name of the activity; empty for a walk.
+    found : FoundTissue
+        Artefact of the calibration.
+    activity : str
+        Name of the activity; empty for a walk.
 
     Returns
     -------
@@ -1114,18 +1110,17 @@ def make_further_tissue(
 
     Parameters
     ----------
-    trial, legs
-        MotionProblem The whole body, and the part of it that a calibration fits, by which angles
-        are tracked.
-    nominal
-        Parameters Parameters that the trial is tracked with.
-    known
-        Collection of str Columns of the calibration, `kind/regressor/...`, of an `ErrorSources`.
-    found
-        FoundTissue Artefact of the calibration. If it took markers to stay in their positions, so
-        does this trial.
-    kind
-        Str Kind of task, of `choose_kind_for_trial`.
+    trial, legs : MotionProblem
+        The whole body, and the part of it that a calibration fits, by which angles are tracked.
+    nominal : Parameters
+        Parameters that the trial is tracked with.
+    known : collection of str
+        Columns of the calibration, `kind/regressor/...`, of an `ErrorSources`.
+    found : FoundTissue
+        Artefact of the calibration. If it took markers to stay in their positions, so does this
+        trial.
+    kind : str
+        Kind of task, of `choose_kind_for_trial`.
 
     Returns
     -------

@@ -45,10 +45,10 @@ def evaluate_place_functions(place: Array, *, gait: bool) -> Array:
 
     Parameters
     ----------
-    place
-        (nm, 3) array Positions from the knee centre in thigh lengths, axes of a right segment.
-    gait
-        Bool Whether the task is a walk or a run, in which thighs stay near the vertical.
+    place : (nm, 3) array
+        Positions from the knee centre in thigh lengths, axes of a right segment.
+    gait : bool
+        Whether the task is a walk or a run, in which thighs stay near the vertical.
 
     Returns
     -------

@@ -57,11 +57,10 @@ def split_by_kind(tissue: TissuePrior, unknowns: Sequence[Sequence[str]]) -> tup
 
     Parameters
     ----------
-    tissue
-        TissuePrior Prior of the columns of all kinds, independent between kinds.
-    unknowns
-        Sequence of sequence of str Names of the unknowns of each kind; columns that no kind has are
-        left out.
+    tissue : TissuePrior
+        Prior of the columns of all kinds, independent between kinds.
+    unknowns : sequence of sequence of str
+        Names of the unknowns of each kind; columns that no kind has are left out.
 
     Returns
     -------
@@ -146,16 +145,16 @@ def eliminate_tissue(
 
     Parameters
     ----------
-    prior
-        KindPrior Prior of its columns.
-    z
-        (nz,) array Where its trials were solved, m and rad.
-    hessian
-        (np + nz, np + nz) array Sum over its trials, motions eliminated, joint parameters first.
-    gradient
-        (np + nz,) array Half gradient, likewise.
-    cost
-        Float Likewise.
+    prior : KindPrior
+        Prior of its columns.
+    z : (nz,) array
+        Where its trials were solved, m and rad.
+    hessian : (np + nz, np + nz) array
+        Sum over its trials, motions eliminated, joint parameters first.
+    gradient : (np + nz,) array
+        Half gradient, likewise.
+    cost : float
+        Likewise.
 
     Returns
     -------

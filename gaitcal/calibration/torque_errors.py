@@ -60,25 +60,25 @@ class ForceErrors:
 
         Parameters
         ----------
-        problem
-            MotionProblem The whole-body trial.
-        coefficients
-            (nn, 27) array Its motion, m and rad.
-        parameters
-            Parameters Parameters of the linkage.
-        wrenches
-            (nf, 2, 6) array Ground reactions on the feet, N and N·m.
-        joint
-            ErrorSources or None Errors of the joint parameters; None if they were not calibrated.
-        inertial
-            (84, n) array, optional R with covariance R R^T of the inertial parameters; None if they
-            were not calibrated.
-        moves
-            MotionSensitivity, optional Error sources of the motion, if available.
-        plates
-            PlateErrors, optional Errors of the ground reactions; exact if not given.
-        axes
-            AxisErrors, optional Errors of the directions of segments' axes; exact if not given."""
+        problem : MotionProblem
+            The whole-body trial.
+        coefficients : (nn, 27) array
+            Its motion, m and rad.
+        parameters : Parameters
+            Parameters of the linkage.
+        wrenches : (nf, 2, 6) array
+            Ground reactions on the feet, N and N·m.
+        joint : ErrorSources or None
+            Errors of the joint parameters; None if they were not calibrated.
+        inertial : (84, n) array, optional
+            R with covariance R R^T of the inertial parameters; None if they were not calibrated.
+        moves : MotionSensitivity, optional
+            Error sources of the motion, if available.
+        plates : PlateErrors, optional
+            Errors of the ground reactions; exact if not given.
+        axes : AxisErrors, optional
+            Errors of the directions of segments' axes; exact if not given.
+        """
         self.problem, self.parameters, self.wrenches = problem, parameters, wrenches
         self.free: tuple[str, ...] = joint.free if joint else ()
         self.moves = moves or compute_motion_sensitivity(problem, coefficients, parameters, joint)

@@ -141,11 +141,12 @@ def find_empty_samples(
 
     Parameters
     ----------
-    vertical
-        (ns,) Vertical force, N. rate Sampling rate, Hz.
-    unoccupied
-        (ns,), optional Samples without a person over the plate; in these the reading may have any
-        size.
+    vertical : (ns,)
+        Vertical force, N.
+    rate
+        Sampling rate, Hz.
+    unoccupied : (ns,), optional
+        Samples without a person over the plate; in these the reading may have any size.
 
     Returns
     -------
@@ -174,11 +175,14 @@ def estimate_offset(
 
     Parameters
     ----------
-    force, moment
-        (ns, 3) Wrench in the plate frame, N and N·m. rate Sampling rate, Hz.
-    occupied
-        (ns,) Samples with a person over the plate. *unoccupied : (ns,) Samples without a person,
-        the most reliable first.
+    force, moment : (ns, 3)
+        Wrench in the plate frame, N and N·m.
+    rate
+        Sampling rate, Hz.
+    occupied : (ns,)
+        Samples with a person over the plate.
+    *unoccupied : (ns,)
+        Samples without a person, the most reliable first.
 
     Returns
     -------
@@ -223,10 +227,10 @@ def compute_centre_of_pressure(force: Array, moment: Array, normal: Array) -> Ar
 
     Parameters
     ----------
-    force, moment
-        (..., 3) N and N·m.
-    normal
-        (3,) Unit normal of the plane.
+    force, moment : (..., 3)
+        N and N·m.
+    normal : (3,)
+        Unit normal of the plane.
 
     Returns
     -------
@@ -378,10 +382,11 @@ def is_reaction_on_plate(force: Array, up: Array) -> bool:
 
     Parameters
     ----------
-    force
-        (ns, 3) N.
-    up
-        (3,) Unit vector of the vertical in the same axes."""
+    force : (ns, 3)
+        N.
+    up : (3,)
+        Unit vector of the vertical in the same axes.
+    """
     vertical = force @ up
     loaded = np.abs(vertical) > BODY_N
     return bool(loaded.any() and np.median(vertical[loaded]) < 0)

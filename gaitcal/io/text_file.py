@@ -298,10 +298,10 @@ def require_increasing(time: Array, lines: Sequence[int]) -> None:
 
     Parameters
     ----------
-    time
-        (ns,) s.
-    lines
-        (ns,) Line of each time in the file, for the message.
+    time : (ns,)
+        s.
+    lines : (ns,)
+        Line of each time in the file, for the message.
 
     Raises
     ------

@@ -79,15 +79,14 @@ def measure_standing_ankles(
 
     Parameters
     ----------
-    posture
-        StaticPosture Landmarks of the static posture (m, laboratory).
-    legs
-        LowerBody Segment frames and joint centres in the same posture.
-    plantarflexion
-        Mapping of str to float Side -> static plantarflexion angle of the file (rad); empty if it
-        has none.
-    rule
-        AnkleZero Direction of the foot that the angle is measured from.
+    posture : StaticPosture
+        Landmarks of the static posture (m, laboratory).
+    legs : LowerBody
+        Segment frames and joint centres in the same posture.
+    plantarflexion : mapping of str to float
+        Side -> static plantarflexion angle of the file (rad); empty if it has none.
+    rule : AnkleZero
+        Direction of the foot that the angle is measured from.
 
     Returns
     -------

@@ -157,10 +157,10 @@ def compute_mass_shares(sex: str, age: float | None) -> dict[str, float]:
 
     Parameters
     ----------
-    sex
-        Str `male`, `female`, or empty for the mean of both.
-    age
-        Float or None Years; None for an adult.
+    sex : str
+        `male`, `female`, or empty for the mean of both.
+    age : float or None
+        Years; None for an adult.
 
     Returns
     -------
@@ -325,10 +325,10 @@ def compute_inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array
 
     Parameters
     ----------
-    subject
-        Subject Mass, height, sex and age of the person.
-    lengths
-        BodyLengths Measured lengths (m).
+    subject : Subject
+        Mass, height, sex and age of the person.
+    lengths : BodyLengths
+        Measured lengths (m).
 
     Returns
     -------
@@ -382,10 +382,10 @@ def move_limb_inertia(inertial: Array, before: Parameters, after: Parameters) ->
 
     Parameters
     ----------
-    inertial
-        (ni,) array Inertial parameters of the table, SI units.
-    before, after
-        Parameters Joint parameters that the table was applied to, and those found.
+    inertial : (ni,) array
+        Inertial parameters of the table, SI units.
+    before, after : Parameters
+        Joint parameters that the table was applied to, and those found.
 
     Returns
     -------

@@ -192,13 +192,13 @@ def measure_landmarks(p: Landmarks, height: float, *, even: bool = True) -> list
 
     Parameters
     ----------
-    p
-        Mapping of str to (3,) array Landmarks, m, y up.
-    height
-        Float Body height, m.
-    even
-        Bool Whether the person stands evenly on straight legs; else measures of the posture are
-        left out.
+    p : mapping of str to (3,) array
+        Landmarks, m, y up.
+    height : float
+        Body height, m.
+    even : bool
+        Whether the person stands evenly on straight legs; else measures of the posture are left
+        out.
 
     Returns
     -------
@@ -374,12 +374,12 @@ def compute_build_cost(p: Landmarks, height: float, *, even: bool = True) -> flo
 
     Parameters
     ----------
-    p
-        Mapping of str to (3,) array Landmarks, m, y up.
-    height
-        Float Body height, m.
-    even
-        Bool As in `measure_landmarks`.
+    p : mapping of str to (3,) array
+        Landmarks, m, y up.
+    height : float
+        Body height, m.
+    even : bool
+        As in `measure_landmarks`.
 
     Returns
     -------

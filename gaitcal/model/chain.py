@@ -374,12 +374,12 @@ def get_chain(
 
     Parameters
     ----------
-    root, segments
-        Str and tuple of str Base segment, and the segments of the part, the base included.
-    free
-        Tuple of str Free joint parameters and secondary variables; other names are left out.
-    reactions, secondary
-        Bool As in `Chain`.
+    root, segments : str and tuple of str
+        Base segment, and the segments of the part, the base included.
+    free : tuple of str
+        Free joint parameters and secondary variables; other names are left out.
+    reactions, secondary : bool
+        As in `Chain`.
 
     Returns
     -------
@@ -410,16 +410,12 @@ def build_linkage(
 
     Parameters
     ----------
-    parameters
-        Joint parameters, inertial parameters and zero angles, SI units.
-    free
-        Joint parameters that stay joints, whose coordinates are their values.
-    root, segments
-        Base segment, and the segments of the part, the base included.
-    reactions
-        Whether the knees carry their locked reaction joints.
-    secondary
-        Whether the knees' secondary motions are joints, whose values are prescribed."""
+    parameters : joint parameters, inertial parameters and zero angles, SI units.
+    free : joint parameters that stay joints, whose coordinates are their values.
+    root, segments : base segment, and the segments of the part, the base included.
+    reactions : whether the knees carry their locked reaction joints.
+    secondary : whether the knees' secondary motions are joints, whose values are prescribed.
+    """
     kept = get_chain(root, segments, free, reactions=reactions, secondary=secondary).body(
         parameters
     )

@@ -262,10 +262,10 @@ def compute_coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]
 
     Parameters
     ----------
-    body
-        LinkageModel The linkage with its parameters.
-    q
-        (nf, nq) array Coordinates, m and rad.
+    body : LinkageModel
+        The linkage with its parameters.
+    q : (nf, nq) array
+        Coordinates, m and rad.
 
     Returns
     -------
@@ -286,10 +286,10 @@ def compute_body_poses(
 
     Parameters
     ----------
-    parameters
-        Parameters Parameters of the linkage.
-    q
-        (nf, nq) array Coordinates, m and rad.
+    parameters : Parameters
+        Parameters of the linkage.
+    q : (nf, nq) array
+        Coordinates, m and rad.
 
     Returns
     -------

@@ -77,12 +77,12 @@ def measure_static_posture(
 
     Parameters
     ----------
-    recording
-        Recording The static trial, with the labels of the marker set; m, y up.
-    marker_set
-        MarkerSet Meaning of the markers, with no alternatives left open.
-    window
-        Slice Frames in which the person stands still.
+    recording : Recording
+        The static trial, with the labels of the marker set; m, y up.
+    marker_set : MarkerSet
+        Meaning of the markers, with no alternatives left open.
+    window : slice
+        Frames in which the person stands still.
 
     Returns
     -------
@@ -145,10 +145,10 @@ def find_single_psis(marker_set: MarkerSet, visible: Collection[str]) -> tuple[s
 
     Parameters
     ----------
-    marker_set
-        MarkerSet Its landmark `sacrum` may be the mean of two markers.
-    visible
-        Collection of str Labels of visible markers.
+    marker_set : MarkerSet
+        Its landmark `sacrum` may be the mean of two markers.
+    visible : collection of str
+        Labels of visible markers.
 
     Returns
     -------
@@ -241,10 +241,10 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
 
     Parameters
     ----------
-    posture
-        StaticPosture Landmarks of the static trial.
-    height
-        Float Body height, m.
+    posture : StaticPosture
+        Landmarks of the static trial.
+    height : float
+        Body height, m.
 
     Raises
     ------
@@ -318,13 +318,12 @@ def locate_device_corner(
 
     Parameters
     ----------
-    axis, second, third
-        (nf, 3) array Markers of the device, m; `axis` is on the rod along the flexion axis.
-    inwards
-        (nf, 3) array or None Direction towards the other knee, of any length; None if unknown.
-    modelled
-        (nf, 3) array or None Corner as computed by another program, m; it decides the side of the
-        plane.
+    axis, second, third : (nf, 3) array
+        Markers of the device, m; `axis` is on the rod along the flexion axis.
+    inwards : (nf, 3) array or None
+        Direction towards the other knee, of any length; None if unknown.
+    modelled : (nf, 3) array or None
+        Corner as computed by another program, m; it decides the side of the plane.
 
     Returns
     -------

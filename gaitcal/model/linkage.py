@@ -310,10 +310,10 @@ def list_coordinates(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
 
     Parameters
     ----------
-    root
-        Str Base segment, free in the laboratory.
-    segments
-        Tuple of str Segments of the part.
+    root : str
+        Base segment, free in the laboratory.
+    segments : tuple of str
+        Segments of the part.
 
     Returns
     -------
@@ -356,10 +356,10 @@ def list_joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Eleme
 
     Parameters
     ----------
-    joint
-        Joint A joint of the linkage.
-    reactions
-        Bool Whether a knee has its locked reaction joint after the flexion.
+    joint : Joint
+        A joint of the linkage.
+    reactions : bool
+        Whether a knee has its locked reaction joint after the flexion.
 
     Returns
     -------

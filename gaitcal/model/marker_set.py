@@ -203,10 +203,10 @@ class MarkerSet(Displayed):
 
         Parameters
         ----------
-        markers
-            Mapping of str to iterable of str Segment -> labels.
-        source
-            Path File to name in an error message.
+        markers : mapping of str to iterable of str
+            Segment -> labels.
+        source : Path
+            File to name in an error message.
 
         Returns
         -------
@@ -307,11 +307,10 @@ class MarkerSet(Displayed):
 
         Parameters
         ----------
-        labels
-            Iterable of str Marker labels of the file. A complete knee device counts as the lateral
-            knee marker.
-        computed
-            Iterable of str Points that another program computed; they count as landmarks only.
+        labels : iterable of str
+            Marker labels of the file. A complete knee device counts as the lateral knee marker.
+        computed : iterable of str
+            Points that another program computed; they count as landmarks only.
 
         Returns
         -------

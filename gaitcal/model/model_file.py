@@ -152,10 +152,10 @@ def save_model(model: SubjectModel, path: Path | str) -> None:
 
     Parameters
     ----------
-    model
-        SubjectModel The model.
-    path
-        Path or str File to write, usually `model.toml`.
+    model : SubjectModel
+        The model.
+    path : Path or str
+        File to write, usually `model.toml`.
 
     Raises
     ------

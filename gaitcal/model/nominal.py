@@ -86,20 +86,20 @@ def nominal_model(
 
     Parameters
     ----------
-    static
-        Recording The static trial; m, y up, any heading.
-    marker_set
-        MarkerSet Meaning of its markers.
-    subject
-        Subject Mass, height and sex, which give joint widths and inertia.
-    hip_centre
-        HipCentre Regression for the hip centres, or those of the file.
-    ankle_zero
-        AnkleZero Reference direction of zero ankle angles.
-    weights
-        Mapping of str to float, optional Marker -> weight, instead of the set's.
-    window
-        Slice, optional Frames to use; the stillest half second if not given.
+    static : Recording
+        The static trial; m, y up, any heading.
+    marker_set : MarkerSet
+        Meaning of its markers.
+    subject : Subject
+        Mass, height and sex, which give joint widths and inertia.
+    hip_centre : HipCentre
+        Regression for the hip centres, or those of the file.
+    ankle_zero : AnkleZero
+        Reference direction of zero ankle angles.
+    weights : mapping of str to float, optional
+        Marker -> weight, instead of the set's.
+    window : slice, optional
+        Frames to use; the stillest half second if not given.
 
     Returns
     -------
@@ -221,12 +221,12 @@ def compute_knee_flexion(shank: Array, joint: Array, side: str) -> float:
 
     Parameters
     ----------
-    shank
-        (3, 3) array Orientation of the shank in the thigh.
-    joint
-        (np,) array Joint parameters, m and rad.
-    side
-        Str `r` or `l`.
+    shank : (3, 3) array
+        Orientation of the shank in the thigh.
+    joint : (np,) array
+        Joint parameters, m and rad.
+    side : str
+        `r` or `l`.
 
     Returns
     -------
@@ -327,14 +327,14 @@ def compute_joint_parameters(
 
     Parameters
     ----------
-    frames
-        Dict Frames of all segments but the tali, laboratory.
-    centres
-        Dict `lumbar`, and for each side `hjc kjc ajc sjc ejc`: (3,) m, laboratory.
-    body
-        UpperBody Rotation of the shoulders and axes of the elbows.
-    dorsiflexion
-        Mapping of str to float Side -> ankle angle of the static posture, rad.
+    frames : dict
+        Frames of all segments but the tali, laboratory.
+    centres : dict
+        `lumbar`, and for each side `hjc kjc ajc sjc ejc`: (3,) m, laboratory.
+    body : UpperBody
+        Rotation of the shoulders and axes of the elbows.
+    dorsiflexion : mapping of str to float
+        Side -> ankle angle of the static posture, rad.
 
     Returns
     -------

@@ -33,10 +33,10 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
 
     Parameters
     ----------
-    static
-        Recording The static trial, with labels as the set spells them.
-    marker_set
-        MarkerSet The set, with its alternatives.
+    static : Recording
+        The static trial, with labels as the set spells them.
+    marker_set : MarkerSet
+        The set, with its alternatives.
 
     Returns
     -------
@@ -120,12 +120,12 @@ def resolve_marker_set(
 
     Parameters
     ----------
-    marker_set
-        MarkerSet The set, with its alternatives.
-    static
-        Recording The static trial from `complete_static`.
-    elsewhere
-        Iterable of str Labels of the other trials.
+    marker_set : MarkerSet
+        The set, with its alternatives.
+    static : Recording
+        The static trial from `complete_static`.
+    elsewhere : iterable of str
+        Labels of the other trials.
 
     Returns
     -------

@@ -10,10 +10,10 @@ def make_axis_rotation(axis: int, angle: float) -> Array:
 
     Parameters
     ----------
-    axis
-        Int 0, 1 or 2.
-    angle
-        Float rad.
+    axis : int
+        0, 1 or 2.
+    angle : float
+        rad.
 
     Returns
     -------

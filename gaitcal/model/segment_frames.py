@@ -142,10 +142,10 @@ def fit_rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    points
-        (n, 3) array Points of the rigid body, m.
-    paths
-        (nf, n, 3) array Their measured positions, m.
+    points : (n, 3) array
+        Points of the rigid body, m.
+    paths : (nf, n, 3) array
+        Their measured positions, m.
 
     Returns
     -------
@@ -185,10 +185,10 @@ def compute_position_variance(points: Array, place: Array) -> float:
 
     Parameters
     ----------
-    points
-        (n, 3) array Points of the rigid body, m.
-    place
-        (3,) array Position, m.
+    points : (n, 3) array
+        Points of the rigid body, m.
+    place : (3,) array
+        Position, m.
 
     Returns
     -------
@@ -289,12 +289,12 @@ def compute_hip_centre(
 
     Parameters
     ----------
-    rule
-        HipCentre One of the regressions.
-    asis_distance, pelvic_depth
-        Float PW and PD, m.
-    side
-        Str `r` or `l`.
+    rule : HipCentre
+        One of the regressions.
+    asis_distance, pelvic_depth : float
+        PW and PD, m.
+    side : str
+        `r` or `l`.
 
     Returns
     -------
@@ -380,10 +380,10 @@ def compute_half_width(joint: str, height: float) -> float:
 
     Parameters
     ----------
-    joint
-        Str `knee`, `ankle` or `elbow`.
-    height
-        Float Body height, m.
+    joint : str
+        `knee`, `ankle` or `elbow`.
+    height : float
+        Body height, m.
 
     Returns
     -------
@@ -471,18 +471,18 @@ def locate_joint_centre(
 
     Parameters
     ----------
-    posture
-        StaticPosture Landmarks of the static posture.
-    joint, side
-        Str `knee` or `ankle`; `r` or `l`.
-    above
-        (3,) array Centre of the proximal joint, m.
-    z_above
-        (3,) array z axis of the proximal segment, used without a medial marker or device.
-    turn
-        Float Rotation of the axis about y against `z_above`, rad.
-    widths
-        JointWidths Distances from the lateral markers.
+    posture : StaticPosture
+        Landmarks of the static posture.
+    joint, side : str
+        `knee` or `ankle`; `r` or `l`.
+    above : (3,) array
+        Centre of the proximal joint, m.
+    z_above : (3,) array
+        z axis of the proximal segment, used without a medial marker or device.
+    turn : float
+        Rotation of the axis about y against `z_above`, rad.
+    widths : JointWidths
+        Distances from the lateral markers.
 
     Returns
     -------
@@ -581,14 +581,14 @@ def measure_lower_body(
 
     Parameters
     ----------
-    posture
-        StaticPosture Landmarks, m, laboratory.
-    height
-        Float Body height, m.
-    rule
-        HipCentre Source of the hip centres.
-    widths
-        JointWidths, optional Measured widths; in proportion to height if not given.
+    posture : StaticPosture
+        Landmarks, m, laboratory.
+    height : float
+        Body height, m.
+    rule : HipCentre
+        Source of the hip centres.
+    widths : JointWidths, optional
+        Measured widths; in proportion to height if not given.
 
     Returns
     -------

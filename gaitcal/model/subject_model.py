@@ -110,10 +110,10 @@ class MarkerPlacement:
 
         Parameters
         ----------
-        segment
-            Str Name of the segment.
-        labels
-            Collection of str Labels to choose from.
+        segment : str
+            Name of the segment.
+        labels : collection of str
+            Labels to choose from.
 
         Returns
         -------

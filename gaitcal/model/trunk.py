@@ -101,16 +101,16 @@ def measure_trunk(
 
     Parameters
     ----------
-    posture
-        StaticPosture Landmarks of the static posture, m.
-    marker_set
-        MarkerSet Meaning of the markers.
-    pelvis
-        Frame Frame of the pelvis in the static posture.
-    lumbar
-        (3,) array Lumbar joint, m.
-    subject
-        Subject Height and sex give the proportions if no acromion is known.
+    posture : StaticPosture
+        Landmarks of the static posture, m.
+    marker_set : MarkerSet
+        Meaning of the markers.
+    pelvis : Frame
+        Frame of the pelvis in the static posture.
+    lumbar : (3,) array
+        Lumbar joint, m.
+    subject : Subject
+        Height and sex give the proportions if no acromion is known.
 
     Returns
     -------
@@ -257,14 +257,14 @@ def measure_upper_body(
 
     Parameters
     ----------
-    posture
-        StaticPosture Landmarks of the static posture, m.
-    marker_set
-        MarkerSet Meaning of the markers.
-    legs
-        LowerBody Frames and centres of pelvis and legs.
-    subject
-        Subject Height and sex give the lengths of parts without markers.
+    posture : StaticPosture
+        Landmarks of the static posture, m.
+    marker_set : MarkerSet
+        Meaning of the markers.
+    legs : LowerBody
+        Frames and centres of pelvis and legs.
+    subject : Subject
+        Height and sex give the lengths of parts without markers.
 
     Returns
     -------
@@ -349,16 +349,16 @@ def measure_arm(
 
     Parameters
     ----------
-    posture
-        StaticPosture Landmarks of the static posture, m.
-    side
-        Str `r` or `l`.
-    trunk
-        Frame Frame of the trunk.
-    shoulder
-        (3,) array Shoulder centre, m.
-    height
-        Float Body height, m.
+    posture : StaticPosture
+        Landmarks of the static posture, m.
+    side : str
+        `r` or `l`.
+    trunk : Frame
+        Frame of the trunk.
+    shoulder : (3,) array
+        Shoulder centre, m.
+    height : float
+        Body height, m.
 
     Returns
     -------

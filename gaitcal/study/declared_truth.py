@@ -129,12 +129,12 @@ def format_motion(
 
     Parameters
     ----------
-    time
-        (nf,) s.
-    q
-        (nf, 27) Coordinates, m and rad.
-    velocity, acceleration
-        (nf, 27), optional Their derivatives.
+    time : (nf,)
+        s.
+    q : (nf, 27)
+        Coordinates, m and rad.
+    velocity, acceleration : (nf, 27), optional
+        Their derivatives.
 
     Returns
     -------
@@ -153,10 +153,12 @@ def format_moments(time: Array, forces: Array, bwh: float) -> str:
 
     Parameters
     ----------
-    time
-        (nf,) s.
-    forces
-        (nf, 29) Generalised forces, N·m and N. bwh Body weight times height, N·m.
+    time : (nf,)
+        s.
+    forces : (nf, 29)
+        Generalised forces, N·m and N.
+    bwh
+        Body weight times height, N·m.
 
     Returns
     -------

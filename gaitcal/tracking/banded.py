@@ -167,13 +167,10 @@ class BandFactor:
 
         Parameters
         ----------
-        band
-            (n, width) transposed lower band.
-        damping
-            Relative to the diagonal.
-        overwrite
-            Store the factor in the memory of `band`. A failed factorisation then raises at once;
-            otherwise a larger floor is tried first.
+        band : (n, width) transposed lower band.
+        damping : relative to the diagonal.
+        overwrite : store the factor in the memory of `band`. A failed factorisation then raises at
+            once; otherwise a larger floor is tried first.
 
         Raises
         ------

@@ -173,12 +173,10 @@ class VariablePairs:
 
         Parameters
         ----------
-        chain
-            Linkage of the trial.
-        with_markers
-            (segments,) whether a segment carries a marker with weight.
-        held
-            Coordinates that keep their values."""
+        chain : linkage of the trial.
+        with_markers : (segments,) whether a segment carries a marker with weight.
+        held : coordinates that keep their values.
+        """
         # support (variables, segments): 1 where a variable moves a segment with a marker
         support = chain.support * with_markers
         support[[chain.coordinates.index(name) for name in held]] = 0
