@@ -184,15 +184,14 @@ def compress_root_equations(
 
     Parameters
     ----------
-    regressor
-        (nf, 6, 12, 10) array Result of `Dynamics.compute_root_regressor`.
-    ground
-        (nf, 6) array Contribution of the ground reactions: force (N) and moment (N·m) about the
-        pelvis origin.
-    weight
-        Float Body weight, N.
-    length
-        Float Torques are divided by weight * length, m.
+    regressor : (nf, 6, 12, 10) array
+        Result of `Dynamics.compute_root_regressor`.
+    ground : (nf, 6) array
+        Contribution of the ground reactions: force (N) and moment (N·m) about the pelvis origin.
+    weight : float
+        Body weight, N.
+    length : float
+        Torques are divided by weight * length, m.
 
     Returns
     -------
