@@ -86,7 +86,7 @@ def test_hip_centres_of_the_file_are_offered_and_asked_for() -> None:
     assert "hip_centre = 'given': the static trial has no hip centre hjc_r and hjc_l" in missing
     exchanged = with_points(static, {"RHJC": left, "LHJC": right}, measured=True)
     said = refusal(from_published, exchanged, hip_centre=HipCentre.GIVEN)
-    assert re.search(r"hip centre RHJC: found it 1\d\d mm .* sides exchanged", said)
+    assert re.search(r"hip centre RHJC: found it 1\d\d mm .* sides swapped", said)
 
 
 @pytest.mark.parametrize("rule", [HipCentre.HARRINGTON, HipCentre.BELL])
