@@ -180,11 +180,11 @@ def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     told = run("dynamics", result, trial(folder, "walk3")).stdout
     assert (
         f"warning: walk2: {name} is damaged, or was edited: not as gaitcal wrote it: the page "
-        "leaves" in told
+        "omits this trial" in told
     )
     assert trials(result / "dynamics" / PAGE) == ["walk3"]
     assert (result / "dynamics/motion/walk2.csv").exists(), "its tables stay"
-    assert "leaves this trial out" not in run("dynamics", result, folder / "study/walk2.csv").stdout
+    assert "omits this trial" not in run("dynamics", result, folder / "study/walk2.csv").stdout
     assert trials(result / "dynamics" / PAGE) == ["walk3", "walk2"]
 
 
