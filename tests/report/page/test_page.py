@@ -231,7 +231,7 @@ def test_long_trials_stay_under_the_limit(whole: Calibration) -> None:
     assert LIMIT / 2 < len(render_page(shown)) < LIMIT
     left_out = list_omissions(shown)
     assert len(left_out) == 2 * 12
-    assert re.search(r"holds \d+ of 10000 frames, one in \d+;", left_out[0])
+    assert re.search(r"the page shows \d+ of 10000 frames, one in \d+;", left_out[0])
     assert "its curves show one frame in" in left_out[12]
     assert list_omissions(PageContent(walking_scene())) == ()
 
