@@ -20,9 +20,9 @@ from gaitcal.report.page.scene_file import save_scene
 SERVE = """
 import sys
 from gaitcal.report.page.scene_file import load_scene
-from gaitcal.report.page.page_html import Shown, page_html
+from gaitcal.report.page.page_html import PageContent, render_page
 from gaitcal.cli.view_command import serve
-serve(page_html(Shown(load_scene(sys.argv[1]))), open_browser=False, ready=lambda url: print(url, flush=True))
+serve(render_page(PageContent(load_scene(sys.argv[1]))), open_browser=False, ready=lambda url: print(url, flush=True))
 print("ended", flush=True)
 """
 
