@@ -18,7 +18,6 @@ from gaitcal.intake.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.intake.recordings_folder import Folder, read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io import atomic, formats
-from gaitcal.pipeline.run_study import require_runnable, study_file_or_folder
 from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.quality.study_checks import check_file, check_study
 from gaitcal.study.study_trial import Role
@@ -119,7 +118,7 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | dra
     with console.working() as step:
         if path.is_dir():
             step("reading the folder")
-        found = study_file_or_folder(path, options)
+        found = drafts.find_study_source(path, options)
     if isinstance(found, Path):
         if found != path:
             console.line(f"the folder's own study is used: {found}")
@@ -129,7 +128,7 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | dra
         print_seen(console, draft)
     else:
         tell_draft(console, draft)
-    require_runnable(draft, path)
+    drafts.require_runnable(draft, path)
     return draft
 
 

@@ -159,7 +159,7 @@ def corrected_findings(
             missing = "strides" if FootMoment.STRIKE in unset else "stance and swing"
             found = (
                 f"forces and motion show {seen}, which are not used: {missing} of this foot are "
-                "not told"
+                "not computed"
             )
             cure = "set them, too, or take the recording out of events.csv"
             findings.append(
@@ -413,7 +413,7 @@ def order_findings(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
     if not named:
         return ()
     found = (
-        f"{listed(named)}; phases that need them are not told, and stretches with a missing strike "
+        f"{listed(named)}; phases that need them are not computed, and stretches with a missing strike "
         "are no strides"
     )
     return (replace(_info("foot strikes or offs are missing", found), code=Code.MISSING_EVENTS),)

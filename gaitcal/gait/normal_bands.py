@@ -339,15 +339,15 @@ def leg_length(subject: Subject) -> tuple[float, str]:
     if measured:
         return float(np.mean(measured)), f"{np.mean(measured):.2f} m"
     length = LEG_OF_HEIGHT * subject.height
-    return length, f"{length:.2f} m by height, as nobody measured it"
+    return length, f"{length:.2f} m estimated from the height"
 
 
 def norm_for(subject: Subject, speed: float | None) -> Norm:
     """The norm that gaitcal brings for somebody who walks at `speed` (m/s; None: not known)."""
     low, high = AGES
-    theirs = f"those that gaitcal brings are of children from {low:.0f} to below {high:.0f} years"
+    theirs = f"the built-in norms are for children of {low:.0f} to {high - 1:.0f} years"
     if subject.age is None:
-        return Norm(remark=f"No norm: no age is told (age_years), and {theirs}.")
+        return Norm(remark=f"No norm: the age is not given (age_years), and {theirs}.")
     if not low <= subject.age < high:
         age = _years(subject.age)
         return Norm(
@@ -388,7 +388,7 @@ def own_norm(bands: Bands, name: str, subject: Subject) -> Norm:
         subject.age is not None and low <= subject.age < high
     ):
         age = (
-            "no age is told"
+            "the age is not given"
             if subject.age is None
             else f"this person is {_years(subject.age)} years old"
         )

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gaitcal.errors import Code, InputError, alike
+from gaitcal.errors import Code, InputError, UsageError, alike
 from gaitcal.intake import choose_marker_set, subject_metadata
 from gaitcal.intake.recordings_folder import (
     FileKind,
@@ -22,7 +22,9 @@ from gaitcal.intake.recordings_folder import (
     FolderFile,
     ForceChoice,
     declares_study,
+    read_folder,
 )
+from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
 from gaitcal.io.toml import format_toml_table, format_toml_value, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import list_built_in_sets
@@ -495,13 +497,12 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
             out.append(f"{LIKELY}{_assignment(field, known.value)}: {known.reason}")
     if "sex" not in draft.person and not draft.missing:
         out.append(
-            f"{LIKELY}sex: no file says it; masses are the mean of women's and men's tables (--sex "
-            "says which)"
+            f"{LIKELY}sex: not given in any file; masses are the mean of women's and men's tables "
+            "(--sex gives it)"
         )
     if "age_years" not in draft.person and not draft.missing:
         out.append(
-            "age: no file says it; without it no norms of gait and adults' tables of masses (--age "
-            "says it)"
+            "age: not given in any file; no norms of gait, and masses of adults (--age YEARS gives it)"
         )
     further = None if draft.choice is None else draft.choice.further
     if further is not None and further.tracking:
@@ -563,3 +564,40 @@ def files_of(draft: Draft) -> tuple[Path, ...]:
     )
     forces = [trial.forces.file.path for trial in draft.trials if trial.forces]
     return (*(trial.file.path for trial in draft.trials), *forces, *own)
+
+
+def find_study_source(path: Path, person: Options) -> Path | Folder:
+    """Find the study file of a path, the file itself or the one in the folder; without one read the
+    folder.
+
+    Raises
+    ------
+    UsageError
+        Mass, height, sex or age are given beside a study file, which has them.
+    InputError
+        The folder has several study files.
+    """
+    study = path
+    if path.is_dir():
+        folder = read_folder(path)
+        in_folder = own_study(folder)
+        if in_folder is None:
+            return folder
+        study = in_folder
+    if person != NOTHING_SAID:
+        message = "mass, height, sex and age are for folders without a study file; write them there"
+        raise UsageError(message, source=study)
+    return study
+
+
+def require_runnable(draft: Draft, source: Path) -> None:
+    """Raise InputError for the first thing that keeps a drafted study from being run."""
+    if draft.fault:
+        raise InputError(draft.fault, source=source, code=Code.FOLDER)
+    if message := unconfirmed_words(draft):
+        raise InputError(message, source=source, code=Code.UNKNOWN_LABEL)
+    if draft.problem:
+        raise InputError(draft.problem, source=source, code=Code.FOLDER)
+    if draft.missing:
+        message = f"{missing_words(draft)}: give {missing_options(draft)}"
+        raise InputError(message, source=source, code=Code.WHO_IT_IS)

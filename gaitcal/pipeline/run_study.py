@@ -13,13 +13,12 @@ from typing import Any
 
 from gaitcal.analysis.calibrate import calibrate_preprocessed
 from gaitcal.analysis.result import Calibration
-from gaitcal.errors import Code, Finding, InputError, UsageError
+from gaitcal.errors import Finding, InputError, UsageError
 from gaitcal.gait import normal_bands
 from gaitcal.intake import draft_file as drafts
 from gaitcal.intake import drafting
 from gaitcal.intake.draft_file import Draft
-from gaitcal.intake.recordings_folder import Folder, read_folder
-from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
+from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.result_folder import ResultKind, check_output_folder, compute_sha256
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.preprocess.preprocessed_study import preprocess_study
@@ -91,36 +90,12 @@ def find_study(path: Path, person: Options) -> Path | Draft:
     InputError
         No study follows from the folder: its files, or who the person is, leave a question.
     """
-    found = study_file_or_folder(path, person)
+    found = drafts.find_study_source(path, person)
     if isinstance(found, Path):
         return found
     draft = drafting.draft_of(found, person)
-    require_runnable(draft, path)
+    drafts.require_runnable(draft, path)
     return draft
-
-
-def study_file_or_folder(path: Path, person: Options) -> Path | Folder:
-    """Find the study file of a path, the file itself or the one in the folder; without one read the
-    folder.
-
-    Raises
-    ------
-    UsageError
-        Mass, height, sex or age are given beside a study file, which has them.
-    InputError
-        The folder has several study files.
-    """
-    study = path
-    if path.is_dir():
-        folder = read_folder(path)
-        in_folder = drafts.own_study(folder)
-        if in_folder is None:
-            return folder
-        study = in_folder
-    if person != NOTHING_SAID:
-        message = "mass, height, sex and age are for folders without a study file; write them there"
-        raise UsageError(message, source=study)
-    return study
 
 
 def require_one_prior(source: Path | Draft, priors: Path | None) -> None:
@@ -133,19 +108,6 @@ def require_one_prior(source: Path | Draft, priors: Path | None) -> None:
         raise UsageError(
             f"not beside the priors that {source} names ([calibration] priors)", field="--priors"
         )
-
-
-def require_runnable(draft: Draft, source: Path) -> None:
-    """Raise InputError for the first thing that keeps a drafted study from being run."""
-    if draft.fault:
-        raise InputError(draft.fault, source=source, code=Code.FOLDER)
-    if message := drafts.unconfirmed_words(draft):
-        raise InputError(message, source=source, code=Code.UNKNOWN_LABEL)
-    if draft.problem:
-        raise InputError(draft.problem, source=source, code=Code.FOLDER)
-    if draft.missing:
-        message = f"{drafts.missing_words(draft)}: give {drafts.missing_options(draft)}"
-        raise InputError(message, source=source, code=Code.WHO_IT_IS)
 
 
 @with_one_blas_thread

@@ -166,19 +166,10 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     ):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
-    turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
+    moments = (measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre)
+    turns = segment_frames.find_nearest_rotation(moments)
     origins: Array = middle + turns @ (model.landmarks["lumbar"][1] - centre)
     return known, np.array([_upright(lateral) for lateral in turns[:, :, 2]]), origins
-
-
-def _rotations(moments: Array) -> Array:
-    """(k, 3, 3) rotations nearest to sums of measured times local positions (k, 3, 3) (Kabsch
-    1976).
-    """
-    u, _, vt = np.linalg.svd(moments)
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    out: Array = u @ vt
-    return out
 
 
 def _upright(lateral: Array) -> Array:

@@ -179,7 +179,7 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        text = _SENTENCES[self.judgement]
+        text = SENTENCES[self.judgement]
         parts = [*self.refused]
         for walk in self.trials:
             if walk not in self.refused:
@@ -191,8 +191,8 @@ class Verdict:
         return text + (" It was made with --force, past errors." if self.forced else "")
 
 
-_SENTENCES = {
-    Judgement.TRUSTWORTHY: "Nothing speaks against this result beyond its error bars.",
+SENTENCES = {
+    Judgement.TRUSTWORTHY: "No check found an error larger than the error bars.",
     Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: look at the "
     "reasons.",
     Judgement.REFUSED: "This result is not to be used: no torque counts as valid, and no error bar "

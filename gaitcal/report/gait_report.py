@@ -39,6 +39,7 @@ from gaitcal.io.result_folder import MANIFEST, read_json_object
 from gaitcal.io.toml import read_toml
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
+from gaitcal.quality.verdict import SENTENCES, Judgement
 from gaitcal.report.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.report.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
 from gaitcal.report.page.key_figures import (
@@ -108,7 +109,6 @@ LEGS: Final = (
 )
 """Of each activity after the first, on one page."""
 MOST_REASONS = 6
-NOTHING: Final = "No check found an error larger than the error bars."
 RELATIVE: Final = "No Gait Profile Score: joint angles are relative to the static posture."
 
 
@@ -153,7 +153,9 @@ def read_report_content(
             ("Marker set", str(manifest.get("marker_set", ""))),
         ),
         verdict=str(summary.get("verdict", "")),
-        sentence="Reasons, the most severe first:" if get_entries(summary, "reasons") else NOTHING,
+        sentence="Reasons, the most severe first:"
+        if get_entries(summary, "reasons")
+        else SENTENCES[Judgement.TRUSTWORTHY],
         reasons=_format_reasons(summary),
         fit=tuple(_format_fit(summary)),
         walked=any(a.walks for a in activities),
