@@ -1,8 +1,9 @@
 """The wording of messages stands in the TOML files of this folder, which a person reviews.
 
 Tests assert codes, fields, names and numbers by `check_finding`, `check_text` and `refuses`, which
-record what a user reads. After a test, what it recorded must be what the files have of it; `pytest --update-messages` rewrites what the tests that
-run have recorded. Figures and folders are left out: `#` stands for every number.
+record what a user reads. What a test recorded must be what the files have of it;
+`pytest --update-messages` rewrites that of the tests that run. Figures and folders are left out:
+`#` stands for every number.
 """
 
 import difflib
@@ -123,11 +124,12 @@ def write_book(book: dict[str, list[Entry]]) -> None:
             for entry in book[test]:
                 tests[entry].append(test)
     blocks = defaultdict(list)
-    for heading, *parts in sorted(tests):
+    for entry in sorted(tests):
+        heading, *parts = entry
         lines = [f"[[{json.dumps(heading)}]]"]
         for key, part in zip(("cause", "text", "cure"), parts, strict=True):
             lines += [f"{key} = {json.dumps(part, ensure_ascii=False)}"] * bool(part)
-        names = [f"    {json.dumps(test)}," for test in tests[heading, *parts]]
+        names = [f"    {json.dumps(test)}," for test in tests[entry]]
         series = next(s for s in FILES if heading.startswith(s))
         blocks[series].append("\n".join([*lines, "tests = [", *names, "]", ""]))
     for series, name in FILES.items():
