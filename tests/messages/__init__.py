@@ -38,7 +38,7 @@ _book: dict[str, list[Entry]] = {}
 
 def numbers(text: str) -> list[float]:
     """The numbers in a text, in order; a dash between two is no sign."""
-    return [float(number) for number in _NUMBER.findall(text)]
+    return [float(number) for number in _NUMBER.findall(text) if number.count(".") < 2]
 
 
 def without_figures(text: str) -> str:
