@@ -319,7 +319,7 @@ def test_a_file_has_its_name_while_it_is_written(tmp_path: Path) -> None:
     with pytest.raises(UnicodeEncodeError):
         atomic_text(path, "\ud800")
     assert path.read_text() == "ν\n"
-    with refuses(Code.FOLDER_TAKEN, source="test_a_file_has_its_name_while0"):
+    with refuses(Code.FOLDER_TAKEN):
         atomic_text(tmp_path, "x")
     assert names(tmp_path) == ["a.txt"]
 
