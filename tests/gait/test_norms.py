@@ -109,47 +109,27 @@ def test_signs_become_those_of_the_table_of_strides(
 
 
 @pytest.mark.parametrize(
-    "text, message",
+    "text",
     [
-        (HEADER, "found no row"),
-        (f"{HEADER}hip_flexion,deg,0,1\n", "line 4: found 4 cells; allowed: 5"),
-        (
-            f"{HEADER}hip_flexion_r,deg,0,1,1\n",
-            "line 4: found variable 'hip_flexion_r'; .*names have no side",
-        ),
-        (f"{HEADER}hip_flexoin,deg,0,1,1\n", "did you mean 'hip_flexion'|hip_flexion"),
-        (f"{HEADER}hip_flexion,N m,0,1,1\n", "found unit 'N m' of hip_flexion; allowed: deg, rad"),
-        (
-            f"{HEADER}hip_flexion,deg,101,1,1\n",
-            "found percent '101'; allowed: a number from 0 to 100",
-        ),
-        (f"{HEADER}hip_flexion,deg,0,nan,1\n", "found mean 'nan'"),
-        (f"{HEADER}hip_flexion,deg,0,1,-1\n", "found sd '-1'"),
-        (f"{HEADER}hip_flexion,deg,0,1,x\n", "found sd 'x'"),
-        (f"{HEADER}hip_flexion,deg,0,1,1\n", "found one percent of hip_flexion"),
-        (
-            f"{HEADER}hip_flexion,deg,5,1,1\nhip_flexion,deg,5,1,1\n",
-            "line 5: found percent 5 of hip_flexion after 5",
-        ),
-        (
-            f"{HEADER}hip_flexion,deg,0,1,1\nhip_flexion,rad,5,1,1\n",
-            "found hip_flexion in rad, before it in deg",
-        ),
-        (COLUMNS + ROWS, "signs: missing; allowed: a line '# signs: gaitcal"),
-        (f"# signs: mine\n{COLUMNS}{ROWS}", "found 'mine'"),
-        (
-            f"# signs: clinical\n# signs: external\n{COLUMNS}{ROWS}",
-            "signs: found 'clinical' and 'external'; allowed: a",
-        ),
-        (
-            f"# signs: gaitcal\nname,mean\n{ROWS}",
-            "columns: found 'name,mean'; allowed: 'variable,unit,percent,mean",
-        ),
+        HEADER,
+        f"{HEADER}hip_flexion,deg,0,1\n",
+        f"{HEADER}hip_flexion_r,deg,0,1,1\n",
+        f"{HEADER}hip_flexoin,deg,0,1,1\n",
+        f"{HEADER}hip_flexion,N m,0,1,1\n",
+        f"{HEADER}hip_flexion,deg,101,1,1\n",
+        f"{HEADER}hip_flexion,deg,0,nan,1\n",
+        f"{HEADER}hip_flexion,deg,0,1,-1\n",
+        f"{HEADER}hip_flexion,deg,0,1,x\n",
+        f"{HEADER}hip_flexion,deg,0,1,1\n",
+        f"{HEADER}hip_flexion,deg,5,1,1\nhip_flexion,deg,5,1,1\n",
+        f"{HEADER}hip_flexion,deg,0,1,1\nhip_flexion,rad,5,1,1\n",
+        COLUMNS + ROWS,
+        f"# signs: mine\n{COLUMNS}{ROWS}",
+        f"# signs: clinical\n# signs: external\n{COLUMNS}{ROWS}",
+        f"# signs: gaitcal\nname,mean\n{ROWS}",
     ],
 )
-def test_what_is_wrong_is_one_line_with_the_line_of_the_file(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_what_is_wrong_is_one_line_with_the_line_of_the_file(tmp_path: Path, text: str) -> None:
     with refuses(Code.NORMAL_BANDS, source="normal.csv"):
         read_normal_bands(written(tmp_path, "", header=text))
 

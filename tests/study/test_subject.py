@@ -95,23 +95,19 @@ def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "allowed"),
+    ("field", "value"),
     [
-        ("birth_date", "1.3.2006", "a date as 2016-03-09"),
-        ("session_date", 2016, "a date as 2016-03-09"),
-        ("affected_side", "links", "'right', 'left', 'both' or 'none'"),
-        ("diagnosis", "a\nb", "up to 200 printable characters"),
-        ("leg_length_mm", 0.71, "this looks like metres: 710 mm"),
+        ("birth_date", "1.3.2006"),
+        ("session_date", 2016),
+        ("affected_side", "links"),
+        ("diagnosis", "a\nb"),
+        ("leg_length_mm", 0.71),
     ],
 )
-def test_what_a_clinic_writes_down_is_checked(
-    field: str, value: object, allowed: str, tmp_path: Path
-) -> None:
+def test_what_a_clinic_writes_down_is_checked(field: str, value: object, tmp_path: Path) -> None:
     table = {**TABLE.model_dump(exclude_none=True, exclude_defaults=True), field: value}
-    with refuses(Code.BAD_VALUE) as caught:
+    with refuses(Code.BAD_VALUE, field):
         validated(SubjectTable, table, tmp_path)
-    said = str(caught.value)
-    assert field in said and allowed in said
 
 
 @pytest.mark.parametrize(

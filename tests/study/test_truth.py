@@ -116,56 +116,26 @@ Q = np.zeros((11, len(COORDINATES)))
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "told"),
+    ("file", "text"),
     [
-        (
-            "parameters",
-            "name,unit,value\nhip_r.pelvis.anterior,mm,1\n",
-            "did you mean 'hip_r.pelvis.ant'",
-        ),
-        (
-            "parameters",
-            "name,unit,value\nhip_r.pelvis.ant,m,0.04\n",
-            "of hip_r.pelvis.ant: found 'm'; allowed: mm",
-        ),
-        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,\n", "allowed: a finite number"),
-        (
-            "parameters",
-            "name,unit,value\nhip_r.pelvis.ant,mm,1\nhip_r.pelvis.ant,mm,2\n",
-            "found twice",
-        ),
-        (
-            "motion",
-            lines(motion_text(TIME, Q), "in degrees", "in radians"),
-            "allowed: '# true coordinates in degrees",
-        ),
-        (
-            "motion",
-            lines(motion_text(TIME, Q), "knee_angle_r", "knee_flexion_r"),
-            "which is no column",
-        ),
-        ("motion", lines(motion_text(TIME, Q), "\n0.3,0,", "\n0.3,x,"), "no finite number"),
-        ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.1,"), "increasing times"),
-        (
-            "motion",
-            lines(motion_text(TIME, Q), "\n0.3,", "\n0.3,1,"),
-            f"cannot be read as CSV: found {len(Q[0]) + 2} cells in row 4",
-        ),
-        (
-            "motion",
-            lines(motion_text(TIME, Q), "pelvis_list", "pelvis_tilt"),
-            "column pelvis_tilt twice",
-        ),
-        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,x\n", "allowed: a finite number"),
-        ("landmarks", "name,x,y,z\n", "a landmark a row"),
-        ("landmarks", "name,x,y,z\nasis_r,0.1,high,0.2\n", "allowed: m"),
+        ("parameters", "name,unit,value\nhip_r.pelvis.anterior,mm,1\n"),
+        ("parameters", "name,unit,value\nhip_r.pelvis.ant,m,0.04\n"),
+        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,\n"),
+        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,1\nhip_r.pelvis.ant,mm,2\n"),
+        ("motion", lines(motion_text(TIME, Q), "in degrees", "in radians")),
+        ("motion", lines(motion_text(TIME, Q), "knee_angle_r", "knee_flexion_r")),
+        ("motion", lines(motion_text(TIME, Q), "\n0.3,0,", "\n0.3,x,")),
+        ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.1,")),
+        ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.3,1,")),
+        ("motion", lines(motion_text(TIME, Q), "pelvis_list", "pelvis_tilt")),
+        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,x\n"),
+        ("landmarks", "name,x,y,z\n"),
+        ("landmarks", "name,x,y,z\nasis_r,0.1,high,0.2\n"),
     ],
 )
-def test_refused_in_one_line(tmp_path: Path, file: str, text: str, told: str) -> None:
-    with refuses(Code.TRUTH) as caught:
+def test_refused_in_one_line(tmp_path: Path, file: str, text: str) -> None:
+    with refuses(Code.TRUTH, ".csv"):
         read(written(tmp_path, **{file: text}))
-    said = str(caught.value)
-    assert told in said and ".csv" in said
 
 
 @pytest.mark.parametrize(
