@@ -25,7 +25,7 @@ FILES = {"GC-0": "recordings", "GC-1": "results", "GC-2": "refusals", "": "notes
 """File of each series of codes; the last has what has no code."""
 HINT = "If the new wording is meant: pytest --update-messages, and review the change."
 _NUMBER = re.compile(
-    r"(?:(?<![\w.])[-+])?(?<![A-Za-z_.\d])\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![A-Za-z_])"
+    r"(?:(?<![\w.])[-+])?(?<![A-Za-z_.\d])\d+(?:\.\d+)*(?:e[-+]?\d+)?(?![A-Za-z_])"
 )
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\",;:)]+/)+")
 
