@@ -64,7 +64,7 @@ def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(
     assert "R.Thigh.Front" in after
     told = json.loads((tmp_path / "result" / "summary.json").read_text(encoding="utf-8"))
     assert "again" in told["trials"] and "walk" not in told["trials"]
-    check_text(told["notes"], "walk")
+    assert any("'walk'" in note for note in told["notes"])
 
 
 @pytest.mark.slow
