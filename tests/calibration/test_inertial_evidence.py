@@ -47,6 +47,7 @@ from gaitcal.tracking.motion import track_motion
 from gaitcal.tracking.spline import NodeRule, build_spline_basis, compute_frame_rate
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import noisy
+from tests.messages import check_text
 from tests.synthetic_studies import made_recording
 
 MODEL, MOTION = published_model(), gait_motion()
@@ -139,7 +140,7 @@ def test_what_noise_makes_moves_no_mass(seed: int) -> None:
     np.testing.assert_array_equal(found.inertial, TRUE.inertial)
     assert found.rms_force > 5.0, "there is a residual"
     assert found.rms_force < 1.5 * noise.rms_force and found.rms_moment < 1.5 * noise.rms_moment
-    assert found.message.startswith("inertial parameters stay the table's: the pelvis residual (")
+    check_text(found.message)
 
 
 def test_masses_that_are_wrong_move_towards_the_truth() -> None:
@@ -156,7 +157,8 @@ def test_masses_that_are_wrong_move_towards_the_truth() -> None:
     )
     force, moment = system(trial, wrong).compute_rms(wrong.inertial)
     assert found.rms_force < force and found.rms_moment < moment
-    assert "ln K" in found.message and "stay the table's" not in found.message
+    assert "stay the table's" not in found.message
+    check_text(found.message)
     spread = factor_inertial_covariance(keep_nominal(wrong.inertial, WHICH))
     known = factor_inertial_covariance(found)
     narrower = (known**2).sum(axis=1) / np.maximum((spread**2).sum(axis=1), 1e-300)

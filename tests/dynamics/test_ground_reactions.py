@@ -25,14 +25,14 @@ from gaitcal.dynamics.off_sole import (
     compute_distance_outside_hull,
     compute_sole_edge,
 )
-from gaitcal.errors import Severity
+from gaitcal.errors import Code, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.preprocess.plate_contacts import Feet
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from tests.dynamics.test_ground_contact import STANCE, TIME, found, right_foot, square
+from tests.messages import check_finding, check_text, refuses
 from tests.quality.test_foot_on_plate import HEIGHT, divided_walk, evidence
-from tests.refusal import refusal
 from tests.synthetic_studies import made_plates, made_recording
 
 UNEXPLAINED_N = 5.0
@@ -60,7 +60,7 @@ def test_plates_of_a_recording_give_torques(walk: Recording, tracked: gc.Motion)
     moments = gc.inverse_dynamics(model, tracked, ground.wrench)
     assert np.sqrt(np.mean(moments.residual_force[ground.valid] ** 2)) < UNEXPLAINED_N
     unfiltered = gc.ground_reactions(model, tracked, walk, cutoff_hz=None)
-    assert any("not filtered" in note for note in unfiltered.notes)
+    check_text(unfiltered.notes)
     left = gc.ground_reactions(model, tracked, walk, plates={"1": "l", "2": "none"})
     assert not left.loaded[:, 0].any() and left.loaded[:, 1].any()
 
@@ -86,18 +86,15 @@ def test_forces_that_the_motion_contradicts_are_told(
 
 def test_what_cannot_be_is_one_clear_line(walk: Recording, tracked: gc.Motion) -> None:
     model = gc.published_model()
-    said = refusal(gc.inverse_dynamics, model, tracked, walk.plates)
-    assert "forces: found tuple; allowed: an array " in said and "gaitcal.ground_reactions" in said
+    with refuses(Code.ARGUMENT, "gaitcal.ground_reactions", field="forces"):
+        gc.inverse_dynamics(model, tracked, walk.plates)
     few = replace(tracked, coordinates=tracked.coordinates[:6])
-    assert "found no force plates" in refusal(
-        gc.ground_reactions, model, tracked, replace(walk, plates=())
-    )
-    assert "found '3'; allowed: 1, 2" in refusal(
-        gc.ground_reactions, model, tracked, walk, plates={"3": "r"}
-    )
-    assert f"all {len(gc.COORDINATES)} coordinates" in refusal(
-        gc.ground_reactions, model, few, walk
-    )
+    with refuses(Code.ARGUMENT, field="plates"):
+        gc.ground_reactions(model, tracked, replace(walk, plates=()))
+    with refuses(Code.ARGUMENT, "3", 1, 2, field="plates"):
+        gc.ground_reactions(model, tracked, walk, plates={"3": "r"})
+    with refuses(Code.ARGUMENT, f"{len(gc.COORDINATES)}", field="motion"):
+        gc.ground_reactions(model, few, walk)
 
 
 def test_forces_that_the_motion_contradicts_are_told_where_they_count(
@@ -187,10 +184,7 @@ def test_a_divided_total_leaves_neither_leg_valid_while_both_plates_are_loaded()
     assert 0.15 < both.mean() < 0.2
     assert not found.valid_legs[both].any() and found.valid[both].mean() > 0.9
     (said,) = [f for f in found.findings if f.cause.startswith(DIVIDED)]
-    assert (
-        said.severity is Severity.INFO
-        and "0.02-0.10, 0.54-0.62 s; not valid for either leg" in said.found
-    )
+    check_finding(said, Code.DIVIDED_FORCE, Severity.INFO, 0.02, 0.1, 0.54, 0.62)
 
     apart = tuple(
         replace(p, point=p.point + [0.0, 0.0, z])

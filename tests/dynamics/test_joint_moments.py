@@ -37,6 +37,7 @@ from gaitcal.model.parameters import (
     view_as_table,
 )
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
+from tests.messages import refuses
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(71))
 STEP_S = 1e-4
@@ -184,9 +185,9 @@ def test_powers_of_coordinates_sum_to_those_of_their_joint() -> None:
             for name, part in zip(own, parts, strict=True):
                 np.testing.assert_allclose(power_of(kinetics, name), part, atol=ROUNDING)
     assert {name for own in POWER_JOINTS.values() for name in own} == set(COORDINATES[6:])
-    with pytest.raises(ValueError, match="'hip'; allowed: hip_r"):
+    with refuses(ValueError, "hip", "hip_r"):
         power_of(kinetics, "hip")
-    with pytest.raises(ValueError, match="has no vectors"):
+    with refuses(ValueError):
         component_of(kinetics, "hip_flexion_r", MomentFrame.COORDINATES)
 
 

@@ -17,7 +17,7 @@ from gaitcal import cli
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
 from gaitcal.calibration.joint_prior import get_prior_deviations
-from gaitcal.errors import InputError
+from gaitcal.errors import Code
 from gaitcal.export.opensim.joint_moves import JOINTS_HEADER, MoveOutcome, joints_csv
 from gaitcal.export.opensim.joint_transfer import into_osim
 from gaitcal.export.opensim.osim_correspondence import hinge_of, leg_joints
@@ -42,6 +42,7 @@ from gaitcal.study.study import Study
 from scripts.validation.muscles import OFF, disturbed, person_of
 from tests.export.test_compare import edited, in_old_format, in_other_frames
 from tests.kept import kept_result
+from tests.messages import check_text, refuses
 
 UNKNOWN = make_nominal_errors(JP_NAMES)
 """Errors before any trial."""
@@ -336,7 +337,8 @@ def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
         and 1e-4 < hinge.off < 2e-3
     )
     notes = " ".join(into_osim(person_of(peer), data_dir / REAL_MODELS[0]).notes)
-    assert "knee_r is no hinge: over the postures" in notes and "ankle_r is no hinge" not in notes
+    assert "ankle_r is no hinge" not in notes
+    check_text(notes, "knee_r")
     for k in range(2):
         for size in (-1.0, 1.0):
             turn, shift = np.zeros(3), np.zeros(3)
@@ -440,15 +442,11 @@ def test_the_users_own_names(tmp_path: Path, own: Path) -> None:
         '[joints]\ntalocrural_r = "subtalar_r"\n[coordinates]\nhip_r = "hip_rotation_r"\n'
     )
     legs = {leg.ours: leg for leg in leg_joints(read_osim(own), names)}
-    assert (
-        legs["talocrural_r"].theirs.name == "subtalar_r"
-        and legs["talocrural_r"].found_by == "your file"
-    )
+    assert legs["talocrural_r"].theirs.name == "subtalar_r"
+    check_text(legs["talocrural_r"].found_by)
     assert legs["hip_r"].coordinate == "hip_rotation_r"
     names.write_text('[joints]\nhip_r = "hipr"\n')
-    with pytest.raises(
-        InputError, match="found 'hipr', which is no joint of the model; did you mean 'hip_r'"
-    ):
+    with refuses(Code.UNKNOWN_FIELD, "hipr", "hip_r", field="joints", source="names.toml"):
         leg_joints(read_osim(own), names)
 
 
@@ -546,14 +544,10 @@ def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(
     told = {
         follow: " ".join(into_osim(model, own, follow=follow).notes) for follow in (False, True)
     }
-    assert (
-        "do not follow" not in told[False]
-        and "condyle_r, thigh_r: no bone between two joints" in told[True]
-    )
-    assert (
-        "talus_r" not in told[True].partition("do not follow")[0]
-        and "static trial alone ?" in told[True]
-    )
+    assert "do not follow" not in told[False]
+    check_text(told[True], "condyle_r", "thigh_r")
+    assert "talus_r" not in told[True].partition("do not follow")[0]
+    check_text(told[True])
 
 
 def test_a_model_of_one_leg(published: SubjectModel, own: Path) -> None:
@@ -669,31 +663,15 @@ def misplaced_markers(tree: ET.ElementTree) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (without_a_body, "joint talocrural_l: found no body talus_l, which it joins"),
-        (without_legs, "has no pelvis with two legs of three joints or more"),
-        (
-            with_other_names_of_ankles,
-            r"shank_r, and the axes of the joints found \(hip_r, knee_r, .*tell the others by --",
-        ),
-        (
-            misplaced_markers,
-            r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm",
-        ),
-        (
-            of_a_child,
-            r"the axes of its joints are \d+ mm \(RMS\) from this person's on thigh_r; allowed: up to 20 mm; "
-            "it shares no markers with it: name the model's markers as the recordings do, or scale",
-        ),
-    ],
+    "spoil",
+    [without_a_body, without_legs, with_other_names_of_ankles, misplaced_markers, of_a_child],
 )
 def test_a_model_of_something_else(
-    published: SubjectModel, own: Path, spoil: Callable[[ET.ElementTree], None], message: str
+    published: SubjectModel, own: Path, spoil: Callable[[ET.ElementTree], None]
 ) -> None:
     with edited(own) as tree:
         spoil(tree)
-    with pytest.raises(InputError, match=message) as caught:
+    with refuses(Code.OTHER_MODEL, source="m.osim") as caught:
         into_osim(published, own)
     assert "\n" not in str(caught.value)
 
@@ -705,9 +683,7 @@ def test_what_is_laid_on_by_axes_says_so(published: SubjectModel, own: Path) -> 
     (said,) = [
         note for note in into_osim(published, own).notes if note.startswith("pelvis, thigh_r")
     ]
-    assert re.search(
-        r"by the axes of joints, up to 1\d mm from .* too few markers are shared", said
-    )
+    check_text(said)
 
 
 @pytest.mark.slow
@@ -799,7 +775,7 @@ def test_the_command(
     write_osim(replace(model, parameters=model.nominal), mine)
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "2") == 0
     printed = capsys.readouterr().out
-    assert "wrote 2 draws" in printed and "muscles: not computed" in printed
+    check_text(printed, 2)
     found, ours = read_osim(out).joints, our_leg(model.parameters, "r")
     assert np.abs(found["thigh_r"].in_parent.translation - ours.hip_in_pelvis).max() < 1e-4
     assert ours.knee_in_thigh.distance(found["shank_r"].in_parent.translation) < 1e-4
@@ -826,10 +802,7 @@ def test_the_command(
     assert not (tmp_path / "mine.muscles.csv").exists()
     printed = " ".join(capsys.readouterr().out.split())
     told = ("001.osim", "002.osim")
-    assert (
-        f"of an earlier run: {', '.join(f'mine_draws/{n}' for n in told)}, mine.muscles.csv"
-        in printed
-    )
+    check_text(printed, f"{', '.join(f'mine_draws/{n}' for n in told)}", "mine.muscles.csv")
     assert "draws have" not in printed, "every joint is known"
     monkeypatch.setattr("gaitcal.export.opensim.joint_transfer.UNDETERMINED_SHARE", 0.0)
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.errors import InputError
+from gaitcal.errors import Code
 from gaitcal.export.other_formats import write_external_loads, write_mot, write_sto_moments
 from gaitcal.io.force_plate import LOADED_N, split_wrench
 from gaitcal.io.opensim_files import read_mot_forces, read_table
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, is_translation
+from tests.messages import refuses
 
 ROUNDING = 1e-12
 """Relative: degrees to radians and back; cross products of metres and kilonewtons."""
@@ -43,20 +44,14 @@ def test_mot_of_some_coordinates_in_any_order(tmp_path: Path) -> None:
     assert read.names == ("pelvis_tilt", "pelvis_tx", "knee_angle_l")
 
 
-@pytest.mark.parametrize(
-    ("names", "columns", "message"),
-    [
-        (("knee_angle",), 1, "found 'knee_angle'; allowed are"),
-        (("knee_angle_r",), 2, r"shape \(25, 2\)"),
-    ],
-)
-def test_mot_refuses(tmp_path: Path, names: tuple[str, ...], columns: int, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize(("names", "columns"), [(("knee_angle",), 1), (("knee_angle_r",), 2)])
+def test_mot_refuses(tmp_path: Path, names: tuple[str, ...], columns: int) -> None:
+    with refuses(Code.NOT_WRITABLE, source="a.mot"):
         write_mot(tmp_path / "a.mot", TIME, names, table(3, columns))
 
 
 def test_time_must_increase(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="time: must be finite and increase"):
+    with refuses(Code.NOT_WRITABLE, field="time", source="a.mot"):
         write_mot(tmp_path / "a.mot", TIME[::-1], COORDINATES, table(3, len(COORDINATES)))
     assert not list(tmp_path.iterdir())
 
@@ -139,10 +134,10 @@ def test_external_loads_round_trip(tmp_path: Path) -> None:
 
 def test_external_loads_refuse(tmp_path: Path) -> None:
     wrenches = walking_wrenches()
-    with pytest.raises(InputError, match=r"expected \(frames, 2, 6\)"):
+    with refuses(Code.NOT_WRITABLE, 2, source="ground_reactions.mot"):
         write_external_loads(tmp_path, TIME, wrenches[:, 0])
     wrenches[3, 0, 0] = np.nan
-    with pytest.raises(InputError, match="not finite"):
+    with refuses(Code.NOT_WRITABLE, source="ground_reactions.mot"):
         write_external_loads(tmp_path, TIME, wrenches)
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.errors import InputError
+from gaitcal.errors import Code
 from gaitcal.gait.cycles import (
     POINTS,
     EventSource,
@@ -33,6 +33,7 @@ from gaitcal.gait.peaks import (
     stride_peaks,
 )
 from tests.gait.walks import vendor_strides
+from tests.messages import refuses
 
 TIME = np.arange(0.0, 3.0, 0.01)
 ROUNDING = 1e-9
@@ -267,8 +268,7 @@ def test_people_and_sessions_are_apart_and_a_stride_twice_is_refused() -> None:
         pd.concat([strides, strides.assign(session="second", value=5.0)], ignore_index=True)
     )
     assert found.groupby("session")["mean"].mean().to_dict() == {"": 0.0, "second": 5.0}
-    told = "found stride 1 of a, side r, twice; allowed: once for each person and session"
-    with pytest.raises(InputError, match=told):
+    with refuses(Code.STRIDE_TABLE, 1, field="strides"):
         ensemble(pd.concat([strides, strides], ignore_index=True))
 
 

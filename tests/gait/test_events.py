@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.errors import Severity
+from gaitcal.errors import Code, Severity
 from gaitcal.gait.cycles import EventSource, source_words
 from gaitcal.gait.event_clock import checked_events
 from gaitcal.gait.events import OFF, STRIKE, corrected, joined_events, plate_events, swing_events
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 from tests.gait.walks import TIME, exchanged, moved, walk
+from tests.messages import check_finding, check_text
 
 SAMPLE = 1e-3
 """s, of the plates."""
@@ -50,10 +51,7 @@ def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
     [apart] = [
         f for f in found.findings if f.cause == "corrected events lie apart from forces and motion"
     ]
-    assert (
-        f"{set_by_hand[0].time:.2f} s: more than 100 ms" in apart.found
-        and apart.severity is Severity.INFO
-    )
+    check_finding(apart, Code.FILE_EVENTS, Severity.INFO, f"{set_by_hand[0].time:.2f}", 100)
     assert not corrected(TIME, walk(), walk()).findings
 
 
@@ -62,16 +60,13 @@ def test_what_corrected_events_leave_out_is_told_and_a_foot_without_a_kind_is_wa
     shown = [*walk(3.0, 4.5), *moved(walk(), 0.05)]
     one_off = next(e for e in walk() if e.time > 3.0 and e.moment is FootMoment.OFF)
     [left_out] = corrected(TIME, [e for e in walk() if e != one_off], shown).findings[:1]
-    assert left_out.found.count("foot off") == 1 and f"off {one_off.time:.2f} s" in left_out.found
+    check_finding(left_out, Code.FILE_EVENTS, f"{one_off.time:.2f}")
     assert left_out.severity is Severity.INFO
     [none] = corrected(TIME, [e for e in walk() if e.side == "r"], shown).findings
-    assert none.severity is Severity.WARNING and none.cause.endswith(
-        "no foot strike and no foot off of the left foot"
-    )
-    assert "motion show 3 foot strikes and 4 foot offs, which are not used: strides" in none.found
+    check_finding(none, Code.FILE_EVENTS, Severity.WARNING, 3, 4)
     strikes = [e for e in walk() if e.side == "r" or e.moment is FootMoment.STRIKE]
     [offs] = corrected(TIME, strikes, []).findings
-    assert offs.severity is Severity.WARNING and offs.cause.endswith("no foot off of the left foot")
+    check_finding(offs, Code.FILE_EVENTS, Severity.WARNING)
     assert not corrected(TIME, [e for e in walk() if e.side == "r"], []).findings
 
 
@@ -141,10 +136,8 @@ def test_strikes_of_one_foot_carry_their_sources() -> None:
         EventSource.PLATES,
         EventSource.MOTION,
     }
-    assert (
-        source_words(foot.sources) == "force plates and the motion of the feet"
-        and source_words(()) == ""
-    )
+    check_text(source_words(foot.sources))
+    assert source_words(()) == ""
     assert foot.strikes.tolist() == sorted(
         e.time for e in walk() if e.side == "r" and e.moment is FootMoment.STRIKE
     )
@@ -390,8 +383,8 @@ def test_events_that_stand_twice_are_used_once_with_nothing_to_check_them_by() -
 def test_exchanged_sides_are_told(step: float, seed: int) -> None:
     file = exchanged(moved(walk(step=step), 0.0, BY_EYE, seed))
     used, (finding,) = checked_events(file, [], walk(step=step), TIME)
-    assert used == [] and finding.cause == "left and right of the file's events are exchanged"
-    assert finding.severity is Severity.WARNING
+    assert used == []
+    assert (finding.code, finding.severity) == (Code.FILE_EVENTS, Severity.WARNING)
 
 
 @few

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from gaitcal.errors import UsageError
+from gaitcal.errors import Code
 from gaitcal.study.study import Study
 from tests.commands import run
 from tests.intake.folders import other_person, recordings, write
-from tests.refusal import refusal
+from tests.messages import check_text, refuses
 
 WHO = ("--mass", "69.4", "--height", "1.70", "--sex", "male")
 
@@ -21,49 +21,51 @@ def person(tmp_path: Path) -> Path:
 
 def test_init_writes_what_loads_and_replaces_nothing_unasked(person: Path) -> None:
     said = run("init", person, *WHO).stdout
-    assert "forces of walk.csv" in said
+    check_text(said, "walk.csv")
     study = person / "study.toml"
     assert [t.name for t in Study.load(study).trials] == ["static", "walk"]
     before = study.read_bytes()
-    assert "is there already; --force replaces it" in refusal(run, "init", person, *WHO)
+    with refuses(Code.FOLDER_TAKEN, source="study.toml"):
+        run("init", person, *WHO)
     run("init", person, *WHO, "--force")
     assert study.read_bytes() == before, "the same folder, the same study"
-    with pytest.raises(UsageError, match=r"--out: found 'walk.csv'; allowed: .* ending in .toml"):
+    with refuses(Code.OPTION, "walk.csv", field="--out"):
         run("init", person, "--out", person / "walk.csv", "--force")
 
 
 def test_what_nobody_says_is_named(person: Path) -> None:
-    assert "is written, but no file says subject.mass_kg" in refusal(
-        run, "init", person, "--height", 1.7
-    )
-    assert "subject.mass_kg: missing" in refusal(Study.load, person / "study.toml")
+    with refuses(Code.WHO_IT_IS, "subject.mass_kg", source="study.toml"):
+        run("init", person, "--height", 1.7)
+    with refuses(Code.MISSING_FIELD, field="subject.mass_kg", source="study.toml"):
+        Study.load(person / "study.toml")
     (person / "study.toml").unlink()
-    said = refusal(run, "calibrate", person, "--out", person.parent / "result")
-    assert "no file says subject.mass_kg: give --mass KG" in said
+    with refuses(Code.WHO_IT_IS, "subject.mass_kg", source="person"):
+        run("calibrate", person, "--out", person.parent / "result")
     assert not (person.parent / "result").exists()
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--height", "170"), "--height 1.7"),
-        (("--mass", "0.5"), "2 to 400 kg"),
-        (("--sex", "m"), "female or male"),
-        (("--age", "200"), "0 to 130 years"),
+        (("--height", "170"), "--height"),
+        (("--mass", "0.5"), "--mass"),
+        (("--sex", "m"), "--sex"),
+        (("--age", "200"), "--age"),
     ],
 )
 def test_impossible_options(person: Path, words: tuple[str, str], told: str) -> None:
-    with pytest.raises(UsageError, match=told):
+    with refuses(Code.OPTION, field=told):
         run("init", person, *words)
 
 
 def test_a_folder_with_a_study_uses_it(person: Path) -> None:
     run("init", person, *WHO)
-    assert "the folder's own study is used" in run("check", person).stdout
-    with pytest.raises(UsageError, match="write them there"):
+    check_text(run("check", person).stdout)
+    with refuses(Code.OPTION, source="study.toml"):
         run("check", person, "--sex", "male")
     (person / "second.toml").write_bytes((person / "study.toml").read_bytes())
-    assert "holds 2 study files: second.toml, study.toml" in refusal(run, "check", person)
+    with refuses(Code.FOLDER, "second.toml", "study.toml", 2, source="person"):
+        run("check", person)
 
 
 def test_folders_of_which_no_study_follows(
@@ -75,15 +77,15 @@ def test_folders_of_which_no_study_follows(
         ("check", folder),
         ("calibrate", folder, "--out", tmp_path / "r"),
     ):
-        assert "a static trial is needed" in refusal(run, *command)
+        with refuses(Code.FOLDER, source="person"):
+            run(*command)
     assert not (folder / "study.toml").exists()
     both = recordings("hip_r")
     two = write(
         tmp_path / "two", both | {f"b_{n}": other_person(both[n]) for n in ("static", "walk")}
     )
-    assert "two people, or two sessions" in refusal(
-        run, "calibrate", two, "--out", tmp_path / "r", *WHO
-    )
+    with refuses(Code.FOLDER, source="two"):
+        run("calibrate", two, "--out", tmp_path / "r", *WHO)
 
 
 def test_questions_on_a_terminal(person: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,12 +103,10 @@ def test_questions_on_a_terminal(person: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_calibrate_keeps_the_drafted_study_and_leaves_a_faulty_walk_out(tmp_path: Path) -> None:
     folder, result = write(tmp_path / "person", recordings(), forces="grf"), tmp_path / "result"
     said = run("calibrate", folder, "--out", result, *WHO).stdout
-    assert f"study:  {result / 'study.toml'}" in said
+    check_text(said, f"{result / 'study.toml'}")
     kept = Study.load(result / "study.toml")
     assert [t.name for t in kept.trials] == ["static", "walk"]
     assert (result / "moments/walk.csv").exists()
-    assert "Drafted from the folder: marker set: gait2354" in (result / "result.html").read_text(
-        encoding="utf-8"
-    )
+    assert "marker set: gait2354" in (result / "result.html").read_text(encoding="utf-8")
     again = run("calibrate", folder, "--out", result, *WHO)
     assert again.exit_code == 0, "the study in the result is ours, and may be replaced"

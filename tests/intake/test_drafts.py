@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gaitcal.cli.console import Console
 from gaitcal.cli.study_folder import study_or_draft
-from gaitcal.errors import STUDY, Code, Finding, Severity, UsageError
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.intake.draft_file import draft_notes, draft_text, missing_words, study_of
 from gaitcal.intake.drafting import draft_study, faulty_trials, rejected_forces
 from gaitcal.intake.people_in_folder import exchange_told, pair_distances, placed_otherwise
@@ -36,8 +36,8 @@ from tests.intake.folders import (
     squat,
     write,
 )
+from tests.messages import check_finding, check_text, refuses
 from tests.quality.spoilt import relabelled
-from tests.refusal import refusal
 from tests.synthetic_studies import made_plates, write_synthetic_study
 
 SNAPSHOT = """\
@@ -85,7 +85,8 @@ def test_the_text_of_a_draft(tmp_path: Path) -> None:
     assert draft_text(made, folder) == SNAPSHOT.replace("@", worn)
     assert made.missing == ("mass_kg",)
     (folder / "study.toml").write_text(draft_text(made, folder), encoding="utf-8")
-    assert "subject.mass_kg: missing: body mass in kg" in refusal(Study.load, folder / "study.toml")
+    with refuses(Code.MISSING_FIELD, field="subject.mass_kg", source="study.toml"):
+        Study.load(folder / "study.toml")
 
 
 @pytest.mark.slow
@@ -132,10 +133,7 @@ ROLES = {"static": "static", "walk": "gait"} | {joint: f"joint {joint}" for join
 def test_what_neither_walks_nor_moves_one_joint_is_a_motion(tmp_path: Path) -> None:
     made = drafted(tmp_path, squat=squat())
     assert roles(made)["squat"] == "motion"
-    assert (
-        'role = "motion"' in (text := draft_text(made, tmp_path))
-        and "pelvis goes up and down" in text
-    )
+    assert 'role = "motion"' in draft_text(made, tmp_path)
 
 
 def test_who_stands_when_the_belt_stops_has_not_run(tmp_path: Path) -> None:
@@ -156,14 +154,13 @@ def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
     )
     made = draft(folder)
     assert set(roles(made)) == {"static", "walk", "hip_r"}, "the one with more recordings"
-    assert "two people, or two sessions" in made.problem
+    check_text(made.problem)
     assert "b_static.csv" in made.problem and "b_walk.csv" in made.problem
     (folder / "b_static.csv").unlink()
     alone = draft(folder)
     assert alone.problem == "", "a stray recording of somebody else is left out"
-    assert any(
-        row.name == "b_walk.csv" and "another person" in row.reason for row in alone.left_out
-    )
+    assert "b_walk.csv" in [row.name for row in alone.left_out]
+    check_text(row.reason for row in alone.left_out if row.name == "b_walk.csv")
 
 
 def test_one_recording_in_two_formats_counts_once(tmp_path: Path) -> None:
@@ -186,7 +183,7 @@ def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path
         walk, time=np.arange(358) / walk.rate, markers=np.concatenate([waiting, walk.markers])
     )
     made = draft(write(tmp_path / "person", {"walk": walk, "start": slow}))
-    assert "a static trial is needed" in made.fault
+    check_text(made.fault)
     assert {row.name for row in made.seen} == {"walk.csv", "start.csv"}
     named = draft(write(tmp_path / "person", {"static_and_walk": slow}))
     assert named.fault == "" and not named.trials[0].certain, (
@@ -215,7 +212,7 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     assert sorted(t.role for t in made.trials) == ["gait", "static"]
     assert 'file = "moving/' in draft_text(made, tmp_path / "person")
     write_trc(tmp_path / "person/moving/other.trc", other_person(files["walk"], 1.2))
-    assert "folders in it do: moving (2), standing (1)" in draft(tmp_path / "person").fault
+    check_text(draft(tmp_path / "person").fault, 2, 1)
 
 
 @pytest.mark.parametrize(
@@ -242,9 +239,7 @@ def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
         )
 
     made = drafted(tmp_path, **{name: twice(r) for name, r in recordings().items()})
-    assert made.fault.startswith(
-        "markers of 2 people (Anna, Ben) in one file, static.csv, and 1 more files too"
-    )
+    check_text(made.fault, "static.csv", 2, 1)
 
 
 def exchanged(recording: Recording, pairs: dict[str, str]) -> Recording:
@@ -285,13 +280,12 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     files = recordings()
     folder = write(tmp_path / "person", files | {"walk": other_person(files["walk"])})
     made = draft(folder, Options())
-    assert made.problem.startswith("no recording that is used shows somebody moving")
-    assert "walk.csv is not used: another person" in made.problem
-    said = refusal(study_or_draft, folder, Options(), Console(quiet=True, verbose=False))
-    assert "walk.csv is not used: another person" in said
-    with pytest.raises(UsageError, match="is a recording; name its folder"):
+    check_text(made.problem, "walk.csv")
+    with refuses(Code.FOLDER, "walk.csv", source="person"):
+        study_or_draft(folder, Options(), Console(quiet=True, verbose=False))
+    with refuses(Code.OPTION, source="static.csv"):
         study_or_draft(next(folder.glob("*.csv")), Options(), Console(quiet=True, verbose=False))
-    assert missing_words(made).startswith("no file that is used says subject.mass_kg")
+    check_text(missing_words(made), "subject.mass_kg")
 
 
 def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
@@ -305,21 +299,15 @@ def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
         walk, labels=tuple(both), markers=markers, time=np.arange(len(markers)) / walk.rate
     )
     made = draft(write(tmp_path / "person", {"cap1": whole}))
-    assert (
-        'in cap1.csv somebody stands for a part: call the file static, or write role = "static"'
-        in made.fault
-    )
-    assert (
-        "somebody stands from 0." in made.seen[0].reason
-        and "moves otherwise" in made.seen[0].reason
-    )
+    check_text(made.fault, "cap1.csv")
+    check_text(made.seen[0].reason, 0)
 
 
 def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
     made = drafted(
         tmp_path, **{name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
     )
-    assert "lengths look 1000 times too small: m under a header that says mm" in made.fault
+    check_text(made.fault, 1000)
 
 
 @pytest.mark.parametrize("name", ["static", "walk"])
@@ -331,7 +319,7 @@ def test_a_unit_is_suspected_before_another_person(name: str, factor: float) -> 
     assert unit_fault(recording, marker_set) == ""
     fault = unit_fault(replace(recording, markers=factor * recording.markers), marker_set)
     times, how = max(factor, 1 / factor), "large" if factor > 1 else "small"
-    assert fault.startswith(f"lengths look {times:.0f} times too {how}: ")
+    check_text(fault, f"{times:.0f}", f"{how}")
 
 
 def test_a_walk_in_another_unit_is_left_out_for_it(tmp_path: Path) -> None:
@@ -340,7 +328,8 @@ def test_a_walk_in_another_unit_is_left_out_for_it(tmp_path: Path) -> None:
         tmp_path, **(recordings() | {"walk2": replace(walk, markers=10.0 * walk.markers)})
     )
     (row,) = (row for row in made.seen if row.name.startswith("walk2"))
-    assert not row.used and row.reason.startswith("lengths look 10 times too large")
+    assert not row.used
+    check_text(row.reason, 10)
     assert "walk" in roles(made)
 
 
@@ -351,12 +340,12 @@ def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
     made = drafted(tmp_path, static=static, squat=squat())
     legs = Known(value={"r": 900.0, "l": 910.0}, reason="guess", certain=False)
     notes = draft_notes(replace(made, person={**made.person, "leg_length_mm": legs}))
-    assert any("left over: R.Knee.Inner" in note for note in notes)
+    check_text(notes, "R.Knee.Inner")
     assert any("leg_length_mm = { r = 900, l = 910 }: guess" in note for note in notes), (
         "as the study file has it"
     )
     assert not any("squat.csv" in note for note in notes)
-    assert any("not used: photo.png" in note for note in notes)
+    check_text(notes, "photo.png")
 
 
 @pytest.fixture(scope="module")
@@ -406,7 +395,8 @@ def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
     forces = {t.name: t.forces for t in made.trials if t.role == "gait"}
     own = forces["walk"]
     assert own is not None and own.file.name == "walk2_grf.csv"
-    assert not own.certain and own.reason.endswith("though its name says walk2")
+    assert not own.certain
+    check_text(own.reason, "walk2")
     assert forces["walk2"] is None
 
 
@@ -417,12 +407,10 @@ def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
     made = draft(folder)
     assert all(t.forces is None for t in made.trials)
     (row,) = (row for row in made.left_out if row.name == "walk_grf.csv")
-    assert "m from the feet of walk" in row.reason
+    check_text(row.reason)
     (warning,) = rejected_forces(made)
     assert warning.severity is Severity.WARNING and warning.where == "walk"
-    assert warning.evidence.startswith(
-        "no forces, no torques: walk_grf.csv is not used: its centres of pressure are"
-    )
+    check_finding(warning, Code.FORCES_NOT_USED, "walk_grf.csv")
     (folder / "walk_grf.csv").unlink()
     assert rejected_forces(draft(folder)) == (), "a folder without forces is asked for angles"
 
@@ -437,9 +425,8 @@ def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept:
     ]
     made = draft(with_forces(tmp_path, part))
     forces = made.trials[-1].forces
-    assert forces is not None and forces.reason.startswith(
-        f"covers {part[0].time[0]:.2f} to {part[0].time[-1]:.2f} s"
-    )
+    assert forces is not None
+    check_text(forces.reason, f"{part[0].time[0]:.2f}", f"{part[0].time[-1]:.2f}")
     trial = study_of(made, proposed=True).moving[-1].recording
     assert len(trial.time) == len(recordings()["walk"].time)
     assert sum("no torques beyond" in note for note in trial.notes) == len(part)
@@ -455,14 +442,15 @@ def test_centres_of_pressure_in_another_unit_are_told_by_it(
     (row,) = (
         row for row in draft(with_forces(tmp_path, plates)).left_out if row.name == "walk_grf.csv"
     )
-    assert row.reason.startswith(f"its centres of pressure are in {unit}, not in m")
+    check_text(row.reason, unit)
 
 
 def test_forces_called_after_the_static_trial_are_not_those_of_a_walk(tmp_path: Path) -> None:
     """Even where a walk passes over the same place; and the walk is not said to lack them."""
     made = draft(with_forces(tmp_path, made_plates(gait_motion()), "static_forces.csv"))
     (row,) = (row for row in made.left_out if row.name == "static_forces.csv")
-    assert row.reason.startswith("the forces of static.csv") and made.trials[-1].forces is None
+    assert made.trials[-1].forces is None
+    check_text(row.reason, "static.csv")
     assert rejected_forces(made) == ()
 
 
@@ -470,4 +458,5 @@ def test_forces_with_their_time_in_milliseconds_are_refused(tmp_path: Path) -> N
     path = write_synthetic_study(tmp_path / "study")
     plates = [replace(p, time=1e3 * p.time) for p in made_plates(gait_motion())]
     write_forces_csv(path.parent / "walk_forces.csv", plates)
-    assert "another unit (ms?); both must be in s" in refusal(Study.load, path)
+    with refuses(Code.PART_OF_TRIAL, field="plate 1", source="walk_forces.csv"):
+        Study.load(path)

@@ -5,10 +5,11 @@ from pathlib import Path
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from gaitcal.errors import Code
 from gaitcal.intake.recordings_folder import FileKind, marker_sets_above, read_folder
 from gaitcal.io.toml import find_models_folder
 from tests.intake.folders import recordings, write
-from tests.refusal import refusal
+from tests.messages import refuses
 
 LOADS = (
     "<OpenSimDocument><ExternalLoads><datafile>grf.mot</datafile></ExternalLoads></OpenSimDocument>"
@@ -64,4 +65,5 @@ def test_no_content_ends_the_reading(tmp_path: Path, ending: str, content: bytes
 
 
 def test_no_folder(tmp_path: Path) -> None:
-    assert "is no folder" in refusal(read_folder, tmp_path / "nothing")
+    with refuses(Code.FOLDER, source="nothing"):
+        read_folder(tmp_path / "nothing")

@@ -14,6 +14,7 @@ from gaitcal.io.recording import ForcePlate
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import GRAVITY
 from tests.intake.folders import recordings
+from tests.messages import check_text
 
 
 def test_the_user_before_the_static_before_the_others() -> None:
@@ -21,11 +22,13 @@ def test_the_user_before_the_static_before_the_others() -> None:
     found = person_of("p07", Options(), files, None)
     assert found["name"].value == "p07", "never the patient's name"
     assert found["mass_kg"].value == 70.0
-    assert not found["mass_kg"].certain and "walk 80 kg" in found["mass_kg"].reason
+    assert not found["mass_kg"].certain
+    check_text(found["mass_kg"].reason, 80)
     assert found["height_m"].value == 1.7 and found["height_m"].certain
     assert "sex" not in found
     said = person_of("p07", Options(mass=75.0, sex="female"), files, None)
-    assert said["mass_kg"].value == 75.0 and "but static 70 kg" in said["mass_kg"].reason
+    assert said["mass_kg"].value == 75.0
+    check_text(said["mass_kg"].reason, 70)
 
 
 def test_lengths_that_the_clinic_measured_are_drafted() -> None:
@@ -40,7 +43,8 @@ def test_plates_weigh_where_no_file_says_and_contradict_where_one_does() -> None
     assert weighed_here["mass_kg"].value == 66.0 and not weighed_here["mass_kg"].certain
     against = person_of("x", Options(), [("static", Facts(mass=80.0))], ("static", 66.04))
     assert against["mass_kg"].value == 80.0
-    assert not against["mass_kg"].certain and "plates weigh 66.0 kg" in against["mass_kg"].reason
+    assert not against["mass_kg"].certain
+    check_text(against["mass_kg"].reason, 66.0)
 
 
 @pytest.mark.parametrize(("reach", "expected"), [(1.0, 70.0), (0.05, None)])
@@ -82,7 +86,8 @@ def test_whole_strides_weigh_who_never_stands_on_plates(data_dir: Path) -> None:
     known = person_of("x", Options(), [("static", Facts())], None, walks=("walk04", 53.8))[
         "mass_kg"
     ]
-    assert known.value == 53.8 and not known.certain and "whole strides of walk04" in known.reason
+    assert known.value == 53.8 and not known.certain
+    check_text(known.reason, "walk04")
 
 
 def test_a_figure_in_another_unit_is_likely_and_comes_after_all_others() -> None:
@@ -94,7 +99,7 @@ def test_a_figure_in_another_unit_is_likely_and_comes_after_all_others() -> None
     )
     found = person_of("x", Options(), [("static", doubt), ("walk", Facts())], None)
     assert found["height_m"].value == 1.79 and not found["height_m"].certain
-    assert found["height_m"].reason == "static says Height = 179: 1.79 m if cm"
+    check_text(found["height_m"].reason, 179, 1.79)
     assert found["knee_width_mm"].value == {"r": 120.0} and not found["knee_width_mm"].certain
     assert (
         person_of("x", Options(), [("static", doubt), ("walk", Facts(height=1.8))], None)[

@@ -18,6 +18,7 @@ from gaitcal.io.axes import (
 )
 from gaitcal.io.recording import Recording
 from tests.io.recordings import body, loaded_body
+from tests.messages import check_text
 
 OTHERWISE = Vertical(2, 1, "nothing")
 
@@ -88,7 +89,7 @@ def test_standing_faces_where_it_is_told_or_stays() -> None:
     assert rotate_to_progression(standing) is standing
     turned = rotate_to_progression(standing, np.array([0.2, 0.9, -1.0]))
     np.testing.assert_array_equal(turned.markers[..., 0], -standing.markers[..., 2])
-    assert "the file's -z" in turned.notes[-1]
+    check_text(turned.notes[-1])
 
 
 def test_wrenches_turn_with_the_markers() -> None:

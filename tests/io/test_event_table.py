@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.errors import InputError
+from gaitcal.errors import Code
 from gaitcal.intake.draft_file import study_of
 from gaitcal.intake.recordings_folder import FileKind, read_folder
 from gaitcal.io.csv_recordings import EVENT_FILE, apply_corrected_events, write_markers_csv
@@ -14,6 +14,7 @@ from gaitcal.io.labels import FootEvent, FootMoment
 from tests.commands import refused
 from tests.intake.folders import draft, recordings, write
 from tests.io.recordings import body
+from tests.messages import check_text, refuses
 
 HEAD = "file,time,side,event\n"
 
@@ -31,7 +32,7 @@ def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> Non
     recording = apply_corrected_events(body(), walk)
     strike, off = FootEvent(FootMoment.STRIKE, "r", 0.125), FootEvent(FootMoment.OFF, "l", 0.4)
     assert recording.events == (strike, off) and recording.corrected
-    assert "2 foot events are those of events.csv" in recording.notes[-1]
+    check_text(recording.notes[-1], "events.csv", 2)
     assert not apply_corrected_events(body(), tmp_path / "other.csv").corrected
     (tmp_path / EVENT_FILE).unlink()
     assert not apply_corrected_events(body(), walk).corrected
@@ -86,15 +87,15 @@ def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_a
     (folder / EVENT_FILE).write_text("frame,event\n12,RHS\n", encoding="utf-8")
     made = draft(folder)
     [row] = [row for row in made.left_out if row.name == EVENT_FILE]
-    assert "its first line is not 'file,time,side,event'" in row.reason
+    check_text(row.reason, "file,time,side,event")
     study = study_of(made)
     walk = next(trial for trial in study.trials if trial.name == "walk")
     assert not walk.recording.corrected and EVENT_FILE not in study.inputs
-    assert any(note.startswith("events.csv is not used") for note in walk.recording.notes)
+    check_text(walk.recording.notes, "events.csv")
     (folder / EVENT_FILE).write_text(
         "file;time;side;event\nwalk.csv;0,5;right;foot strike\n", encoding="utf-8"
     )
-    with pytest.raises(InputError, match="a header 'file,time,side,event' is needed"):
+    with refuses(Code.FILE_FORMAT, "file,time,side,event", field="line 1", source="events.csv"):
         study_of(made)
 
 

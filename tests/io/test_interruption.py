@@ -13,6 +13,7 @@ import pytest
 from gaitcal import cli
 from gaitcal.io.atomic import InterruptedWork, Stopped, defer_signals, raise_on_signals
 from gaitcal.io.result_folder import ResultKind, write_result_folder
+from tests.messages import check_text
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 KINDS = {signal.SIGTERM: Stopped, signal.SIGHUP: Stopped, signal.SIGINT: KeyboardInterrupt}
@@ -116,4 +117,4 @@ def test_exit_codes_and_the_one_line(
         cli.main()
     assert exit_.value.code == code
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"gaitcal: {told}")
+    check_text(line, told)

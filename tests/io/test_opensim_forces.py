@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.errors import InputError
+from gaitcal.errors import Code
 from gaitcal.io.axes import UP_TO_Y, AxisPermutation, rotate_recording
 from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_tables import Forces
@@ -17,6 +17,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
 from tests.commands import refused
 from tests.io.recordings import loaded_body
+from tests.messages import check_text, refuses
 from tests.synthetic_studies import write_synthetic_study
 
 ONE = [f"1_{quantity}{axis}" for quantity in "fpt" for axis in "xyz"]
@@ -106,7 +107,7 @@ def test_forces_on_the_plate_are_turned_round(tmp_path: Path) -> None:
     forces = forces_of(tmp_path, ONE, np.tile([10.0, -700, 5, 0.3, 0, 0.1, 0, 4, 0], (3, 1)))
     np.testing.assert_array_equal(forces.plates[0].force[0], [-10, 700, -5])
     np.testing.assert_array_equal(forces.plates[0].moment[0], [0, -4, 0])
-    assert any("pointed down" in note for note in forces.notes)
+    check_text(forces.notes)
 
 
 def test_points_unknown_without_force_do_not_spoil_the_wrench_and_others_are_not_put_at_the_origin(
@@ -123,15 +124,15 @@ def test_points_unknown_without_force_do_not_spoil_the_wrench_and_others_are_not
 
 
 @pytest.mark.parametrize(
-    "names, message",
+    "names",
     [
-        (["hip_flexion_r", "pelvis_tx", "pelvis_ty"], "found no force columns among hip_flexion_r"),
-        (["ground_force_vx", "ground_force_vy", "ground_force_px"], "found only x, y of the force"),
-        (["ground_force_vx", "ground_force_vy", "ground_force_vz"], "no point of application"),
+        ["hip_flexion_r", "pelvis_tx", "pelvis_ty"],
+        ["ground_force_vx", "ground_force_vy", "ground_force_px"],
+        ["ground_force_vx", "ground_force_vy", "ground_force_vz"],
     ],
 )
-def test_incomplete_forces_are_named(tmp_path: Path, names: list[str], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+def test_incomplete_forces_are_named(tmp_path: Path, names: list[str]) -> None:
+    with refuses(Code.FILE_FORMAT, source="f.mot"):
         forces_of(tmp_path, names, np.ones((3, len(names))))
 
 
@@ -141,7 +142,7 @@ def test_a_free_moment_alone(tmp_path: Path) -> None:
     (plate,) = forces_of(tmp_path, names, values).plates
     np.testing.assert_array_equal(plate.force[0], [10, 700, -20])
     np.testing.assert_array_equal(plate.moment[0], [0, 6, 0])
-    with pytest.raises(InputError, match="found only x of the moment"):
+    with refuses(Code.FILE_FORMAT, field="plate 1", source="f.mot"):
         forces_of(tmp_path, [n.replace("Tz", "Tx") for n in names], values)
 
 
@@ -212,7 +213,7 @@ def test_markers_and_forces_of_a_room_with_another_axis_up(
         np.testing.assert_array_equal(plate.wrench(), original.wrench())
         if kind == "csv":
             np.testing.assert_array_equal(plate.corners, original.corners)
-    assert any(note.startswith("Vertical axis of the forces is +") for note in found.notes)
+    check_text(found.notes)
 
 
 def standing_body() -> Recording:
@@ -290,8 +291,8 @@ def test_order_bodies_and_switches(tmp_path: Path) -> None:
     assert found.feet == {"second": "l", "first": "r"}
     np.testing.assert_array_equal(found.plates[0].force[0], [-10, 650, 4])
     np.testing.assert_array_equal(found.plates[1].moment[0], [0, 3, 0])
-    assert any("'off' is switched off" in note for note in found.notes)
-    assert any("'none' has no columns" in note for note in found.notes)
+    check_text(found.notes, "off")
+    check_text(found.notes, "none")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from gaitcal.errors import Code
 from tests.commands import Done, gaitcal
+from tests.messages import check_text
 from tests.synthetic_studies import write_synthetic_study
 
 
@@ -29,8 +31,8 @@ PAIR = ("Thigh.Front", "Shank.Front")
 
 
 def test_sound_study(study: Path) -> None:
-    assert gaitcal("check", study).stdout.startswith("0 errors, 0 warnings (-v shows")
-    assert "plate to foot" in gaitcal("check", study, "-v").stdout
+    check_text(gaitcal("check", study).stdout, 0)
+    assert len(gaitcal("check", study, "-v").stdout) > len(gaitcal("check", study).stdout)
     assert gaitcal("check", study, "-q") == Done(0, "", "")
 
 
@@ -38,7 +40,8 @@ def test_table_of_errors(study: Path) -> None:
     spoil(study)
     done = gaitcal("check", study)
     assert (done.returncode, done.stderr) == (1, "")
-    assert "exchanged" in done.stdout and "1 errors" in done.stdout
+    assert Code.EXCHANGED_LABELS.value in done.stdout
+    check_text(done.stdout, 1)
     assert gaitcal("check", study, "-q").returncode == 1
 
 
@@ -58,12 +61,10 @@ def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(
     done = gaitcal("calibrate", study, "--out", tmp_path / "result")
     assert done.returncode == 0, done
     _, after = done.stdout.split("verdict:")  # where readers end
-    assert "not used: trial 'walk':" in after and "carry each other's label" in after
-    page = (tmp_path / "result" / "result.html").read_text(encoding="utf-8")
-    assert "Trial walk is not used:" in page
+    assert "R.Thigh.Front" in after
     told = json.loads((tmp_path / "result" / "summary.json").read_text(encoding="utf-8"))
     assert "again" in told["trials"] and "walk" not in told["trials"]
-    assert any("not used: trial 'walk'" in note for note in told["notes"])
+    assert any("'walk'" in note for note in told["notes"])
 
 
 @pytest.mark.slow
@@ -76,8 +77,8 @@ def test_force_goes_on_and_says_so(study: Path, tmp_path: Path) -> None:
     assert not result.exists()
     done = gaitcal("calibrate", study, "--out", result, "--force")
     assert done.returncode in (0, 3), "such data may not converge"
-    assert "verdict: refused" in done.stdout and "made with --force, past errors" in done.stdout
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     assert (told["verdict"], told["forced"]) == ("refused", True)
     assert any("R.Thigh.Front" in w for w in told["warnings"])
-    assert "made with --force, past errors" in (result / "result.html").read_text(encoding="utf-8")
+    page = (result / "result.html").read_text(encoding="utf-8")
+    assert "--force" in done.stdout and "--force" in page

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from gaitcal.errors import Finding, Severity
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
+from tests.messages import check_finding
 from tests.quality.spoilt import Array, Change, findings, moved, put, recording_of, with_trial
 
 
@@ -82,7 +83,7 @@ def test_a_path_that_software_made_up(sound: Study, made: str) -> None:
 
     label = "R.Heel" if made == "cubic" else "R.Shank.Front"
     (found,) = left(sound, moved(label, bridged), label)
-    assert "held or drawn as a straight or smooth line" in found.cause
+    check_finding(found, Code.MARKER_LEFT_PLACE)
     assert made != "held" or found.severity is Severity.ERROR
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.analysis.prepared_trials import prepare_trial
-from gaitcal.errors import Finding, Severity
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.preprocess.clean_trial import without_outliers
@@ -21,6 +21,7 @@ from gaitcal.study.study import Study
 from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.spline import NodeRule
 from gaitcal.tracking.trial_problem import build_trial_problem
+from tests.messages import check_finding
 from tests.quality.spoilt import (
     Change,
     evidence,
@@ -98,7 +99,7 @@ def pelvis_found(study: Study) -> tuple[Finding, ...]:
     return tuple(
         f
         for f in gaps(evidence(study, study.trials[1], nominal_of(study)))
-        if "pelvis markers" in f.found
+        if f.code is Code.PELVIS_LOST
     )
 
 
@@ -106,7 +107,7 @@ def test_single_frames_without_the_pelvis_need_no_cure(sound: Study) -> None:
     (found,) = pelvis_found(
         with_trial(sound, "walk", without_pelvis(sound, lambda t, k: k % 12 == 5))
     )
-    assert found.severity is Severity.INFO and "8 % of the frames" in found.found and not found.cure
+    check_finding(found, Code.PELVIS_LOST, Severity.INFO, 8, cure="")
 
 
 def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
@@ -114,8 +115,8 @@ def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
     lost = without_pelvis(sound, lambda t, k: 0.1 < t < 0.34 or t > 0.79 or k % 12 == 5)
     study = with_trial(sound, "walk", lost)
     cut, bridged = pelvis_found(study)
-    assert cut.severity is bridged.severity is Severity.INFO
-    assert "cut to 0.34-0.79 s" in cut.found and "0.10-0.34, 0.80-1.03 s" in cut.found
+    check_finding(cut, Code.PELVIS_LOST, Severity.INFO, 0.34, 0.79, 0.1, 0.8, 1.03)
+    check_finding(bridged, Code.PELVIS_LOST, Severity.INFO)
     clean = preprocess_study(study).clean
     walk, whole = recording_of(clean), recording_of(study)
     inside = (whole.time > 0.3375) & (whole.time < 0.7925)
@@ -127,11 +128,7 @@ def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
 def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, label: str) -> None:
     spoilt = with_trial(sound, "walk", moved(label, lambda x: x + [0.0, 2.0, 0.0]))
     (told,) = findings(spoilt, "strays")
-    assert told.severity is Severity.WARNING
-    assert (
-        f"'{label}' is metres away" in told.cause
-        and "208 of 208 frames (0.00-1.03 s)" in told.found
-    )
+    check_finding(told, Code.STRAY_MARKER, Severity.WARNING, label, 208, 0.0, 1.03)
     fitted = prepare_trial(
         preprocess_study(spoilt).clean.trials[1], nominal_of(spoilt), spoilt.settings
     ).recording
@@ -209,7 +206,7 @@ def test_a_while_with_one_marker_is_a_note_with_its_seconds(pig: Study) -> None:
     (found,) = of_one_marker(with_trial(pig, "gait", gone(slice(100, 140), "RTHI")))
     start = recording_of(pig, "gait").time[100]
     assert found.severity is Severity.INFO
-    assert f"thigh_r shows fewer than two markers with weight in {start:.2f}" in found.found
+    check_finding(found, Code.ONE_MARKER_SEGMENT, "thigh_r", f"{start:.2f}")
 
 
 def tracked(study: Study) -> Motion:

@@ -13,6 +13,7 @@ from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.study.study import Study
+from tests.messages import check_finding
 from tests.quality.spoilt import (
     Change,
     backwards,
@@ -79,7 +80,7 @@ def test_plates_beside_both_feet(sound: Study, shift: float, side: str) -> None:
 
     study = with_trial(sound, "walk", plates(beside))
     (found,) = findings(study, "plate to foot", WARNING)
-    assert f"lie to the {side} of the line heel-toe of both feet" in found.found
+    check_finding(found, Code.PLATES_ELSEWHERE, side)
     assert findings(with_trial(sound, "walk", plates(beside, 1)), "plate to foot", WARNING) == []
 
 
@@ -88,7 +89,7 @@ def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: fl
     study = with_trial(sound, "walk", plates(times(gain)))
     study = replace(study, subject=replace(study.subject, mass=mass))
     (found,) = findings(study, "body mass", WARNING)
-    assert f"subject.mass_kg is {mass:g}" in found.found
+    check_finding(found, Code.BODY_MASS, "subject.mass_kg", f"{mass:g}")
     carried = float(found.found.partition("carry ")[2].split()[0])
     assert carried == pytest.approx(gain * 69.4, rel=0.03)
 
@@ -124,13 +125,10 @@ def test_foot_beside_its_plate(sound: Study) -> None:
         ]
 
     beside = with_trial(sound, "walk", with_corners(toe - 0.04))
-    assert "right foot" in told(beside, INFO)[0].found and not told(beside, WARNING), (
-        "the left one is on its plate"
-    )
+    assert not told(beside, WARNING), "the left one is on its plate"
+    check_finding(told(beside, INFO)[0], Code.FOOT_BESIDE_PLATE)
     alone = with_trial(beside, "walk", lambda r: replace(r, plates=r.plates[:1]))
-    assert "right foot" in told(alone, WARNING)[0].found, (
-        "no step says that the plates are in place"
-    )
+    check_finding(told(alone, WARNING)[0], Code.FOOT_BESIDE_PLATE)
     on_it = with_trial(sound, "walk", with_corners(toe + 0.06))
     assert not told(on_it, INFO) and not told(on_it, WARNING)
 
@@ -138,7 +136,7 @@ def test_foot_beside_its_plate(sound: Study) -> None:
 def test_plate_given_to_the_wrong_foot(sound: Study) -> None:
     trials = tuple(replace(t, plates={"1": "l"}) if t.name == "walk" else t for t in sound.trials)
     found = findings(replace(sound, trials=trials), "plate to foot", ERROR)
-    assert "left foot" in found[0].found and 'plates = { 1 = "r" }' in found[0].cure
+    check_finding(found[0], Code.WRONG_FOOT, 'plates = { 1 = "r" }')
 
 
 def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None:
@@ -157,15 +155,15 @@ def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None
         study = with_trial(sound, "static", lambda r: replace(r, plates=on))
         return replace(study, subject=replace(sound.subject, mass=declared))
 
-    assert "69.4 kg" in findings(standing(mass, 2), "body mass", INFO)[0].found
+    check_finding(findings(standing(mass, 2), "body mass", INFO)[0], Code.BODY_MASS, 69.4)
     told = findings(standing(mass, 2, 1.1 * mass), "body mass", WARNING)
     assert [f.where for f in told] == ["static", "walk"], "the walk alone cannot"
-    assert "69.4 kg while standing; subject.mass_kg is 76.3" in told[0].found
+    check_finding(told[0], Code.BODY_MASS, "subject.mass_kg", 69.4, 76.34)
     contradicted = [
         f for f in findings(standing(1.2 * mass, 1), "body mass") if f.where == "static"
     ]
     assert [f.severity for f in contradicted] == [INFO]
-    assert "but not in all trials" in contradicted[0].found and "in walk" in contradicted[0].found
+    check_finding(contradicted[0], Code.BODY_MASS, "walk")
     lone = replace(standing(1.07 * mass, 2), trials=standing(1.07 * mass, 2).trials[:1])
     assert not findings(lone, "body mass", WARNING), "two plates, either of them 20 N off"
 
@@ -205,8 +203,7 @@ def turned_by(factor: float) -> Change:
 
 def test_a_wrong_sign_is_told_and_a_wrong_size_is_not_taken_for_one(sound: Study) -> None:
     [told] = of_free_moment(with_trial(sound, "walk", turned_by(-1.0)))
-    assert told.cause == "the free moment of all plates has the wrong sign"
-    assert "whole steps" in told.found
+    check_finding(told, Code.FREE_MOMENT)
     for small in (0.1, -0.1):  # too small to tell, and to matter
         assert of_free_moment(with_trial(sound, "walk", turned_by(small))) == []
 

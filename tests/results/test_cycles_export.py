@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.errors import InputError
+from gaitcal.errors import Code
 from gaitcal.gait.cycles import EventSource, GaitCycle, GaitEvent, normalise
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import GaitEvents
@@ -32,6 +32,7 @@ from tests.commands import edited
 from tests.commands import tried as run
 from tests.fake_result import HOSTILE
 from tests.kept import kept_folder
+from tests.messages import check_text, refuses
 from tests.synthetic_studies import write_synthetic_study
 
 ROUNDED = 2e-6
@@ -96,9 +97,8 @@ def test_strides_as_they_are_say_their_units_and_signs(result: Path) -> None:
     pd.testing.assert_frame_equal(after[list(before.columns)], before)
     assert set(after["unit"]) >= {"deg", "N m", "W"} and after["positive"].notna().all()
     said = after.groupby("variable")["positive"].first()
-    assert (
-        said["ankle_angle_moment"] == "internal, dorsiflexion" and said["hip_power"] == "generated"
-    )
+    assert said["hip_power"] == "generated"
+    check_text(said["ankle_angle_moment"])
 
 
 def test_a_clinical_convention_changes_signs_and_units_alone(result: Path) -> None:
@@ -124,7 +124,8 @@ def test_a_clinical_convention_changes_signs_and_units_alone(result: Path) -> No
     pd.testing.assert_series_equal(after["valid"], before["valid"])
     text = (result / "export/cycles.csv").read_text(encoding="utf-8").splitlines()
     head = "\n".join(line for line in text if line.startswith("#"))
-    assert "external" in head and "clinical" in head and "N m/kg" in head
+    assert "external" in head and "clinical" in head
+    check_text(head)
     assert set(after["unit"][of_leg]) == {"N m/kg"} and set(after["positive"][of_leg]) >= {
         "external, flexion"
     }
@@ -292,11 +293,8 @@ def test_a_norm_stands_beside_what_it_is_of(content: ReportContent) -> None:
         and (shown.norm[1][1:-1] > 0).all()
     )
     assert shown.senses == ("plantarflexion", "dorsiflexion") and shown.unit == "N·m/kg"
-    assert (
-        content.norm
-        == "children 4 to 17 years, free speed, n = 83 (Schwartz, Rozumalski, Trost 2008)"
-    )
-    assert "Bands of children of 4 to 17 years, as asked for" in content.norm_remark
+    check_text(content.norm, 4, 17, 83, 2008)
+    check_text(content.norm_remark, 4, 17)
 
 
 def test_scores_stand_on_paper_as_in_a_second_computation(
@@ -324,7 +322,8 @@ def test_scores_stand_on_paper_as_in_a_second_computation(
 
 def test_no_adult_is_held_against_children_unasked(made: Path) -> None:
     content = read_report_content(made, None, {})
-    assert content.norm == "" and not content.profile and content.norm_remark.startswith("No norm")
+    assert content.norm == "" and not content.profile
+    check_text(content.norm_remark)
 
 
 def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(
@@ -365,18 +364,11 @@ def test_command_takes_the_comments_beside_the_result(made: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        (
-            'kinematic = "x"\n',
-            "kinematic: unknown section; allowed: summary, .*; did you mean 'kinematics'?",
-        ),
-        ("joints = 3\n", "joints: found int; allowed: text in quotation marks"),
-    ],
+    ("text", "told"), [('kinematic = "x"\n', "kinematic"), ("joints = 3\n", "joints")]
 )
 def test_other_comments_are_refused(text: str, told: str, tmp_path: Path) -> None:
     (tmp_path / "comments.toml").write_text(text)
-    with pytest.raises(InputError, match=told):
+    with refuses(Code.COMMENTS, source="comments.toml", field=told):
         read_comments(tmp_path / "comments.toml")
 
 
@@ -403,11 +395,8 @@ def test_unexplained_force_and_moment_are_both_judged(beyond: str, changed: Path
         )
         trial |= {} if beyond else {"trunk_measured": False}
     (told,) = read_report_content(changed, None, {}).fit
-    assert (
-        ("too high" in told) == bool(beyond)
-        and "force at the pelvis 20 N" in told
-        and "moment 5.0 N·m" in told
-    )
+    assert ("too high" in told) == bool(beyond)
+    check_text(told, 20, 5.0)
     assert ("limits are wide, as trunk and arms have no markers" in told) == (not beyond)
 
 
@@ -415,7 +404,8 @@ def test_relative_angles_have_no_profile(changed: Path) -> None:
     with edited(changed, "manifest.json") as manifest:
         manifest["settings"]["angles"] = "relative"
     content = read_report_content(changed, (read_normal_bands(NORMS), NORMS), {})
-    assert not content.profile and "relative to the static posture" in content.norm_remark
+    assert not content.profile
+    check_text(content.norm_remark)
 
 
 def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:
@@ -434,7 +424,8 @@ def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:
         for trial in summary["trials"].values():
             trial["role"] = "motion"
     content = read_report_content(changed, None, {})
-    assert not content.walked and content.title.startswith("Movement report")
+    assert not content.walked
+    check_text(content.title)
     assert [sheet.title for sheet in content.sheets] == [
         "Kinematics, squat",
         "Kinetics, squat",
@@ -481,5 +472,5 @@ def test_a_long_comment_leaves_the_curves_their_height(
 
 
 def test_a_report_is_no_folder(content: ReportContent, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a folder; the name of a file is needed"):
+    with refuses(Code.FOLDER_TAKEN):
         write_pdf(content, tmp_path)

@@ -11,13 +11,14 @@ import pytest
 from gaitcal.analysis.result import Calibration, withdrawn
 from gaitcal.cli.calibrate_command import calibrate_study as run_calibrate
 from gaitcal.cli.console import Console
-from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.quality.verdict import judge
 from gaitcal.results.saved_result import load_result
 from gaitcal.results.summary import find_model_doubts, require_not_refused, summarise_calibration
 from gaitcal.results.table_files import REFUSED_HEADER
 from gaitcal.results.trial_tables import build_moment_table
 from tests.fake_result import fake_calibration
+from tests.messages import refuses
 from tests.report.page.walked_blocks import page_words
 from tests.synthetic_studies import write_synthetic_study
 
@@ -120,7 +121,7 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     table[scaled] /= 9.80665
     table.to_csv(forces, index=False)
     result = tmp_path / "result"
-    with pytest.raises(InputError, match="refused"):
+    with refuses(Code.FORCES_OF_ANOTHER):
         run_calibrate(Console(quiet=True, verbose=False), path, result, force=False)
     run_calibrate(Console(quiet=True, verbose=False), path, result, force=True)
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
@@ -135,12 +136,12 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     moments = pd.read_csv(result / "moments/walk.csv", comment="#")
     assert not moments["valid"].any() and moments["hip_flexion_r_se"].isna().all()
     assert load_result(result).uncertainty.joint is None
-    with pytest.raises(InputError, match="the calibration is refused"):
+    with refuses(Code.MODEL_IN_DOUBT, source="result"):
         require_not_refused(result)
     (result / "summary.json").write_text(
         json.dumps(told | {"verdict": "trustworthy"}), encoding="utf-8"
     )
-    with pytest.raises(InputError, match=r"summary\.json: is damaged"):
+    with refuses(Code.DAMAGED_RESULT, source="summary.json"):
         load_result(result)
 
 

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from gaitcal.errors import Code
 from gaitcal.intake.draft_file import draft_text, study_of
 from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
-from gaitcal.io.toml import validate_table
 from gaitcal.study.study import Study, build_subject
 from gaitcal.study.study_file import SubjectTable
 from tests.intake.folders import SAID, draft, recordings, write
+from tests.messages import check_text, refuses
 from tests.real_studies import write_study
 from tests.refusal import refusal
 
@@ -57,7 +58,8 @@ def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> Non
     assert build_subject(said, []).age is None, "never by the day of the computation"
     for wrong in ({"age_years": 12.0}, {"birth_date": "2017-01-01"}):
         table = said.model_copy(update={"session_date": "2016-03-01", **wrong})
-        assert "allowed: dates that agree" in refusal(build_subject, table, [])
+        with refuses(Code.BAD_VALUE, field="subject.birth_date"):
+            build_subject(table, [])
 
 
 @pytest.mark.parametrize(
@@ -93,21 +95,19 @@ def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "allowed"),
+    ("field", "value"),
     [
-        ("birth_date", "1.3.2006", "a date as 2016-03-09"),
-        ("session_date", 2016, "a date as 2016-03-09"),
-        ("affected_side", "links", "'right', 'left', 'both' or 'none'"),
-        ("diagnosis", "a\nb", "up to 200 printable characters"),
-        ("leg_length_mm", 0.71, "this looks like metres: 710 mm"),
+        ("birth_date", "1.3.2006"),
+        ("session_date", 2016),
+        ("affected_side", "links"),
+        ("diagnosis", "a\nb"),
+        ("leg_length_mm", 0.71),
     ],
 )
-def test_what_a_clinic_writes_down_is_checked(
-    field: str, value: object, allowed: str, tmp_path: Path
-) -> None:
+def test_what_a_clinic_writes_down_is_checked(field: str, value: object, tmp_path: Path) -> None:
     table = {**TABLE.model_dump(exclude_none=True, exclude_defaults=True), field: value}
-    said = refusal(validate_table, SubjectTable, table, tmp_path)
-    assert field in said and allowed in said
+    with refuses(Code.BAD_VALUE, field):
+        validate_table(SubjectTable, table, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_a_height_that_nobody_says_is_that_of_people_with_such_legs(
     assert (
         0.03 < person.height_error < 0.12 and abs(person.height - 1.803) < 2.0 * person.height_error
     )
-    assert any("height not given" in note for note in study.static.recording.notes)
+    check_text(study.static.recording.notes)
     said = loaded("pig_c3d", "height_m").subject
     assert (said.height, said.height_error) == (1.79, 0.0), "its C3D file says it"
     assert "mass_kg" in refusal(loaded, "subject01", "mass_kg")
