@@ -13,6 +13,7 @@ from gaitcal.intake.draft_file import draft_text, study_of
 from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
+from gaitcal.io.toml import validate_table
 from gaitcal.study.study import Study, build_subject
 from gaitcal.study.study_file import SubjectTable
 from tests.intake.folders import SAID, draft, recordings, write
