@@ -28,6 +28,7 @@ _NUMBER = re.compile(
     r"(?:(?<![\w.])[-+])?(?<![A-Za-z_.\d])\d+(?:\.\d+)*(?:e[-+]?\d+)?(?![A-Za-z_])"
 )
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\",;:)]+/)+")
+_REPEATED = re.compile(r"(\w)\1{19,}")
 
 Entry = tuple[str, str, str, str]
 """Heading (code and name, or `note`), cause, text, cure."""
@@ -42,8 +43,9 @@ def numbers(text: str) -> list[float]:
 
 
 def without_figures(text: str) -> str:
-    """A text with `#` for each number, and files without their folder."""
-    return _NUMBER.sub("#", _FOLDERS.sub("", " ".join(text.split())))
+    """Replace each number by `#`, leave out folders of files, and shorten long repetitions."""
+    short = _REPEATED.sub(r"\1...", _FOLDERS.sub("", " ".join(text.split())))
+    return _NUMBER.sub("#", short)
 
 
 def _record(message: Finding | Exception | str) -> None:

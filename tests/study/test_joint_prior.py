@@ -82,9 +82,9 @@ def test_a_cohort_comes_before_the_study_file() -> None:
     mean, covariance = select_prior(HIPS, prior)
     np.testing.assert_allclose(mean, [0.002, 0.005])
     np.testing.assert_allclose(covariance, np.diag([1e-6, 160e-6]))
-    assert prior.describe_fallback(HIPS) != prior.held_near(HIPS[1:]) and prior.notes[1:] == (
-        "lean",
-    )
+    assert prior.describe_fallback(HIPS) != prior.describe_fallback(HIPS[1:]) and prior.notes[
+        1:
+    ] == ("lean",)
     check_text(prior.describe_fallback(HIPS))
     check_text(prior.notes[0], "hip.pelvis.ant", "hip.thigh.ant")
     check_text(prior.describe_fallback(HIPS[1:]))
