@@ -120,6 +120,7 @@ class JointSearch:
     def run(self, start_values: Array | None = None) -> JointFit:
         """Fit to the end, from where the last search ended unless told otherwise."""
         began = time.perf_counter()
+        self.problem.may_curve = True
         result = self._least_squares(self.settings.tolerance, start_values)
         state = self.problem.settle(result.x)
         bounded = np.isfinite(self.reach)

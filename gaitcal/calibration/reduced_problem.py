@@ -12,9 +12,14 @@ With S = V diag(s) V^T it is handed to SciPy as the compressed pair
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
 the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of thousands of rows
-(where priors make S regular, with its Cholesky factor in place of V s^1/2). A singular S is no obstacle: its null
+(where priors make S regular, with eigenvectors in units of the prior). A singular S is no obstacle: its null
 directions are parameters that these trials cannot see, and p does not move along them. Priors add their cost, gradient
 and matrix to C, g and S first.
+
+Gauss-Newton leaves out how the markers curve, and follows valleys that bend in small steps: a hardly determined
+subtalar axis took 60 of them. Near the minimum, where the promise of its steps shrinks by less than a factor of ten
+(`descent.STALE`), all matrices above are Newton's. Where those are of a saddle, Gauss-Newton's take their place for the
+kind of task. `settle` forms Gauss-Newton's, which errors are found with.
 
 On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved no further than the
 next step needs (`CORRECTOR`); while unknowns and motion have moved less than `KEPT_WITHIN` since H was formed, H, S and
@@ -30,7 +35,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
@@ -38,7 +42,7 @@ from gaitcal.calibration.tissue_elimination import EliminatedKind, eliminate_tis
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
-from gaitcal.motion.descent import DescentSettings, Evaluation, descend
+from gaitcal.motion.descent import STALE, DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.runtime import with_one_blas_thread
@@ -55,6 +59,10 @@ TISSUE_GAIN = 1e-7
 """Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where that of all falls by
 no more."""
 MOST_TISSUE_STEPS, KEPT_STEPS = 20, 5  # Of soft tissue at given joint parameters; those that correct the next
+SHORTER_STEPS = (0.5, 0.1, 0.01, 0.001)  # Parts of a step of soft tissue that are tried where all of it is too far
+NEARLY_THERE = 1e-3
+"""Part of the cost that the next step promises, below which Newton's matrices may be formed: far
+away they lead to saddles, and Gauss-Newton's always downhill."""
 COST_FALLEN_TO = 0.5  # A trial whose cost has fallen to this part tries Gauss-Newton's steps again
 
 
@@ -65,6 +73,7 @@ class Matrices:
     values: Array  # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
     coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
+    curved: bool  # Newton's, else Gauss-Newton's
 
     def near(self, values: Array, coefficients: Array) -> bool:
         """Whether another point is near enough."""
@@ -113,8 +122,8 @@ class OpenMotion:
     nothing_left = 0.0
     has_curvature = False
 
-    def __init__(self, problem: MotionProblem, body: LinkageModel, values: Array) -> None:
-        self.problem, self.body, self.values = problem, body, values
+    def __init__(self, problem: MotionProblem, body: LinkageModel, values: Array, *, curved: bool = False) -> None:
+        self.problem, self.body, self.values, self.curved = problem, body, values, curved
 
     def coefficients(self, x: Array) -> Array:
         """(nn, nq) of a vector of them all."""
@@ -127,8 +136,9 @@ class OpenMotion:
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
         """The equations there."""
-        coefficients = self.coefficients(x)
-        return OpenMatrix(self.values, coefficients, self.problem.equations(coefficients, self.body, curved=curved))
+        coefficients, curved = self.coefficients(x), curved or self.curved
+        equations = self.problem.equations(coefficients, self.body, curved=curved)
+        return OpenMatrix(self.values, coefficients, equations, curved=curved)
 
     def corrected(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
         """The trial where plain steps from `coefficients` (nn, nq) converge; None where they do not."""
@@ -166,14 +176,16 @@ class OpenMatrix:
 
     spent = False
 
-    def __init__(self, values: Array, coefficients: Array, equations: NormalEquations) -> None:
-        self.values, self.coefficients, self.equations = values, coefficients, equations
+    def __init__(self, values: Array, coefficients: Array, equations: NormalEquations, *, curved: bool) -> None:
+        self.values, self.coefficients = values, coefficients
+        self.equations, self.curved = equations, curved
         by_node, by_parameter = equations.node_gradient.ravel(), equations.parameter_gradient
         self.evaluation = OpenEvaluation(equations.cost, by_node, by_parameter)
 
     def factor(self, damping: float) -> Matrices:
         """With the coefficients eliminated."""
-        return Matrices(self.values, self.coefficients, eliminate(self.equations, damping))
+        eliminated = eliminate(self.equations, damping)
+        return Matrices(self.values, self.coefficients, eliminated, self.curved)
 
 
 @dataclass(frozen=True)
@@ -251,6 +263,10 @@ class ReducedProblem:
         self._known: tuple[ReducedState, Array, Array] | None = None
         """The last matrix that was taken apart."""
         self.evaluations = 0
+        self.may_curve = False
+        """Whether Newton's matrices may be formed where Gauss-Newton's steps shrink slowly."""
+        self.curved = False
+        """Whether they are."""
         self.slow_at = [np.inf] * len(self.open)
         """m^2, the least cost at which Gauss-Newton's steps of a trial's motion promised more than they held."""
 
@@ -265,16 +281,27 @@ class ReducedProblem:
         if self.best is not None and self._sum(p, kinds).total > self.best.total:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the joint parameters
             solved = kinds
-            kinds = _side_by_side(lambda k: self._followed(k, p, solved[k]), every)
+            kinds = _side_by_side(lambda k: self._followed(k, p, self._shorter(k, p, solved[k])), every)
         return self._keep(p, kinds)
 
-    def _predicted(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
-        """Soft tissue of one kind at p, one step beyond that of the best point, and the motions there."""
+    def _predicted(self, k: int, p: Array, share: float = 1.0) -> tuple[Array, Sequence[MotionState] | None]:
+        """Soft tissue of one kind at p, a share of its step beyond that of the best point, and the
+        motions there.
+        """
         if self.best is None:
             return self.tissue[k].mean, None
         last = self.best.kinds[k]
-        z = last.z + last.step - last.sensitivity @ (p - self.best.p)
+        z = last.z + share * last.step - last.sensitivity @ (p - self.best.p)
         return z, [self.best.trials[t] for t in self.members[k]]
+
+    def _shorter(self, k: int, p: Array, whole: KindState) -> KindState:
+        """One kind at p, without its own step where that does not pay: the cost is then as near to
+        that of the best point as p is, however far the step went wrong.
+        """
+        if self.best is None or whole.tissue.cost <= self.best.kinds[k].cost:
+            return whole
+        without = self._solved(k, p, *self._predicted(k, p, 0.0))
+        return whole if whole.tissue.cost <= without.tissue.cost else without
 
     def settle(self, p: Array) -> ReducedState:
         """The same with soft tissue and motions solved as far as the settings ask, nothing kept from other points."""
@@ -305,12 +332,16 @@ class ReducedProblem:
         """
         self.shares, best = list(shares), self.best
         self.state = self.best = None
+        self.curved = False
         if best is None:
             return
-        kinds = [
-            self._summed(k, of.z, [best.trials[t] for t in members])
-            for k, (members, of) in enumerate(zip(self.members, best.kinds, strict=True))
-        ]
+        kinds = list[KindState]()
+        for k, (members, of) in enumerate(zip(self.members, best.kinds, strict=True)):
+            trials = [best.trials[t] for t in members]
+            if any(trial.matrices.curved for trial in trials):
+                kinds.append(self._solved(k, best.p, of.z, trials))
+            else:
+                kinds.append(self._summed(k, of.z, trials))
         self._keep(best.p, kinds)
 
     def _followed(self, k: int, p: Array, here: KindState) -> KindState:
@@ -337,8 +368,11 @@ class ReducedProblem:
             if there.tissue.cost > tissue.cost:
                 # what was learnt there serves from here: the next step is a shorter one
                 points, steps = [there.tissue.z, *points][-KEPT_STEPS:], [there.tissue.step, *steps][-KEPT_STEPS:]
-                there = self._solved(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
-                if there.tissue.cost > tissue.cost:
+                for share in SHORTER_STEPS:
+                    there = self._solved(k, p, tissue.z + share * tissue.step, here.trials, keep=True)
+                    if there.tissue.cost <= tissue.cost:
+                        break
+                else:
                     break
             here = there
         return here
@@ -349,11 +383,18 @@ class ReducedProblem:
         """One kind with its motions solved at p and z, from those of a point `near`, of which matrices may be kept."""
         unknowns = np.append(p, z)
 
-        def solved(i: int) -> MotionState:
+        def solved(i: int, *, curved: bool) -> MotionState:
             t = self.members[k][i]
-            return self._solve(t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep)
+            close = None if near is None else near[i]
+            return self._solve(t, unknowns[self.columns[t]], close, keep=keep, curved=curved)
 
-        return self._summed(k, z, self._each(k, solved))
+        if self.curved:
+            try:
+                return self._summed(k, z, self._each(k, lambda i: solved(i, curved=True)))
+            except np.linalg.LinAlgError:
+                # Gauss-Newton takes over: its matrix is always positive definite
+                pass
+        return self._summed(k, z, self._each(k, lambda i: solved(i, curved=False)))
 
     def _each(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
         """What a function makes of each trial of a kind, two at a time where there is no other kind."""
@@ -395,9 +436,19 @@ class ReducedProblem:
         """Sum the kinds up, and remember the point if it is the best."""
         state = self._sum(p, kinds)
         if self.best is None or state.total <= self.best.total:
+            if self.may_curve and self.best is not None and len(self.prior) == len(p):
+                promise, before = self._promise(state), self._promise(self.best)
+                slow = promise > STALE * before and promise < NEARLY_THERE * state.total
+                self.curved = self.curved or slow
             self.best = state
         self.state = state
         return state
+
+    def _promise(self, state: ReducedState) -> float:
+        """By how much the cost is to fall with the next step of joint parameters and soft tissue."""
+        gradient = state.gradient + self.prior.T @ (self.prior @ (state.p - self.centre))
+        along = self._root(state)[1] @ gradient
+        return float(along @ along) + sum(kind.reduction for kind in state.kinds)
 
     def _placed(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
         """A trial with its soft tissue and secondary motions at its unknowns (nx_t,): for the motion alone, and with
@@ -409,9 +460,10 @@ class ReducedProblem:
         moved = opened.displaced(values[opened.joint_parameters :])
         return self.fixed[t].with_data(moved.data), moved
 
-    def _motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
+    def _motion(self, t: int, values: Array, *, curved: bool = False) -> tuple[MotionProblem, OpenMotion]:
         fixed, problem = self._placed(t, values)
-        return fixed, OpenMotion(problem, self.bodies[t].with_free(self._linkage_of(t, values)), values)
+        body = self.bodies[t].with_free(self._linkage_of(t, values))
+        return fixed, OpenMotion(problem, body, values, curved=curved)
 
     def _linkage_of(self, t: int, values: Array) -> Parameters:
         """All joint parameters at the unknowns (nx_t,) of a trial."""
@@ -429,9 +481,9 @@ class ReducedProblem:
             stepped = self._tracked(t, predicted, fixed, motion, self.settings, curved=curved)
         return stepped
 
-    def _solve(self, t: int, values: Array, near: MotionState | None, *, keep: bool) -> MotionState:
+    def _solve(self, t: int, values: Array, near: MotionState | None, *, keep: bool, curved: bool) -> MotionState:
         """The motion of one trial, predicted from a point near by and corrected by a few plain steps, or tracked."""
-        fixed, motion = self._motion(t, values)
+        fixed, motion = self._motion(t, values, curved=curved)
         nearly = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if near is None:
@@ -440,7 +492,8 @@ class ReducedProblem:
             predicted = track_nodes(fixed, fixed.body(self._linkage_of(t, values)), self.starts[t], about).x
         else:
             predicted = near.predicted(values)
-            kept = near.matrices if keep or near.matrices.near(values, predicted) else None
+            alike = near.matrices.curved == curved
+            kept = near.matrices if alike and (keep or near.matrices.near(values, predicted)) else None
         if near is not None and self._curved(t, near):
             return self._tracked(t, predicted, fixed, motion, self.settings, curved=True)
         found = motion.corrected(predicted, kept)
@@ -482,15 +535,19 @@ class ReducedProblem:
         return np.vstack([self._root(self.at(p))[0], np.zeros((1, len(p)))])
 
     def _root(self, state: ReducedState) -> tuple[Array, Array]:
-        """(np, np) R with R^T R = S and the prior, and the inverse of R^T: by Cholesky where a prior holds every
-        direction, in a tenth of the time of the eigenvectors that tell which directions count as zero elsewhere.
+        """(np, np) R with R^T R = S and the prior, and the inverse of R^T.
+
+        Newton's S may be of a saddle: a direction in which the cost bends down, or less than that of the prior alone,
+        has its curvature downwards, or that of the prior.
         """
         if self._known is None or self._known[0] is not state:
             matrix = state.hessian + self.prior.T @ self.prior
             if len(self.prior) == len(matrix):
-                root = np.linalg.cholesky(matrix)
-                inverse = solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False)
-                self._known = state, np.ascontiguousarray(root.T), np.asarray(inverse, float)
+                # in units of the prior, which curves everywhere at least as much as it does alone
+                unit = np.linalg.inv(self.prior)
+                values, vectors = np.linalg.eigh(unit.T @ matrix @ unit)
+                size = np.sqrt(np.maximum(np.abs(values), 1.0))
+                self._known = state, (vectors * size).T @ self.prior, (vectors / size).T @ unit.T
             else:
                 values, vectors = np.linalg.eigh(matrix)
                 size = np.sqrt(np.where(values > NULL * max(float(values[-1]), 0.0), values, 0.0))

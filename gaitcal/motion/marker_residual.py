@@ -138,8 +138,9 @@ class VariablePairs:
         within = ((support[:, None, :] <= support[None, :, :]).all(axis=2)) & active[:, None] & active[None, :]
         """within[l, k]: what l moves, k moves too."""
         first, second = np.nonzero(np.tril(within | within.T))
-        self.deep = np.where(within[first, second], first, second)
-        self.shallow = np.where(within[first, second], second, first)
+        # of two that move the same segments, too, curvature asks which one comes after the other
+        after = chain.after[np.ix_(chain.at_variables, chain.at_variables)][first, second]
+        self.deep, self.shallow = np.where(after, first, second), np.where(after, second, first)
         self.first, self.second = first, second
         self.coordinates = np.flatnonzero(first < nq)
         self.mixed = np.flatnonzero((first >= nq) & (second < nq))

@@ -186,8 +186,14 @@ def with_tissue_columns(
     tissue: SoftTissue,
     equations: banded.NormalEquations,
     coefficients: Array,
+    *,
+    curved: bool = False,
 ) -> banded.NormalEquations:
-    """Normal equations of a trial at `coefficients` with the columns of its soft tissue after its joint parameters."""
+    """Normal equations of a trial at `coefficients` with the columns of its soft tissue after its joint parameters.
+
+    `curved`: with half the whole Hessian. A spin e of the segment turns the column b of a marker at x, too, by e x b:
+    to  b . (e x x)  comes  r . (e x b),  r = x - measured, together  b . (e x measured).
+    """
     q = basis.evaluate(coefficients)
     nq, nz, n_free = q.shape[1], len(tissue.keys), len(body.chain.free)
     placed = Kinematics(body, q, data.secondary)
@@ -205,7 +211,9 @@ def with_tissue_columns(
         of_velocity, of_spin = np.zeros((2, WIDTH, 3, psi.shape[1]))
         for m, pattern in zip(range(group.markers.start, group.markers.stop), group.pattern, strict=True):
             weight, arm = data.weight[m], _in_axes(axes, position[m])
-            pull += pattern.T @ (weight * (arm - _in_axes(axes, data.measured[m])))
+            measured = _in_axes(axes, data.measured[m])
+            pull += pattern.T @ (weight * (arm - measured))
+            arm = measured if curved else arm
             inertia += weight * (pattern.T @ pattern)[:, :, None]
             weighted = pattern.T[:, :, None] * weight
             of_velocity += weighted

@@ -196,13 +196,7 @@ class MotionProblem:
         return self.with_data(replace(self.data, measured=measured))
 
     def equations(self, coefficients: Array, body: LinkageModel, *, curved: bool = False) -> banded.NormalEquations:
-        """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not Gauss-Newton's.
-
-        ValueError if `curved` and a joint parameter is free: curvature asks which of two variables comes first, and
-        parameters are not kept in that order.
-        """
-        if curved and self.chain.free:
-            raise ValueError("curvature is for the coordinates alone: no joint parameter may be free")
+        """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not Gauss-Newton's."""
         q = self.basis.evaluate(coefficients)
         equations = self._assembler.assembled(
             (self._frame_equations(stretch.frames, body, q, curved=curved), stretch) for stretch in self.basis.stretches
@@ -213,7 +207,7 @@ class MotionProblem:
             equations = replace(equations, cost=equations.cost + cost, node_gradient=equations.node_gradient + gradient)
         if self.tissue is None or not self.tissue.groups:
             return equations
-        return with_tissue_columns(body, self.basis, self.data, self.tissue, equations, coefficients)
+        return with_tissue_columns(body, self.basis, self.data, self.tissue, equations, coefficients, curved=curved)
 
     def _frame_equations(
         self, frames: slice, body: LinkageModel, q: Array, *, hessian: bool = True, curved: bool = False

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.model.chain import LinkageModel
-from gaitcal.model.parameters import gait_parameters
 from gaitcal.model.rotations import axis_rotation
 from gaitcal.motion import motion
 from gaitcal.motion.descent import DescentSettings
@@ -124,12 +123,6 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     assert_derivative(from_band(found.band), gradient, coefficients.ravel())
     np.testing.assert_array_equal(found.node_gradient, plain.node_gradient)
     assert np.abs(found.band - plain.band).max() > 1e-3 * np.abs(plain.band).max()  # far above the tolerance
-
-
-def test_free_joint_parameters_are_refused() -> None:
-    _, parameters, problem, true = seeded_trial(43, free=gait_parameters("r"), frames=25, nodes=7)
-    with pytest.raises(ValueError, match="no joint parameter may be free"):
-        problem.equations(true, problem.body(parameters), curved=True)
 
 
 def test_tracking_ends_where_gauss_newton_does_not() -> None:
