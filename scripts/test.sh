@@ -7,6 +7,8 @@
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/venv.sh
+# Commands that tests start find compiled modules, as those of a user do.
+unset PYTHONDONTWRITEBYTECODE
 
 if [ -n "${GAITCAL_LOWEST:-}" ]; then
     sed -n '/^dependencies = \[/,/^\]/s/^ *"\([A-Za-z0-9_-]*\)>=\([0-9.]*\).*/\1==\2/p' pyproject.toml >.venv-lowest.txt

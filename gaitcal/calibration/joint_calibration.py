@@ -154,6 +154,7 @@ class JointSearch:
             Parameters, soft tissue and motions.
         """
         began = time.perf_counter()
+        self.problem.may_curve = True
         result = self._run_least_squares(self.settings.tolerance, start_values)
         state = self.problem.settle(result.x)
         bounded = np.isfinite(self.reach)

@@ -12,9 +12,15 @@ find a lower one. With S = V diag(s) V^T SciPy gets the compressed pair
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
 the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of
-thousands of rows. (If priors make S regular, its Cholesky factor replaces V s^1/2.) S may be
-singular: its null directions are unobservable in these trials, and p does not change along them.
-Priors add their cost, gradient and matrix to C, g and S first.
+thousands of rows. (If priors make S regular, eigenvectors in units of the prior replace V.) S may
+be singular: its null directions are unobservable in these trials, and p does not change along
+them. Priors add their cost, gradient and matrix to C, g and S first.
+
+Gauss-Newton leaves out the curvature of the marker paths, and follows a bent valley of the cost in
+small steps (60 for a subtalar axis that is hardly determined). Near the minimum, once the predicted
+gain falls by less than a factor of ten from step to step (`descent.STALE_RATIO`), all matrices above are
+Newton's. Where Newton's matrix is that of a saddle point, Gauss-Newton's replaces it for the kind
+of task. `settle` forms Gauss-Newton's, from which the errors are computed.
 
 On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved
 no further than the next step needs (`CORRECTOR`); while unknowns and motion have moved less than
@@ -31,7 +37,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
@@ -40,7 +45,7 @@ from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.tracking.banded import Elimination, NormalEquations, eliminate
-from gaitcal.tracking.descent import DescentSettings, Evaluation, descend
+from gaitcal.tracking.descent import STALE_RATIO, DescentSettings, Evaluation, descend
 from gaitcal.tracking.motion import track_nodes
 from gaitcal.tracking.trial_problem import MotionProblem
 
@@ -62,6 +67,12 @@ TISSUE_GAIN = 1e-7
 that of all falls by no more."""
 # Largest number of steps of soft tissue at given joint parameters, and earlier steps that are used
 MOST_TISSUE_STEPS, KEPT_STEPS = 20, 5
+# Shares of a step of soft tissue that are tried in turn if the cost grows with the whole step
+SHORTER_STEPS = (0.5, 0.1, 0.01, 0.001)
+NEARLY_THERE = 1e-3
+"""Predicted gain, as a share of the cost, below which Newton's matrices may be formed. Farther away
+they lead to saddle points, whereas Gauss-Newton's always lead downhill.
+"""
 # Share of the cost of the last Newton step below which Gauss-Newton steps are tried again
 COST_FALLEN_TO = 0.5
 
@@ -74,6 +85,7 @@ class Matrices:
     values: Array
     coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
+    curved: bool  # Newton's, else Gauss-Newton's
 
     def is_near(self, values: Array, coefficients: Array) -> bool:
         """Return whether another point is near enough to reuse the matrices."""
@@ -123,8 +135,10 @@ class OpenMotion:
     nothing_left = 0.0
     has_curvature = False
 
-    def __init__(self, problem: MotionProblem, body: LinkageModel, values: Array) -> None:
-        self.problem, self.body, self.values = problem, body, values
+    def __init__(
+        self, problem: MotionProblem, body: LinkageModel, values: Array, *, curved: bool = False
+    ) -> None:
+        self.problem, self.body, self.values, self.curved = problem, body, values, curved
 
     def coefficients(self, x: Array) -> Array:
         """Reshape a vector to coefficients (nn, nq)."""
@@ -139,12 +153,9 @@ class OpenMotion:
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
         """Form the equations at x."""
-        coefficients = self.coefficients(x)
-        return OpenMatrix(
-            self.values,
-            coefficients,
-            self.problem.assemble_equations(coefficients, self.body, curved=curved),
-        )
+        coefficients, curved = self.coefficients(x), curved or self.curved
+        equations = self.problem.assemble_equations(coefficients, self.body, curved=curved)
+        return OpenMatrix(self.values, coefficients, equations, curved=curved)
 
     def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
         """Correct the motion by plain steps from `coefficients` (nn, nq); None without convergence."""
@@ -198,14 +209,18 @@ class OpenMatrix:
 
     spent = False
 
-    def __init__(self, values: Array, coefficients: Array, equations: NormalEquations) -> None:
-        self.values, self.coefficients, self.equations = values, coefficients, equations
+    def __init__(
+        self, values: Array, coefficients: Array, equations: NormalEquations, *, curved: bool
+    ) -> None:
+        self.values, self.coefficients = values, coefficients
+        self.equations, self.curved = equations, curved
         by_node, by_parameter = equations.node_gradient.ravel(), equations.parameter_gradient
         self.evaluation = OpenEvaluation(equations.cost, by_node, by_parameter)
 
     def factor(self, damping: float) -> Matrices:
         """Eliminate the coefficients."""
-        return Matrices(self.values, self.coefficients, eliminate(self.equations, damping))
+        eliminated = eliminate(self.equations, damping)
+        return Matrices(self.values, self.coefficients, eliminated, self.curved)
 
 
 @dataclass(frozen=True)
@@ -295,6 +310,10 @@ class ReducedProblem:
         self._known: tuple[ReducedState, Array, Array] | None = None
         """The last matrix that was taken apart."""
         self.evaluations = 0
+        self.may_curve = False
+        """Whether Newton's matrices may be formed where Gauss-Newton's steps shrink slowly."""
+        self.curved = False
+        """Whether they are."""
         self.slow_at = [np.inf] * len(self.open)
         """m^2, the least cost at which Gauss-Newton's steps of a trial's motion promised more than
         they held.
@@ -323,16 +342,33 @@ class ReducedProblem:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the
             # joint parameters
             solved = kinds
-            kinds = _map_in_pairs(lambda k: self._minimise_tissue(k, p, solved[k]), every)
+            kinds = _map_in_pairs(
+                lambda k: self._minimise_tissue(k, p, self._drop_bad_step(k, p, solved[k])), every
+            )
         return self._keep(p, kinds)
 
-    def _predict_tissue(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
-        """Predict the soft tissue of one kind at p from the best point; also its motions there."""
+    def _predict_tissue(
+        self, k: int, p: Array, share: float = 1.0
+    ) -> tuple[Array, Sequence[MotionState] | None]:
+        """Predict the soft tissue of one kind at p from the best point; also its motions there.
+
+        `share` is the part of the step of soft tissue that is taken from the best point.
+        """
         if self.best is None:
             return self.tissue[k].mean, None
         last = self.best.kinds[k]
-        z = last.z + last.step - last.sensitivity @ (p - self.best.p)
+        z = last.z + share * last.step - last.sensitivity @ (p - self.best.p)
         return z, [self.best.trials[t] for t in self.members[k]]
+
+    def _drop_bad_step(self, k: int, p: Array, whole: KindState) -> KindState:
+        """Solve one kind at p without the step of its soft tissue if that gives a lower cost.
+
+        The cost is then as near to that of the best point as p is, however wrong the step was.
+        """
+        if self.best is None or whole.tissue.cost <= self.best.kinds[k].cost:
+            return whole
+        without = self._solve_kind(k, p, *self._predict_tissue(k, p, 0.0))
+        return whole if whole.tissue.cost <= without.tissue.cost else without
 
     def settle(self, p: Array) -> ReducedState:
         """Solve soft tissue and motions at p to the final tolerance, all matrices formed there.
@@ -383,12 +419,16 @@ class ReducedProblem:
         """
         self.shares, best = list(shares), self.best
         self.state = self.best = None
+        self.curved = False
         if best is None:
             return
-        kinds = [
-            self._eliminate_kind(k, tissue.z, [best.trials[t] for t in members])
-            for k, (members, tissue) in enumerate(zip(self.members, best.kinds, strict=True))
-        ]
+        kinds = list[KindState]()
+        for k, (members, tissue) in enumerate(zip(self.members, best.kinds, strict=True)):
+            trials = [best.trials[t] for t in members]
+            if any(trial.matrices.curved for trial in trials):
+                kinds.append(self._solve_kind(k, best.p, tissue.z, trials))
+            else:
+                kinds.append(self._eliminate_kind(k, tissue.z, trials))
         self._keep(best.p, kinds)
 
     def _minimise_tissue(self, k: int, p: Array, here: KindState) -> KindState:
@@ -419,8 +459,13 @@ class ReducedProblem:
                     [there.tissue.z, *points][-KEPT_STEPS:],
                     [there.tissue.step, *steps][-KEPT_STEPS:],
                 )
-                there = self._solve_kind(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
-                if there.tissue.cost > tissue.cost:
+                for share in SHORTER_STEPS:
+                    there = self._solve_kind(
+                        k, p, tissue.z + share * tissue.step, here.trials, keep=True
+                    )
+                    if there.tissue.cost <= tissue.cost:
+                        break
+                else:
                     break
             here = there
         return here
@@ -434,13 +479,20 @@ class ReducedProblem:
         """
         unknowns = np.append(p, z)
 
-        def solved(i: int) -> MotionState:
+        def solved(i: int, *, curved: bool) -> MotionState:
             t = self.members[k][i]
-            return self._solve_motion(
-                t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep
-            )
+            close = None if near is None else near[i]
+            return self._solve_motion(t, unknowns[self.columns[t]], close, keep=keep, curved=curved)
 
-        return self._eliminate_kind(k, z, self._map_trials(k, solved))
+        if self.curved:
+            try:
+                return self._eliminate_kind(
+                    k, z, self._map_trials(k, lambda i: solved(i, curved=True))
+                )
+            except np.linalg.LinAlgError:
+                # Gauss-Newton takes over: its matrix is always positive definite
+                pass
+        return self._eliminate_kind(k, z, self._map_trials(k, lambda i: solved(i, curved=False)))
 
     def _map_trials(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
         """Apply a function to each trial of a kind, two at a time if there is no other kind."""
@@ -488,9 +540,19 @@ class ReducedProblem:
         """Sum the kinds, and keep the point if it is the best."""
         state = self._sum_kinds(p, kinds)
         if self.best is None or state.total <= self.best.total:
+            if self.may_curve and self.best is not None and len(self.prior) == len(p):
+                gain, previous_gain = self._predict_gain(state), self._predict_gain(self.best)
+                is_slow = gain > STALE_RATIO * previous_gain
+                self.curved = self.curved or (is_slow and gain < NEARLY_THERE * state.total)
             self.best = state
         self.state = state
         return state
+
+    def _predict_gain(self, state: ReducedState) -> float:
+        """Predict by how much (m^2) the next step of parameters and soft tissue lowers the cost."""
+        gradient = state.gradient + self.prior.T @ (self.prior @ (state.p - self.centre))
+        scaled = self._factorise(state)[1] @ gradient
+        return float(scaled @ scaled) + sum(kind.reduction for kind in state.kinds)
 
     def _place_trial(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
         """Place soft tissue and secondary motions of a trial at its unknowns (nx_t,).
@@ -503,12 +565,13 @@ class ReducedProblem:
         moved = opened.displace(values[opened.joint_parameters :])
         return self.fixed[t].with_data(moved.data), moved
 
-    def _open_motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
+    def _open_motion(
+        self, t: int, values: Array, *, curved: bool = False
+    ) -> tuple[MotionProblem, OpenMotion]:
         """Open the motion of a trial at its unknowns (nx_t,)."""
         fixed, problem = self._place_trial(t, values)
-        return fixed, OpenMotion(
-            problem, self.bodies[t].with_free(self._get_trial_parameters(t, values)), values
-        )
+        body = self.bodies[t].with_free(self._get_trial_parameters(t, values))
+        return fixed, OpenMotion(problem, body, values, curved=curved)
 
     def _get_trial_parameters(self, t: int, values: Array) -> Parameters:
         """Get all parameters of the linkage at the unknowns (nx_t,) of a trial."""
@@ -527,10 +590,10 @@ class ReducedProblem:
         return stepped
 
     def _solve_motion(
-        self, t: int, values: Array, near: MotionState | None, *, keep: bool
+        self, t: int, values: Array, near: MotionState | None, *, keep: bool, curved: bool
     ) -> MotionState:
         """Solve the motion of one trial: predicted, corrected by a few plain steps, or tracked."""
-        fixed, motion = self._open_motion(t, values)
+        fixed, motion = self._open_motion(t, values, curved=curved)
         nearly = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if near is None:
@@ -545,7 +608,12 @@ class ReducedProblem:
             ).x
         else:
             predicted = near.predict_coefficients(values)
-            kept = near.matrices if keep or near.matrices.is_near(values, predicted) else None
+            alike = near.matrices.curved == curved
+            kept = (
+                near.matrices
+                if alike and (keep or near.matrices.is_near(values, predicted))
+                else None
+            )
         if near is not None and self._needs_newton(t, near):
             return self._track_motion(t, predicted, fixed, motion, self.settings, curved=True)
         found = motion.correct(predicted, kept)
@@ -594,15 +662,17 @@ class ReducedProblem:
     def _factorise(self, state: ReducedState) -> tuple[Array, Array]:
         """Factorise S with the prior: R (np, np) with R^T R = S, and the inverse of R^T.
 
-        Cholesky is used if a prior determines every direction; it takes a tenth of the time. Else
-        eigenvectors show which directions count as zero.
+        With Newton's matrices S may be that of a saddle point: a direction in which the cost bends
+        down gets the absolute value of its curvature, and none gets less than the prior's.
         """
         if self._known is None or self._known[0] is not state:
             matrix = state.hessian + self.prior.T @ self.prior
             if len(self.prior) == len(matrix):
-                root = np.linalg.cholesky(matrix)
-                inverse = solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False)
-                self._known = state, np.ascontiguousarray(root.T), np.asarray(inverse, float)
+                # in units of the prior, which curves everywhere at least as much as it does alone
+                unit = np.linalg.inv(self.prior)
+                values, vectors = np.linalg.eigh(unit.T @ matrix @ unit)
+                size = np.sqrt(np.maximum(np.abs(values), 1.0))
+                self._known = state, (vectors * size).T @ self.prior, (vectors / size).T @ unit.T
             else:
                 values, vectors = np.linalg.eigh(matrix)
                 size = np.sqrt(np.where(values > NULL * max(float(values[-1]), 0.0), values, 0.0))

@@ -189,8 +189,11 @@ class VariablePairs:
         )
         # within[l, k]: every segment that l moves, k moves too
         first, second = np.nonzero(np.tril(within | within.T))
-        self.deep = np.where(within[first, second], first, second)
-        self.shallow = np.where(within[first, second], second, first)
+        # Of two variables that move the same segments, curvature depends on which is farther from
+        # the ground.
+        after = chain.after[np.ix_(chain.at_variables, chain.at_variables)][first, second]
+        self.deep = np.where(after, first, second)
+        self.shallow = np.where(after, second, first)
         self.first, self.second = first, second
         self.coordinates = np.flatnonzero(first < nq)
         self.mixed = np.flatnonzero((first >= nq) & (second < nq))

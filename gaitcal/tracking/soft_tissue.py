@@ -278,6 +278,8 @@ def add_tissue_columns(
     tissue: SoftTissue,
     equations: banded.NormalEquations,
     coefficients: Array,
+    *,
+    curved: bool = False,
 ) -> banded.NormalEquations:
     """Add the columns of soft tissue to the normal equations of a trial.
 
@@ -289,11 +291,19 @@ def add_tissue_columns(
         Normal equations without soft tissue.
     coefficients
         (nn, nq) at which the equations were assembled.
+    curved
+        Add half the whole Hessian instead of the Gauss-Newton matrix.
 
     Returns
     -------
     NormalEquations
         Soft tissue follows the joint parameters.
+
+    Notes
+    -----
+    A rotation e of the segment also rotates the column b of a marker at x by e x b. With
+    r = x - measured, the term  b . (e x x)  of Gauss-Newton gets  r . (e x b);  their sum is
+    b . (e x measured).
     """
     q = basis.evaluate(coefficients)
     nq, nz, n_free = q.shape[1], len(tissue.keys), len(body.chain.free)
@@ -316,7 +326,9 @@ def add_tissue_columns(
             range(group.markers.start, group.markers.stop), group.pattern, strict=True
         ):
             weight, arm = data.weight[m], _express_in_axes(axes, position[m])
-            pull += pattern.T @ (weight * (arm - _express_in_axes(axes, data.measured[m])))
+            measured = _express_in_axes(axes, data.measured[m])
+            pull += pattern.T @ (weight * (arm - measured))
+            arm = measured if curved else arm
             inertia += weight * (pattern.T @ pattern)[:, :, None]
             weighted = pattern.T[:, :, None] * weight
             of_velocity += weighted

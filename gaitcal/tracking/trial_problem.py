@@ -317,17 +317,7 @@ class MotionProblem:
         Returns
         -------
         NormalEquations
-
-        Raises
-        ------
-        ValueError
-            `curved`, and a joint parameter is free. Curvature depends on the order of two variables
-            along the linkage, and parameters are not kept in that order.
         """
-        if curved and self.chain.free:
-            raise ValueError(
-                "curvature is for the coordinates alone: no joint parameter may be free"
-            )
         q = self.basis.evaluate(coefficients)
         equations = self._assembler.assemble(
             (self._assemble_frames(stretch.frames, body, q, curved=curved), stretch)
@@ -343,7 +333,9 @@ class MotionProblem:
             )
         if self.tissue is None or not self.tissue.groups:
             return equations
-        return add_tissue_columns(body, self.basis, self.data, self.tissue, equations, coefficients)
+        return add_tissue_columns(
+            body, self.basis, self.data, self.tissue, equations, coefficients, curved=curved
+        )
 
     def _assemble_frames(
         self,

@@ -13,7 +13,7 @@ from gaitcal.calibration import reduced_problem as open_motion
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.calibration.soft_tissue_artefact import TissuePrior
-from gaitcal.calibration.tissue_elimination import split_by_kind
+from gaitcal.calibration.tissue_elimination import EliminatedKind, split_by_kind
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
@@ -151,6 +151,86 @@ def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_ti
     matrix, pull = left.T @ left, left.T @ r
     np.testing.assert_allclose(jacobian.T @ jacobian, matrix, rtol=0, atol=1e-6 * matrix.max())
     np.testing.assert_allclose(jacobian.T @ f, pull, rtol=0, atol=1e-6 * np.abs(pull).max())
+
+
+def soft_knee_problem(noise: float = 0.02) -> tuple[ReducedProblem, Array]:
+    """Two kinds of task with large errors, whose residuals curve, and a prior of all; and a point."""
+    rng, start = np.random.default_rng(9), read_published_parameters()
+    kinds = ("gait", "squat")
+    trials = [
+        noisy(soft_knee_trial(seed, (f"{kind}/a",), PART), rng, noise)
+        for seed, kind in zip((3, 4), kinds, strict=True)
+    ]
+    keys = (*trials[0].unknowns, *trials[1].unknowns)
+    reduced = ReducedProblem(
+        trials,
+        start,
+        KNEE,
+        [started(problem, start)[1] for problem in trials],
+        DescentSettings(gain=1e-14),
+        prior=0.1 * np.eye(len(KNEE)),
+        centre=values(start, KNEE),
+        tissue=TissuePrior(keys, 0.01**2 * np.eye(len(keys)), np.zeros(len(keys))),
+        kinds=kinds,
+    )
+    return reduced, values(start, KNEE) + rng.normal(0, 0.005, len(KNEE))
+
+
+def test_newtons_reduced_matrix_is_the_derivative_of_the_reduced_gradient() -> None:
+    """Motions and soft tissue of two kinds follow the joint parameters."""
+    reduced, p = soft_knee_problem()
+    second = central_differences(lambda x: reduced.settle(x).gradient, p, 1e-5)
+    plain = reduced.settle(p).hessian
+    reduced.state = reduced.best = None
+    reduced.settle(p)
+    reduced.curved = True
+    # so near that only the matrices are formed anew
+    curved = reduced.at(p + 1e-9).hessian
+    np.testing.assert_allclose(curved, second, rtol=0, atol=1e-4 * np.abs(second).max())
+    assert np.abs(plain - second).max() > 1e-2 * np.abs(second).max()
+
+
+def test_a_saddle_has_no_direction_flatter_than_the_prior() -> None:
+    reduced, p = soft_knee_problem()
+    state, rng = reduced.settle(p), np.random.default_rng(1)
+    matrix = rng.normal(size=state.hessian.shape)
+    reduced.state = reduced.best = state = replace(state, hessian=matrix + matrix.T)
+    jacobian, f = reduced.compute_jacobian(p), reduced.compute_residual(p)
+    unit = np.linalg.inv(reduced.prior)
+    curvature = np.linalg.eigvalsh(unit.T @ jacobian.T @ jacobian @ unit)
+    given = np.linalg.eigvalsh(unit.T @ (state.hessian + reduced.prior.T @ reduced.prior) @ unit)
+    assert given.min() < -1.0
+    np.testing.assert_allclose(curvature, np.sort(np.maximum(np.abs(given), 1.0)), rtol=1e-9)
+    pull = reduced.prior.T @ reduced.prior @ (p - reduced.centre)
+    np.testing.assert_allclose(
+        jacobian.T @ f, state.gradient + pull, atol=1e-9 * np.abs(pull).max()
+    )
+
+
+def test_soft_tissue_whose_steps_are_far_too_long_still_comes_to_its_minimum() -> None:
+    """The cost is z^2 and its matrix a sixteenth of the true one: half a step raises the cost, too."""
+    reduced, p = soft_knee_problem()
+    count, curvature = len(p), 0.06
+    prior = reduced.tissue[0]
+
+    def state_at(z: Array) -> reduced_problem.KindState:
+        half_gradient, root = z, np.sqrt(curvature) * np.eye(len(z))
+        tissue = EliminatedKind(
+            prior=prior,
+            z=z,
+            root=root,
+            halfway=np.zeros((len(z), count)),
+            forward=half_gradient / np.sqrt(curvature),
+            cost=float(z @ z),
+            hessian=np.eye(count),
+            gradient=np.zeros(count),
+        )
+        return reduced_problem.KindState((), tissue)
+
+    reduced._solve_kind = lambda k, p, z, near, *, keep=False: state_at(z)  # type: ignore[method-assign]
+    start = np.linspace(0.1, 0.2, len(prior.mean))
+    found = reduced._minimise_tissue(0, p, state_at(start)).tissue
+    assert found.cost < 1e-12 * float(start @ start)
 
 
 def test_kinds_that_share_soft_tissue_are_refused() -> None:

@@ -208,6 +208,22 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
         np.append(by_nodes, by_unknowns), found, rtol=0, atol=1e-12 * np.abs(found).max()
     )
 
+    def gradient_at(x: Array) -> Array:
+        n, values, z = np.split(x, [coefficients.size, coefficients.size + len(LEG_FREE)])
+        here, moved = problem.displace(z), parameters.with_joint(LEG_FREE, values)
+        _, by_nodes, by_unknowns = here.compute_gradients(
+            n.reshape(coefficients.shape), here.build_body(moved)
+        )
+        return np.append(by_nodes, by_unknowns)
+
+    # Newton's matrix of all unknowns: the derivative of the gradient
+    curved = at.assemble_equations(coefficients, at.build_body(parameters), curved=True)
+    whole = np.vstack([curved.mixed, curved.parameters])
+    second = central_differences(gradient_at, x)[:, coefficients.size :]
+    np.testing.assert_allclose(whole, second, atol=SECOND_ORDER * np.abs(second).max())
+    left_out = np.abs(whole - corner).max(axis=0) / np.abs(whole).max(axis=0)
+    assert np.median(left_out) > 100 * SECOND_ORDER, "Gauss-Newton's differs by far more"
+
 
 def test_bends_are_what_no_hinge_makes_of_the_angle() -> None:
     rng = np.random.default_rng(2)

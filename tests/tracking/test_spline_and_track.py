@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.model.chain import LinkageModel
-from gaitcal.model.parameters import list_gait_parameters
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.tracking import motion
 from gaitcal.tracking.descent import DescentSettings
@@ -158,14 +157,6 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     assert (
         np.abs(found.band - plain.band).max() > 1e-3 * np.abs(plain.band).max()
     )  # far above the tolerance
-
-
-def test_free_joint_parameters_are_refused() -> None:
-    _, parameters, problem, true = seeded_trial(
-        43, free=list_gait_parameters("r"), frames=25, nodes=7
-    )
-    with pytest.raises(ValueError, match="no joint parameter may be free"):
-        problem.assemble_equations(true, problem.build_body(parameters), curved=True)
 
 
 def test_tracking_ends_where_gauss_newton_does_not() -> None:

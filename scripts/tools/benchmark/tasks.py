@@ -376,7 +376,9 @@ IMPORTS = (
 
 def _python(*arguments: object) -> Callable[[], object]:
     command = [sys.executable, *map(str, arguments)]
-    return lambda: subprocess.run(command, check=True, capture_output=True)
+    # A user's Python keeps compiled modules; without them every run compiles gaitcal first.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    return lambda: subprocess.run(command, check=True, capture_output=True, env=environment)
 
 
 def _gaitcal(*words: object) -> Callable[[], object]:
