@@ -1,13 +1,14 @@
-"""Calibrate a study, in five stages that hand on one `CalibrationState`.
+"""Calibrate a study, in stages that hand on one `CalibrationState`.
 
 1. `preprocess_study`: clean the trials, build the nominal model from the static trial
    (`preprocess/preprocessed_study.py`).
-2. `session_of`: rotate the trials to the direction of progression and pose their tracking problems.
+2. `prepare_calibration`: rotate the trials to the direction of progression and pose their tracking
+   problems.
 3. `fit_joints`: joint parameters and soft tissue from the markers of all trials.
-4. `track`: motions with the nominal and the fitted model, forces under the feet, disagreement of
-   both.
+4. `track_trials`: motions with the nominal and the fitted model, forces under the feet,
+   disagreement of both.
 5. `fit_inertia`: inertial parameters from the pelvis residual; on demand all parameters together.
-   `judged`: standard errors, torques, findings and the verdict.
+6. `assemble_calibration`: standard errors, torques, findings and the verdict.
 """
 
 from __future__ import annotations
@@ -21,16 +22,27 @@ import numpy as np
 
 from gaitcal.analysis import fit_findings
 from gaitcal.analysis.fit_joints import fit_joints
-from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial, session_of, tracked
-from gaitcal.analysis.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn
-from gaitcal.analysis.trial_result import (
-    Counted,
-    counted_from_static,
-    shifted,
-    static_angles,
-    trial_result,
+from gaitcal.analysis.prepared_trials import (
+    CalibrationState,
+    MovingTrial,
+    prepare_calibration,
+    track_trial,
 )
-from gaitcal.analysis.truth_comparison import with_truth
+from gaitcal.analysis.result import (
+    Calibration,
+    Stage,
+    TrialResult,
+    Uncertainty,
+    remove_refused_results,
+)
+from gaitcal.analysis.trial_result import (
+    AnkleZeroCorrection,
+    assemble_trial_result,
+    compute_static_angles,
+    shift_coefficients,
+    zero_ankle_angles,
+)
+from gaitcal.analysis.truth_comparison import compare_with_truth
 from gaitcal.arrays import Array
 from gaitcal.calibration import inertial_calibration, inertial_evidence
 from gaitcal.calibration.combined import (
@@ -61,7 +73,8 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import build_motion
 
-Loaded: TypeAlias = tuple[MovingTrial, GroundReactions]
+LoadedTrial: TypeAlias = tuple[MovingTrial, GroundReactions]
+"""A tracked trial and the ground reactions on its feet."""
 
 
 @with_one_blas_thread
@@ -72,22 +85,26 @@ def calibrate(
     leave_out: bool = False,
     checked: Sequence[Finding] | None = None,
 ) -> Calibration:
-    """Fit a person's joint and inertial parameters and compute the joint torques of every gait
-    trial.
+    """Fit the joint and inertial parameters of a person and compute the joint torques.
 
     Parameters
     ----------
-    study
+    study : Study
         From `Study.load`.
-    progress
+    progress : callable
         Called with a line of text at the beginning of each step.
-    leave_out
-        Find the held-out error too (`analysis/fit_joints.py`), which takes four more fits of the
-        joint parameters.
-    checked
-        What `gaitcal.check_study` found; made here unless given. Errors among it do not stop the
-        calibration, but its verdict is "refused" then: no torque counts as valid, and no error bar
-        is given.
+    leave_out : bool
+        Also compute the held-out error (`analysis/fit_joints.py`), which takes four more fits of
+        the joint parameters.
+    checked : sequence of Finding, optional
+        What `gaitcal.check_study` found; the study is checked here if it is not given. Errors among
+        it do not stop the calibration, but its verdict is "refused" then: no torque counts as
+        valid, and no error bar is given.
+
+    Returns
+    -------
+    Calibration
+        Models, motions, torques of every gait trial, standard errors, findings and verdict.
 
     Raises
     ------
@@ -112,16 +129,22 @@ def calibrate_preprocessed(
     *,
     leave_out: bool = False,
 ) -> Calibration:
-    """Calibrate a study that is prepared, as `calibrate` does.
+    """Calibrate a study that is preprocessed, as `calibrate` does.
 
     Parameters
     ----------
-    preprocessed
+    preprocessed : PreprocessedStudy
         From `preprocess_study`.
-    checked
+    checked : sequence of Finding
         What `check_preprocessed` found.
-    progress, leave_out
-        As of `calibrate`.
+    progress : callable
+        Called with a line of text at the beginning of each step.
+    leave_out : bool
+        Also compute the held-out error.
+
+    Returns
+    -------
+    Calibration
 
     Raises
     ------
@@ -129,100 +152,148 @@ def calibrate_preprocessed(
         As of `calibrate`.
     """
     progress("nominal model from the static trial")
-    prepared = session_of(preprocessed, checked)
-    session = track(fit_joints(prepared, progress, leave_out=leave_out), progress)
-    refused = impossible_functional_trials(session)
+    prepared = prepare_calibration(preprocessed, checked)
+    session = track_trials(fit_joints(prepared, progress, leave_out=leave_out), progress)
+    refused = find_impossible_functional_trials(session)
     if refused:
+        # The joints are fitted again, to the other trials.
         progress(f"once more without {listed(list(refused))}")
-        rest = tuple(t for t in prepared.trials if t.name not in refused)
-        prepared = replace(prepared, trials=rest, findings=(*prepared.findings, *refused.values()))
-        session = track(fit_joints(prepared, progress, leave_out=leave_out), progress)
+        remaining = tuple(t for t in prepared.trials if t.name not in refused)
+        findings = (*prepared.findings, *refused.values())
+        prepared = replace(prepared, trials=remaining, findings=findings)
+        session = track_trials(fit_joints(prepared, progress, leave_out=leave_out), progress)
     session = fit_inertia(session, progress)
-    return judged(session, preprocessed.study, progress)
+    return assemble_calibration(session, preprocessed.study, progress)
 
 
-def impossible_functional_trials(session: CalibrationState) -> dict[str, Finding]:
-    """Find functional trials (single-joint) in which a leg moves as none can.
+def find_impossible_functional_trials(session: CalibrationState) -> dict[str, Finding]:
+    """Find functional (single-joint) trials in which a leg moves as no leg can.
 
-    What is wrong with one trial concerns that trial: the joints are to be found without it, and no
-    torque of a walk is refused for it.
+    A fault of one functional trial concerns that trial alone: the joints are fitted without it, and
+    no torque of a walk is refused because of it.
 
     Parameters
     ----------
-    session
+    session : CalibrationState
         After tracking.
 
     Returns
     -------
     dict
-        Trial -> warning that it is left out; empty where nothing would be left to fit, or no joint
-        was fitted.
+        Trial -> warning that it is left out; empty if no trial would remain, or no joint was
+        fitted.
     """
     if session.joint is None:
         return {}
     out = dict[str, Finding]()
     for trial in (t for t in session.trials if t.joint is not None):
         for finding in impossible(trial.motion, session.model.subject.weight):
-            left_out = f"{finding.found}; the joint parameters were found without this trial"
+            left_out = f"{finding.found}; the joint parameters were fitted without this trial"
             out[trial.name] = replace(
                 finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT
             )
     return out if len(out) < len(session.trials) else {}
 
 
-def track(session: CalibrationState, progress: Progress) -> CalibrationState:
-    """Motions and forces of all trials with the nominal and the fitted joint parameters."""
+def track_trials(session: CalibrationState, progress: Progress) -> CalibrationState:
+    """Track all trials with the nominal and the fitted joint parameters and diagnose the forces.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After the fit of the joint parameters.
+    progress : callable
+        Called with a line of text at the beginning of each step.
+
+    Returns
+    -------
+    CalibrationState
+        With motions, ground reactions, ankle angles zeroed in the static posture, and the force
+        diagnosis.
+    """
     joint = session.joint
-    counted = _counted(session)
+    zeroed = _zero_ankles(session)
     progress("tracking with the nominal and the calibrated joint parameters")
+    if joint is None:
+        uncertainty = Uncertainty(make_nominal_errors(), None)
+    else:
+        uncertainty = Uncertainty(joint.errors, None, joint.artefact)
     session = replace(
         session,
-        parameters=counted.parameters,
-        static_angles=counted.static,
-        uncertainty=Uncertainty(make_nominal_errors(), None)
-        if joint is None
-        else Uncertainty(joint.errors, None, joint.artefact),
+        parameters=zeroed.parameters,
+        static_angles=zeroed.static_angles,
+        uncertainty=uncertainty,
     )
     stage = Stage.NOMINAL if joint is None else Stage.JP
-    session = replace(session, trials=tuple(tracked(t, session, stage) for t in session.trials))
-    progress("do motion and forces agree?")
+    trials = tuple(track_trial(t, session, stage) for t in session.trials)
+    session = replace(session, trials=trials)
+    progress("comparing motion and forces")
     return replace(session, forces=fit_findings.diagnose_forces(session))
 
 
 def fit_inertia(session: CalibrationState, progress: Progress) -> CalibrationState:
-    """Inertial parameters, then, where asked for, joint and inertial parameters together."""
-    settings, loaded = session.settings, weighing(session)
+    """Fit the inertial parameters, then, if the settings ask for it, all parameters together.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After tracking.
+    progress : callable
+        Called with a line of text at the beginning of each step.
+
+    Returns
+    -------
+    CalibrationState
+        With the inertial fit, its parameters as the last stage of every trial, and the errors of
+        inertial parameters.
+    """
+    settings, loaded = session.settings, select_trials_for_inertial_fit(session)
     progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
-    inertial = None if settings.ip == "none" or not loaded else _inertial_fit(session, loaded)
+    inertial = None if settings.ip == "none" or not loaded else _fit_inertial(session, loaded)
     if inertial is not None:
         parameters = session.parameters.with_inertial(inertial.inertial)
-        trials = tuple(t.reached(Stage.JP_IP, parameters, t.motion) for t in session.trials)
+        trials = tuple(t.with_stage(Stage.JP_IP, parameters, t.motion) for t in session.trials)
         session = replace(session, inertial=inertial, parameters=parameters, trials=trials)
         if settings.joint_step and not fit_findings.is_trunk_unmeasured(loaded[0][0].motion):
             session = _fit_together(session, loaded, progress)
-    return replace(
-        session, uncertainty=replace(session.uncertainty, inertial=_inertial_spread(session))
-    )
+    uncertainty = replace(session.uncertainty, inertial=_factor_inertial_errors(session))
+    return replace(session, uncertainty=uncertainty)
 
 
-def judged(session: CalibrationState, study: Study, progress: Progress) -> Calibration:
-    """The calibration with its standard errors, torques, findings and verdict."""
+def assemble_calibration(
+    session: CalibrationState, study: Study, progress: Progress
+) -> Calibration:
+    """Assemble the calibration with its standard errors, torques, findings and verdict.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After the fit of the inertial parameters.
+    study : Study
+        The preprocessed study.
+    progress : callable
+        Called with a line of text at the beginning of each step.
+
+    Returns
+    -------
+    Calibration
+        Compared with the truth if the study declares it; without what its verdict refuses.
+    """
     progress("standard errors and inverse dynamics")
-    results = tuple(trial_result(t, session) for t in session.trials)
-    nominal, joint, phases = session.model, session.joint, phases_of(session)
-    later = (
+    results = tuple(assemble_trial_result(t, session) for t in session.trials)
+    nominal, joint, phases = session.model, session.joint, list_phases(session)
+    after_fit = (
         *session.forces.findings,
         *session.findings,
         *(joint.findings if joint else ()),
-        *fit_findings.calibration_findings(session, results, phases),
-        *fit_findings.unmeasured_mass(results, nominal.parameters),
+        *fit_findings.check_calibration(session, results, phases),
+        *fit_findings.check_unmeasured_mass(results, nominal.parameters),
     )
     names = [t.name for t in session.walks]
     absent = {f.where: f.evidence for f in session.findings if f.topic == LEFT_OUT}
-    found = without_consequences(
-        (*session.checked, *later, *(finding for t in results for finding in t.findings))
-    )
-    notes = _notes(session, results, later)
+    of_trials = (finding for t in results for finding in t.findings)
+    found = without_consequences((*session.checked, *after_fit, *of_trials))
+    notes = _collect_notes(session, results, after_fit)
     calibration = Calibration(
         study=replace(study, trials=tuple(t for t in study.trials if t.name not in absent)),
         nominal=nominal,
@@ -239,88 +310,101 @@ def judged(session: CalibrationState, study: Study, progress: Progress) -> Calib
         verdict=judge(found, names, forced=bool(stopping(session.checked, names))),
         left_out=absent,
     )
-    return with_truth(withdrawn(calibration))
+    return compare_with_truth(remove_refused_results(calibration))
 
 
-def _notes(
-    session: CalibrationState, results: Sequence[TrialResult], later: Sequence[Finding]
+def _collect_notes(
+    session: CalibrationState, results: Sequence[TrialResult], after_fit: Sequence[Finding]
 ) -> tuple[str, ...]:
-    """What was assumed: of the model, the joint and inertial parameters, the trials, and remarks
-    among the findings.
-    """
+    """Collect what was assumed: by model, fits and trials, and the findings that are notes."""
     joint, inertial = session.joint, session.inertial
     return (
         *session.model.notes,
         *(joint.notes if joint else ()),
         *(() if inertial is None or inertial.moved else (inertial.message,)),
-        *(() if session.settings.ip == "none" else fit_findings.left_out_of_masses(session)),
+        *(
+            ()
+            if session.settings.ip == "none"
+            else fit_findings.note_trials_without_masses(session)
+        ),
         *(note for t in results for note in t.notes),
-        *(note_of(finding) for finding in later if finding.severity is Severity.INFO),
+        *(note_of(finding) for finding in after_fit if finding.severity is Severity.INFO),
     )
 
 
-def _counted(session: CalibrationState) -> Counted:
-    """The session's parameters with ankle angles counted from the static posture, where its
-    settings ask for it.
-    """
+def _zero_ankles(session: CalibrationState) -> AnkleZeroCorrection:
+    """Zero the ankle angles of the last model in the static posture if the settings ask for it."""
     if session.static is None:
-        return Counted(session.parameters, {}, {})
+        return AnkleZeroCorrection(session.parameters, {}, {})
     if session.settings.keeps_ankle_zero and session.joint is not None:
-        return counted_from_static(session.model, session.parameters, session.static)
-    return Counted(
-        session.parameters, {}, static_angles(session.model, session.parameters, session.static)
-    )
+        return zero_ankle_angles(session.model, session.parameters, session.static)
+    angles = compute_static_angles(session.model, session.parameters, session.static)
+    return AnkleZeroCorrection(session.parameters, {}, angles)
 
 
-def weighing(session: CalibrationState) -> list[Loaded]:
-    """Tracked trials whose forces tell of masses: those whose trunk is seen, or all where it is
-    seen in none.
+def select_trials_for_inertial_fit(session: CalibrationState) -> list[LoadedTrial]:
+    """Select the tracked trials with valid ground reactions that determine masses.
+
+    Trials with faulty forces, or with a leg whose markers do not determine its motion, are left
+    out. Trials without trunk markers are used only if no other trial is left.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After tracking.
+
+    Returns
+    -------
+    list of (MovingTrial, GroundReactions)
     """
-    silent_on_masses = session.forces.faulty | fit_findings.spoilt_motions(session.checked)
-    believed = [
+    excluded = session.forces.faulty | fit_findings.list_trials_with_faulty_legs(session.checked)
+    usable = [
         (t, t.reactions)
         for t in session.trials
-        if t.reactions is not None and t.reactions.valid.any() and t.name not in silent_on_masses
+        if t.reactions is not None and t.reactions.valid.any() and t.name not in excluded
     ]
-    return [
-        (t, r) for t, r in believed if not fit_findings.is_trunk_unmeasured(t.motion)
-    ] or believed
+    with_trunk = [(t, r) for t, r in usable if not fit_findings.is_trunk_unmeasured(t.motion)]
+    return with_trunk or usable
 
 
-def _inertial_fit(
-    session: CalibrationState, loaded: Sequence[Loaded]
+def _fit_inertial(
+    session: CalibrationState, loaded: Sequence[LoadedTrial]
 ) -> inertial_calibration.InertialFit:
+    """Fit the inertial parameters to the pelvis residual of the loaded trials."""
     began = time.perf_counter()
     nominal, parameters, settings = session.model, session.parameters, session.settings
     motions = [inertial_calibration.LoadedMotion.from_motion(t.motion, r) for t, r in loaded]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
-    subject, which = nominal.subject, _inertial_set(settings)
+    subject, which = nominal.subject, _choose_inertial_set(settings)
     scale = inertial_calibration.TorqueScale(settings.torque_scale)
     equations = inertial_calibration.assemble_root_equations(
         motions, parameters, subject, scale, width
     )
     if fit_findings.is_trunk_unmeasured(loaded[0][0].motion):
-        rms, unseen = (
-            equations.compute_rms(parameters.inertial),
-            fit_findings.unmeasured_words(loaded[0][0].motion, parameters),
+        # The residual is then mostly the error of the trunk's assumed motion.
+        rms = equations.compute_rms(parameters.inertial)
+        segments = fit_findings.describe_unmeasured_segments(loaded[0][0].motion, parameters)
+        residual = inertial_evidence.describe_residual(rms)
+        why = (
+            f"markers do not determine {segments}; {residual} depends on their motion, not on their"
+            " mass"
         )
-        left = inertial_evidence.describe_residual(rms)
-        why = f"markers do not determine {unseen}; {left} tells how that moves, not what it weighs"
         return inertial_evidence.keep_nominal(
-            parameters.inertial, which, spread_of_people(session), rms, why
+            parameters.inertial, which, make_population_spread(session), rms, why
         )
     if settings.ip == "published":
         return inertial_calibration.fit_published(equations, parameters.inertial, which)
+    problems = [
+        inertial_evidence.LoadedProblem(
+            problem=t.body_with_tissue,
+            coefficients=t.motion.coefficients,
+            reactions=r,
+            scores=t.scores,
+        )
+        for t, r in loaded
+    ]
     noise = inertial_evidence.estimate_residual_noise(
-        [
-            inertial_evidence.LoadedProblem(
-                problem=t.with_skin,
-                coefficients=t.motion.coefficients,
-                reactions=r,
-                scores=t.scores,
-            )
-            for t, r in loaded
-        ],
+        problems,
         parameters,
         session.uncertainty.joint or make_nominal_errors(),
         subject,
@@ -330,96 +414,109 @@ def _inertial_fit(
         inertial_evidence.compute_fixed_spread(parameters.inertial, which),
     )
     fit = inertial_evidence.fit_by_evidence(
-        equations, parameters.inertial, which, noise, spread_of_people(session)
+        equations, parameters.inertial, which, noise, make_population_spread(session)
     )
     return replace(fit, seconds=time.perf_counter() - began)
 
 
-def spread_of_people(session: CalibrationState) -> inertial_calibration.ConsistentSettings:
-    """How far people scatter about the table of the nominal masses: further where it may be the
-    wrong one.
+def make_population_spread(session: CalibrationState) -> inertial_calibration.ConsistentSettings:
+    """Describe how people scatter about the anthropometric table: more if it may be the wrong one.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        Its model has the subject.
+
+    Returns
+    -------
+    ConsistentSettings
     """
     return inertial_calibration.ConsistentSettings(
         more_of=estimate_table_error(session.model.subject)
     )
 
 
-def _inertial_set(settings: CalibrationSettings) -> InertialSet:
+def _choose_inertial_set(settings: CalibrationSettings) -> InertialSet:
     return make_symmetric_set() if settings.ip_set == "symmetric" else make_full_set()
 
 
 def _fit_together(
-    session: CalibrationState, loaded: Sequence[Loaded], progress: Progress
+    session: CalibrationState, loaded: Sequence[LoadedTrial], progress: Progress
 ) -> CalibrationState:
-    """Joint and inertial parameters together; as it was for impossible bodies, which the fit's
-    chart cannot hold.
+    """Fit joint and inertial parameters together.
+
+    The session is returned unchanged if a body is impossible: the chart of the fit cannot hold it.
     """
     joint, settings = session.joint, session.settings
     if joint is None or find_impossible_bodies(session.parameters.inertial):
         return session
     progress("joint and inertial parameters together")
     forces = {t.name: r for t, r in loaded}
-    steps = []
+    problems = []
     for t in session.trials:
         coefficients, r = t.motion.coefficients, forces.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
-        steps.append(
+        problems.append(
             CombinedProblem(t.body.follow_pelvis(coefficients), coefficients, wrench, valid)
         )
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(
-        load_share=settings.joint_step_load_share, spread=spread_of_people(session)
+        load_share=settings.joint_step_load_share, spread=make_population_spread(session)
     )
     fit = fit_combined(
-        steps,
+        problems,
         session.parameters,
         determined,
-        _inertial_set(settings),
+        _choose_inertial_set(settings),
         session.model.subject,
         chosen,
     )
-    counted = _counted(replace(session, parameters=fit.parameters))
+    zeroed = _zero_ankles(replace(session, parameters=fit.parameters))
     trials = []
     for t, coefficients in zip(session.trials, fit.coefficients, strict=True):
-        moved = shifted(coefficients, t.body.chain.coordinates, counted.moved)
-        motion = build_motion(t.body, counted.parameters, moved, converged=fit.converged)
-        trials.append(
-            t.reached(Stage.COMBINED, counted.parameters, motion).scored(session.uncertainty)
-        )
+        shifted = shift_coefficients(coefficients, t.body.chain.coordinates, zeroed.offsets)
+        motion = build_motion(t.body, zeroed.parameters, shifted, converged=fit.converged)
+        trial = t.with_stage(Stage.COMBINED, zeroed.parameters, motion)
+        trials.append(trial.with_marker_scores(session.uncertainty))
     return replace(
         session,
         combined=fit,
-        parameters=counted.parameters,
-        static_angles=counted.static,
+        parameters=zeroed.parameters,
+        static_angles=zeroed.static_angles,
         trials=tuple(trials),
     )
 
 
-def _inertial_spread(session: CalibrationState) -> Array | None:
-    """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None:
-    unknown.
+def _factor_inertial_errors(session: CalibrationState) -> Array | None:
+    """Compute (84, n) R with covariance R R^T of the inertial parameters; None if unknown.
+
+    It is the covariance of the fit, and that of the population for what the fit keeps.
     """
-    inertial, nominal, which = (
-        session.inertial,
-        session.parameters.inertial,
-        _inertial_set(session.settings),
-    )
+    inertial, nominal = session.inertial, session.parameters.inertial
+    which = _choose_inertial_set(session.settings)
     if inertial is None:
         if find_impossible_bodies(nominal):
             return None
-        inertial = inertial_evidence.keep_nominal(nominal, which, spread_of_people(session))
+        inertial = inertial_evidence.keep_nominal(nominal, which, make_population_spread(session))
     if not inertial.statistical:
         return None
-    return np.hstack(
-        [
-            factor_inertial_covariance(inertial),
-            inertial_evidence.compute_fixed_spread(nominal, which),
-        ]
-    )
+    fixed = inertial_evidence.compute_fixed_spread(nominal, which)
+    return np.hstack([factor_inertial_covariance(inertial), fixed])
 
 
-def phases_of(session: CalibrationState) -> tuple[Phase, ...]:
-    """The fits that were made, those of the joint parameters first."""
+def list_phases(session: CalibrationState) -> tuple[Phase, ...]:
+    """List the fits that were made, those of the joint parameters first.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After the fit of the inertial parameters.
+
+    Returns
+    -------
+    tuple of Phase
+        In the order in which they were made.
+    """
     joint, inertial, combined = session.joint, session.inertial, session.combined
     fits = list[tuple[str, inertial_calibration.InertialFit | CombinedFit, int, int, str]]()
     if inertial is not None:
@@ -434,8 +531,8 @@ def phases_of(session: CalibrationState) -> tuple[Phase, ...]:
         )
         count = len(joint.free) + len(inertial.names)
         fits.append(("joint and inertial", combined, count, combined.steps, text))
-    trials = tuple(t.name for t, _ in weighing(session))
-    of_bodies = [
+    trials = tuple(t.name for t, _ in select_trials_for_inertial_fit(session))
+    inertial_phases = [
         Phase(
             name=name,
             trials=trials,
@@ -447,4 +544,4 @@ def phases_of(session: CalibrationState) -> tuple[Phase, ...]:
         )
         for name, fit, count, iterations, message in fits
     ]
-    return (*(joint.phases if joint else ()), *of_bodies)
+    return (*(joint.phases if joint else ()), *inertial_phases)

@@ -1,14 +1,13 @@
-"""What speaks against a finished calibration: one finding for each thing that its own figures put
-in doubt.
+"""Findings on a finished calibration, from its residuals, parameters and torques.
 
-A segment without the markers it needs moves as a prior has it (`coordinate_prior.py`). What its
-mass does otherwise appears at the pelvis as force and moment that nothing explains: so long as the
-trunk is such a segment, the pelvis residual says how it moves, and nothing of masses. Torques of
-the legs are summed from the feet upwards and do not depend on it.
+A segment without the markers it needs moves as a prior has it (`coordinate_prior.py`). The error of
+that motion times the mass of the segment appears as an unexplained force and moment at the pelvis.
+If the trunk is such a segment, the pelvis residual depends on its motion and does not determine
+masses. Torques of the legs are summed from the feet upwards and do not depend on it.
 
-Forces are judged after the joint parameters and with nominal masses: inertial parameters, and joint
-ones fitted with them, take a fault of the forces up (a clock 66 ms late leaves 96 N before and 7 N
-after).
+Forces are diagnosed after the joint parameters and with nominal masses: inertial parameters, and
+joint parameters fitted with them, absorb a fault of the forces (a time offset of 66 ms leaves 96 N
+before the inertial fit and 7 N after it).
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,33 +35,65 @@ from gaitcal.quality.marker_checks import ONE_MARKER
 from gaitcal.quality.verdict import touches_model
 from gaitcal.tracking.motion import Motion
 
-WORSE_M, WORSE = (
-    5e-4,
-    0.02,
-)  # m, and share of the nominal error, by how much markers are met worse before it is told
+WORSE_M = 5e-4
+"""m: smaller increases of the marker error over the nominal model are not reported."""
+WORSE = 0.02
+"""Share of the nominal marker error: the same for large errors."""
+TRUNK = "head_trunk"
+_LABELS = {TRUNK: "head and trunk", "upper_arm": "upper arms", "forearm_hand": "forearms and hands"}
 
 
-def calibration_findings(
+def check_calibration(
     session: CalibrationState, results: Sequence[TrialResult], phases: Sequence[Phase]
 ) -> tuple[Finding, ...]:
-    """What the figures of a finished calibration put in doubt."""
-    places = tuple[Finding, ...]()
+    """Check bodies, marker errors, convergence and joint positions of a finished calibration.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After the last fit.
+    results : sequence of TrialResult
+        The results of its trials.
+    phases : sequence of Phase
+        The fits that were made.
+
+    Returns
+    -------
+    tuple of Finding
+    """
+    positions = tuple[Finding, ...]()
     if session.joint is not None:
-        isolated = {t.joint for t in results if t.joint is not None}
+        functional = {t.joint for t in results if t.joint is not None}
         found = joint_place_findings(
-            session.model, session.parameters, session.joint.errors, session.prior, isolated
+            session.model, session.parameters, session.joint.errors, session.prior, functional
         )
-        places = tuple(found)
-    return (*bodies_that_cannot_be(session), *disagreements(results), *unfinished(phases), *places)
+        positions = tuple(found)
+    return (
+        *check_body_inertia(session),
+        *check_marker_fit(results),
+        *check_convergence(phases),
+        *positions,
+    )
 
 
-def bodies_that_cannot_be(session: CalibrationState) -> Iterator[Finding]:
-    """Inertial parameters that no real body has, which only the published cost can find."""
+def check_body_inertia(session: CalibrationState) -> Iterator[Finding]:
+    """Find inertial parameters that no real body has; only the published cost gives them.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After the last fit.
+
+    Yields
+    ------
+    Finding
+        At most one, of the study.
+    """
     bodies = find_impossible_bodies(session.parameters.inertial)
     if not bodies:
         return
     left_out = (
-        "; the third step needs possible ones and was left out"
+        "; the joint step needs possible bodies and was left out"
         if session.settings.joint_step
         else ""
     )
@@ -70,41 +101,60 @@ def bodies_that_cannot_be(session: CalibrationState) -> Iterator[Finding]:
         severity=Severity.WARNING,
         topic="inertial parameters",
         where=STUDY,
-        cause=f"no real body has the inertial parameters found for {', '.join(bodies)}",
-        found=f"torques have no standard errors then, and model.xml is not written{left_out}",
-        cure="ip = 'consistent' keeps every body possible",
+        cause=f"no real body has the fitted inertial parameters of {', '.join(bodies)}",
+        found=f"torques have no standard errors, and model.xml is not written{left_out}",
+        cure="set ip = 'consistent', which keeps every body possible",
         code=Code.IMPOSSIBLE_BODY,
     )
 
 
-def disagreements(results: Sequence[TrialResult]) -> Iterator[Finding]:
-    """Trials whose markers the final model meets worse than the nominal one."""
+def check_marker_fit(results: Sequence[TrialResult]) -> Iterator[Finding]:
+    """Find trials with a larger marker error with the final model than with the nominal one.
+
+    Parameters
+    ----------
+    results : sequence of TrialResult
+        The trials of a calibration.
+
+    Yields
+    ------
+    Finding
+        One for each such trial.
+    """
     for t in results:
-        segments = (
-            () if t.joint else LOWER_BODY
-        )  # arms that were raised in the static trial would hide worse legs
+        # Walks are compared over pelvis and legs: arms that were raised in the static trial would
+        # hide worse legs.
+        segments = () if t.joint else LOWER_BODY
         first, last = t.nominal.errors.rms(*segments), t.final.errors.rms(*segments)
-        if (
-            first is not None
-            and last is not None
-            and last > max(first + WORSE_M, (1 + WORSE) * first)
-        ):
+        if first is None or last is None:
+            continue
+        if last > max(first + WORSE_M, (1 + WORSE) * first):
             yield Finding(
                 severity=Severity.WARNING,
                 topic="trials",
                 where=t.name,
                 cause="the trials disagree about the joints",
-                found=f"with the final model its markers are met worse ({1e3 * last:.1f} mm) than "
-                "with the nominal one "
-                f"({1e3 * first:.1f} mm)",
-                cure="see whether the trials are of one person with the markers in one place; "
-                "leave the odd one out",
+                found=f"marker error {1e3 * last:.1f} mm with the final model, {1e3 * first:.1f} mm"
+                " with the nominal model",
+                cure="check that all trials are of one person with the markers in one position; "
+                "leave out the trial that differs",
                 code=Code.TRIALS_DISAGREE,
             )
 
 
-def unfinished(phases: Sequence[Phase]) -> Iterator[Finding]:
-    """Fits that stopped before they reached their tolerance."""
+def check_convergence(phases: Sequence[Phase]) -> Iterator[Finding]:
+    """Find fits that stopped before they reached their tolerance.
+
+    Parameters
+    ----------
+    phases : sequence of Phase
+        The fits that were made.
+
+    Yields
+    ------
+    Finding
+        One for each such fit.
+    """
     for phase in phases:
         if not phase.converged:
             yield Finding(
@@ -113,25 +163,40 @@ def unfinished(phases: Sequence[Phase]) -> Iterator[Finding]:
                 where=STUDY,
                 cause=f"the fit of {phase.name} did not converge",
                 found=phase.message,
-                cure="its figures are not a minimum: look at the trials it was fitted to",
+                cure="its result is not a minimum: check the trials it was fitted to",
                 code=Code.NOT_CONVERGED,
             )
 
 
-def trial_findings(trial: MovingTrial, loads: Loads | None, weight: float) -> tuple[Finding, ...]:
-    """Findings on one tracked trial: residuals with structure, and what no body can do. `weight`:
-    of the body, N.
+def check_tracked_trial(
+    trial: MovingTrial, loads: Loads | None, weight: float
+) -> tuple[Finding, ...]:
+    """Check one tracked trial: markers with structured residuals, impossible angles and moments.
+
+    Parameters
+    ----------
+    trial : MovingTrial
+        After tracking.
+    loads : Loads or None
+        Its ground reactions and torques; None without force plates.
+    weight : float
+        Body weight, N.
+
+    Returns
+    -------
+    tuple of Finding
     """
     problem, motion = trial.body, trial.motion
     measured = problem.data.measured.transpose(2, 0, 1)
-    seen: BoolArray = np.any(measured != 0.0, axis=2)
+    # Positions that were not measured are zero in the data of a problem.
+    observed: BoolArray = np.any(measured != 0.0, axis=2)
     tracked = TrackedMarkers(
         name=motion.name,
         time=motion.time,
         labels=problem.labels,
         segments=motion.errors.segments,
         weight=motion.errors.weight,
-        measured=np.where(seen[:, :, None], measured, np.nan),
+        measured=np.where(observed[:, :, None], measured, np.nan),
         model=problem.compute_positions(
             motion.coefficients, problem.build_body(trial.parameters)
         ).transpose(2, 0, 1),
@@ -143,67 +208,113 @@ def trial_findings(trial: MovingTrial, loads: Loads | None, weight: float) -> tu
     return (*marker_findings(tracked), *bounds, *large_changes(trial.nominal, motion, valid))
 
 
-TRUNK = "head_trunk"
-_WORDS = {TRUNK: "head and trunk", "upper_arm": "upper arms", "forearm_hand": "forearms and hands"}
-
-
 def is_trunk_unmeasured(motion: Motion) -> bool:
-    """Whether the markers of a whole-body motion leave open how the trunk turns."""
-    return TRUNK in _unmeasured(motion)
+    """Return whether the markers do not determine the rotation of the trunk.
 
+    Parameters
+    ----------
+    motion : Motion
+        Of the whole body.
 
-def unmeasured_words(motion: Motion, parameters: Parameters) -> str:
-    """Segments of the upper body that markers do not determine ("head and trunk, upper arms: 44 %
-    of the body's mass"); nothing where none is.
+    Returns
+    -------
+    bool
     """
-    segments = _unmeasured(motion)
+    return TRUNK in _list_unmeasured_segments(motion)
+
+
+def describe_unmeasured_segments(motion: Motion, parameters: Parameters) -> str:
+    """Name the segments of the upper body that markers do not determine, and their share of mass.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of the whole body.
+    parameters : Parameters
+        With the masses.
+
+    Returns
+    -------
+    str
+        `head and trunk, upper arms: 44 % of the body's mass`; empty if there are none.
+    """
+    segments = _list_unmeasured_segments(motion)
     mass = dict(zip(MASSIVE_SEGMENTS, view_as_table(parameters.inertial)[:, 0], strict=True))
     share = float(sum(mass[segment] for segment in segments) / sum(mass.values()))
-    parts = dict.fromkeys(_WORDS.get(s, _WORDS.get(s[:-2], s)) for s in segments)
-    return f"{', '.join(parts)}: {100 * share:.0f} % of the body's mass" if parts else ""
+    # Both sides of an arm segment have one label.
+    labels = dict.fromkeys(_LABELS.get(s, _LABELS.get(s[:-2], s)) for s in segments)
+    return f"{', '.join(labels)}: {100 * share:.0f} % of the body's mass" if labels else ""
 
 
-def _unmeasured(motion: Motion) -> tuple[str, ...]:
-    turns = {
-        s: {e.name for e in JOINT_OF_CHILD[s].elements}
-        for s in MASSIVE_SEGMENTS
-        if s not in LOWER_BODY
-    }
-    return tuple(s for s, names in turns.items() if names & set(motion.guessed))
+def _list_unmeasured_segments(motion: Motion) -> tuple[str, ...]:
+    """List the segments above the pelvis with a coordinate that its prior determines."""
+    out = []
+    for segment in MASSIVE_SEGMENTS:
+        if segment in LOWER_BODY:
+            continue
+        coordinates = {element.name for element in JOINT_OF_CHILD[segment].elements}
+        if coordinates & set(motion.guessed):
+            out.append(segment)
+    return tuple(out)
 
 
-def unmeasured_mass(results: Sequence[TrialResult], parameters: Parameters) -> Iterator[Finding]:
-    """Mass whose motion no marker determines, and the pelvis residual that it makes: no doubt of
-    leg torques.
+def check_unmeasured_mass(
+    results: Sequence[TrialResult], parameters: Parameters
+) -> Iterator[Finding]:
+    """Report mass whose motion no marker determines, and the pelvis residual.
+
+    It is a note: torques of the legs do not depend on it.
+
+    Parameters
+    ----------
+    results : sequence of TrialResult
+        The trials of a calibration.
+    parameters : Parameters
+        With the nominal masses.
+
+    Yields
+    ------
+    Finding
+        At most one.
     """
     walks = [t for t in results if t.joint is None and t.loads is not None and t.loads.residuals]
-    blind = [t for t in walks if is_trunk_unmeasured(t.body)]
-    if not blind:
+    unmeasured = [t for t in walks if is_trunk_unmeasured(t.body)]
+    if not unmeasured:
         return
-    residuals = [t.loads.residuals[-1] for t in blind if t.loads is not None]
+    residuals = [t.loads.residuals[-1] for t in unmeasured if t.loads is not None]
     force, moment = max(r.rms_force for r in residuals), max(r.rms_moment for r in residuals)
-    where = "" if len(blind) == len(walks) else f" in {', '.join(t.name for t in blind)}"
+    in_all = len(unmeasured) == len(walks)
+    where = "" if in_all else f" in {', '.join(t.name for t in unmeasured)}"
     yield Finding(
         severity=Severity.INFO,
         topic="pelvis residual",
-        where=blind[0].name if len(walks) > len(blind) == 1 else STUDY,
-        cause=f"markers do not determine {unmeasured_words(blind[0].body, parameters)}",
-        found="a trunk is taken to stay upright, arms to hang along it, unless markers say "
-        "otherwise; how they really "
-        f"move is the first cause of the pelvis residual (up to {force:.0f} N and {moment:.0f} N·m "
-        f"RMS){where} and in "
-        "the error bars of pelvis and trunk, and inertial parameters are not fitted against it; "
-        "torques of the legs "
-        "are summed from the feet upwards and do not depend on it",
-        cure="three markers on the thorax that do not lie on one line (C7, T10, jugular notch, "
+        where=unmeasured[0].name if len(walks) > len(unmeasured) == 1 else STUDY,
+        cause="markers do not determine "
+        f"{describe_unmeasured_segments(unmeasured[0].body, parameters)}",
+        found="the model keeps the trunk upright and the arms hanging along it; the difference from"
+        f" the real motion is the main part of the pelvis residual (up to {force:.0f} N and "
+        f"{moment:.0f} N·m RMS){where} and of the error bars of pelvis and trunk; inertial "
+        "parameters are not fitted; torques of the legs do not depend on it",
+        cure="put three markers that are not in line on the thorax (C7, T10, jugular notch, "
         "xiphoid) in all trials",
         code=Code.UNMEASURED_MASS,
     )
 
 
-def spoilt_motions(checked: Sequence[Finding]) -> frozenset[str]:
-    """Trials whose markers do not tell how a leg moves: their motion asks for forces that nobody
-    exerted.
+def list_trials_with_faulty_legs(checked: Sequence[Finding]) -> frozenset[str]:
+    """List the trials in which the markers do not determine the motion of a leg.
+
+    Their motion asks for forces that did not act.
+
+    Parameters
+    ----------
+    checked : sequence of Finding
+        What the checks found before the fit.
+
+    Returns
+    -------
+    frozenset of str
+        Names of trials.
     """
     return frozenset(
         f.where
@@ -213,13 +324,22 @@ def spoilt_motions(checked: Sequence[Finding]) -> frozenset[str]:
 
 
 def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
-    """What is wrong with the forces of the tracked trials, by their motions and nominal inertial
-    parameters.
+    """Diagnose the forces of the tracked trials by their motions and nominal inertial parameters.
 
-    What the checks said of the markers tells whose motion is doubtful.
+    A trial whose markers are in doubt by the checks has a doubtful motion.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After tracking.
+
+    Returns
+    -------
+    ForceDiagnosis
+        Empty if the nominal bodies are impossible.
     """
     model, checked = session.model, session.checked
-    doubtful = spoilt_motions(checked) | {
+    doubtful = list_trials_with_faulty_legs(checked) | {
         f.where for f in checked if f.topic == ONE_MARKER and f.cause
     }
     parameters = session.parameters.with_inertial(model.nominal.inertial)
@@ -242,19 +362,29 @@ def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
     )
 
 
-def left_out_of_masses(session: CalibrationState) -> list[str]:
-    """Notes on the trials that say nothing of masses."""
-    faulty, spoilt = session.forces.faulty, spoilt_motions(session.checked)
-    words = {
-        "forces at fault say nothing of masses": [
-            t.name for t in session.trials if t.name in faulty
-        ],
-        "a leg that its markers do not show says nothing of masses": [
-            t.name for t in session.walks if t.name in spoilt and t.name not in faulty
+def note_trials_without_masses(session: CalibrationState) -> list[str]:
+    """Note the trials that are left out of the inertial fit, and why.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        After tracking.
+
+    Returns
+    -------
+    list of str
+        One note for each reason.
+    """
+    faulty = session.forces.faulty
+    faulty_legs = list_trials_with_faulty_legs(session.checked)
+    reasons = {
+        "faulty forces": [t.name for t in session.trials if t.name in faulty],
+        "a leg whose markers do not determine its motion": [
+            t.name for t in session.walks if t.name in faulty_legs and t.name not in faulty
         ],
     }
     return [
-        f"inertial parameters: {why}; left out: {', '.join(names)}"
-        for why, names in words.items()
+        f"inertial parameters: left out for {why}: {', '.join(names)}"
+        for why, names in reasons.items()
         if names
     ]

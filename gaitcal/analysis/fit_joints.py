@@ -1,16 +1,15 @@
-"""Joint parameters of a session: plain or under a robust loss, with or without the error on frames
-left out.
+"""Fit the joint parameters of a session, on demand under a robust loss or with held-out errors.
 
-Robust loss: calibrate, weigh every marker sample anew by its residual, calibrate again. The weights
-of a trial come from tracking it under the loss with the joint parameters of the round before, the
-first time with the nominal ones; rounds end when the joint parameters settle. What is all but left
-out in the end becomes a finding.
+Robust loss: the joint parameters are fitted, every marker sample is weighted anew by its residual,
+and they are fitted again. The weights of a trial come from tracking it under the loss with the
+joint parameters of the round before, the first time with the nominal ones. Rounds end when the
+joint parameters settle. Samples of nearly no weight in the end become a finding.
 
 Held-out error: every trial is cut into blocks of time. Each fold leaves out every fourth block of
-all trials, fits the joint parameters to the rest, and then tracks the whole trials with these; what
-counts is the marker error in the blocks left out. The four folds together visit every frame once.
-The motion in a block left out is fitted to its own markers, as for the nominal model: what is
-tested is the joint parameters, not a guess of the motion.
+all trials, fits the joint parameters to the rest, and then tracks the whole trials with these. The
+error is the marker distance in the blocks left out. The four folds together visit every frame once.
+The motion in a block left out is fitted to its own markers, as for the nominal model: the test is
+of the joint parameters, not of a prediction of the motion.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,42 +28,53 @@ from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, list_gait_parameters, list_leg_parameters
 from gaitcal.runtime import Progress, silent
-from gaitcal.study.settings import Protocol
+from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.motion import Loss, RobustTracking, track_motion, track_robustly
 from gaitcal.tracking.trial_problem import MotionProblem
 
 FOLDS = 4
 BLOCK_S = 0.2
-"""s, of a block: longer than skin movement repeats itself."""
+"""s, length of a block: longer than the time over which soft tissue movement repeats itself."""
 SETTLED = 5e-4
 """m and rad: largest change of a joint parameter from round to round at which the rounds end."""
 MOST_ROUNDS = 8
 NAMED_SHARE = 0.01
-"""Share of a marker's samples left out from which it is named."""
+"""Share of a marker's samples that are outliers from which the marker is named."""
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
+"""Setting `legs` -> sides whose joints are fitted."""
 
 JointFitter = Callable[
     [Sequence[MovingTrial]], tuple[joint_phases.JointCalibration | None, Parameters]
 ]
-"""Calibrates the joint parameters of trials."""
+"""Fits the joint parameters of trials."""
 
 
 def fit_joints(
     session: CalibrationState, progress: Progress = silent, *, leave_out: bool = False
 ) -> CalibrationState:
-    """The session with the joint parameters that its settings ask for, the table's mass centres
-    going with its joints.
+    """Fit the joint parameters that the settings ask for.
 
-    `leave_out`: with the held-out error too.
+    The table's mass centres of the limbs move with the joints.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        From `prepare_calibration`.
+    progress : callable
+        Called with a line of text at the beginning of each step.
+    leave_out : bool
+        Also compute the held-out error.
+
+    Returns
+    -------
+    CalibrationState
+        With the joint fit, its parameters, the soft tissue of every trial, and the findings of a
+        robust loss.
     """
-    settings, nominal, trials, findings = (
-        session.settings,
-        session.model.parameters,
-        session.trials,
-        session.findings,
-    )
-    fit = partial(joint_parameters, session)
+    settings, nominal = session.settings, session.model.parameters
+    trials, findings = session.trials, session.findings
+    fit = partial(fit_joint_parameters, session)
     if settings.jp and trials:
         progress("joint parameters")
     if settings.robust == "none":
@@ -77,7 +87,7 @@ def fit_joints(
     if joint is not None:
         if leave_out:
             progress("joint parameters with blocks of time left out")
-            errors = hold_out(trials, nominal, fit)
+            errors = compute_held_out_errors(trials, nominal, fit)
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
         trials = tuple(t.with_tissue(joint.tissue.get(t.name), joint.artefact) for t in trials)
         if settings.ip != "published":
@@ -87,10 +97,25 @@ def fit_joints(
     return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
 
-def joint_parameters(
+def fit_joint_parameters(
     session: CalibrationState, trials: Sequence[MovingTrial]
 ) -> tuple[joint_phases.JointCalibration | None, Parameters]:
-    """The joint parameters that the settings of a session ask for, fitted to some of its trials."""
+    """Fit the joint parameters that the settings of a session ask for to some of its trials.
+
+    Parameters
+    ----------
+    session : CalibrationState
+        With settings, nominal model and prior.
+    trials : sequence of MovingTrial
+        The trials to fit to.
+
+    Returns
+    -------
+    joint : JointCalibration or None
+        None if the settings keep the joints, or there are no trials.
+    parameters : Parameters
+        The fitted parameters, or the nominal ones.
+    """
     settings, nominal = session.settings, session.model.parameters
     if not settings.jp or not trials:
         return None, nominal
@@ -98,8 +123,7 @@ def joint_parameters(
         position_bound=1e-3 * settings.position_bound_mm,
         orientation_bound=np.deg2rad(settings.orientation_bound_deg),
     )
-    sides = SIDES[settings.legs]
-    taking_part = [
+    problems = [
         joint_phases.JointProblem(
             t.body, t.joints, t.joint, t.name if t.role is Role.MOTION else ""
         )
@@ -107,87 +131,155 @@ def joint_parameters(
     ]
     if settings.decided_by is Protocol.EVIDENCE:
         joint = joint_phases.calibrate_by_evidence(
-            taking_part, nominal, bounds, sides, session.prior
+            problems, nominal, bounds, SIDES[settings.legs], session.prior
         )
-        return joint, joint.parameters
-    of_gait = list_leg_parameters if settings.gait_parameters == "leg" else list_gait_parameters
-    phases_of = (
+    else:
+        joint = _fit_published_phases(problems, nominal, settings, bounds)
+    return joint, joint.parameters
+
+
+def _fit_published_phases(
+    problems: Sequence[joint_phases.JointProblem],
+    nominal: Parameters,
+    settings: CalibrationSettings,
+    bounds: joint_calibration.JointSettings,
+) -> joint_phases.JointCalibration:
+    """Fit the joint parameters in the phases of the published protocol."""
+    sides = SIDES[settings.legs]
+    list_parameters = (
+        list_leg_parameters if settings.gait_parameters == "leg" else list_gait_parameters
+    )
+    plan_phases = (
         joint_phases.plan_simultaneous_phases
         if fits_legs_together(settings)
         else joint_phases.plan_sequential_phases
     )
-    phases = phases_of(taking_part, {side: of_gait(side) for side in sides})
-    used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
+    phases = plan_phases(problems, {side: list_parameters(side) for side in sides})
+    used = [t for t in problems if t.joint is None or t.joint[-1] in sides]
     kinds, parts = {t.name: t.kind for t in used}, {t.name: t.fitted for t in used}
-    soft = soft_tissue_artefact.prepare_task_tissue(kinds, parts, nominal, fitted=False)
-    phases = [phase.with_tissue(soft) for phase in phases]
-    weak = joint_prior.WEAK if settings.prior == "weak" else None
-    how = joint_phases.PhaseSettings(
-        search=bounds, prior=weak, equal_weights=True, fits_tissue=False
+    # The phases fit no soft tissue; its table gives the error bars.
+    tissue = soft_tissue_artefact.prepare_task_tissue(kinds, parts, nominal, fitted=False)
+    phases = [phase.with_tissue(tissue) for phase in phases]
+    phase_settings = joint_phases.PhaseSettings(
+        search=bounds,
+        prior=joint_prior.WEAK if settings.prior == "weak" else None,
+        equal_weights=True,
+        fits_tissue=False,
     )
-    joint = joint_phases.calibrate_in_phases(phases, nominal, how)
+    joint = joint_phases.calibrate_in_phases(phases, nominal, phase_settings)
     keys = [key for phase in phases for key in phase.tissue.keys]
-    joint = replace(joint, tissue=soft.make_body_columns({t.name: t.body for t in used}, keys))
-    return joint, joint.parameters
+    columns = tissue.make_body_columns({t.name: t.body for t in used}, keys)
+    return replace(joint, tissue=columns)
 
 
-def hold_out(
+def compute_held_out_errors(
     trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitter
 ) -> dict[str, HeldOut]:
-    """Held-out error of every trial; `fit` calibrates the joint parameters of trials."""
-    before = {t.name: distances(t.fitted, nominal) for t in trials}
+    """Compute the held-out error of every trial by cross-validation over blocks of time.
+
+    Parameters
+    ----------
+    trials : sequence of MovingTrial
+        The trials.
+    nominal : Parameters
+        Nominal parameters, for comparison.
+    fit : callable
+        Fits the joint parameters of trials.
+
+    Returns
+    -------
+    dict
+        Trial -> error; without trials that have no marker with weight.
+    """
+    before = {t.name: compute_marker_distances(t.fitted, nominal) for t in trials}
     after = {name: np.full_like(d, np.nan) for name, d in before.items()}
-    blocks = {t.name: fold_of_frame(t) for t in trials}
+    folds = {t.name: assign_folds(t) for t in trials}
     for fold in range(FOLDS):
-        kept = [t for t in trials if not (blocks[t.name] == fold).all()]
-        joint, parameters = fit([without(t, blocks[t.name] == fold) for t in kept])
+        # A trial that lies wholly in this fold takes no part in the fit.
+        kept = [t for t in trials if not (folds[t.name] == fold).all()]
+        joint, parameters = fit([mask_frames(t, folds[t.name] == fold) for t in kept])
         for t in trials:
-            held = blocks[t.name] == fold
+            held = folds[t.name] == fold
             if held.any():
-                moved = (
+                tissued = (
                     t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
                 )
                 fitted = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-                after[t.name][held] = distances(moved.fitted, fitted)[held]
+                after[t.name][held] = compute_marker_distances(tissued.fitted, fitted)[held]
     out = {}
-    for t in (t for t in trials if np.isfinite(before[t.name]).any()):
-        both = before[t.name], after[t.name]
+    for t in trials:
+        first, last = before[t.name], after[t.name]
+        if not np.isfinite(first).any():
+            continue
         lower = np.array([t.fitted.chain.segments[s] in LOWER_BODY for s in t.fitted.data.segment])
-        legs = None if t.joint else (_rms(both[0][:, lower]), _rms(both[1][:, lower]))
-        out[t.name] = HeldOut(_rms(both[0]), _rms(both[1]), len(np.unique(blocks[t.name])), legs)
+        legs = None if t.joint else (_compute_rms(first[:, lower]), _compute_rms(last[:, lower]))
+        count = len(np.unique(folds[t.name]))
+        out[t.name] = HeldOut(_compute_rms(first), _compute_rms(last), count, legs)
     return out
 
 
-def fold_of_frame(trial: MovingTrial) -> IntArray:
-    """(nf,) the fold that leaves out each frame; a trial of fewer blocks than folds is left out
-    less often.
+def assign_folds(trial: MovingTrial) -> IntArray:
+    """Assign the frames of a trial to folds, block by block.
+
+    Parameters
+    ----------
+    trial : MovingTrial
+        The trial.
+
+    Returns
+    -------
+    (nf,) array of int
+        The fold that leaves out each frame. A trial with fewer blocks than folds is in fewer folds.
     """
-    since = trial.fitted.basis.time - trial.fitted.basis.time[0]
-    block = (since / BLOCK_S + 1e-9).astype(np.intp)
+    elapsed = trial.fitted.basis.time - trial.fitted.basis.time[0]
+    block = (elapsed / BLOCK_S + 1e-9).astype(np.intp)
     folds: IntArray = (
-        block % FOLDS if since[-1] >= FOLDS * BLOCK_S else np.minimum(block, FOLDS - 1)
+        block % FOLDS if elapsed[-1] >= FOLDS * BLOCK_S else np.minimum(block, FOLDS - 1)
     )
     return folds
 
 
-def without(trial: MovingTrial, held: BoolArray) -> MovingTrial:
-    """The trial with no weight on the frames `held` (nf,) of what joint parameters are fitted by."""
+def mask_frames(trial: MovingTrial, held: BoolArray) -> MovingTrial:
+    """Give frames of a trial no weight in the fit of joint parameters.
 
-    def masked(problem: MotionProblem) -> MotionProblem:
+    Parameters
+    ----------
+    trial : MovingTrial
+        The trial.
+    held : (nf,) array of bool
+        The frames.
+
+    Returns
+    -------
+    MovingTrial
+    """
+
+    def mask(problem: MotionProblem) -> MotionProblem:
         return problem.with_weight(np.where(held, 0.0, problem.data.weight))
 
-    return replace(trial, body=masked(trial.body), joints=masked(trial.joints))
+    return replace(trial, body=mask(trial.body), joints=mask(trial.joints))
 
 
-def distances(problem: MotionProblem, parameters: Parameters) -> Array:
-    """(nf, nm) m, distances of the markers with weight from the model tracked with `parameters`;
-    NaN elsewhere.
+def compute_marker_distances(problem: MotionProblem, parameters: Parameters) -> Array:
+    """Compute distances of the markers from the model after tracking.
+
+    Parameters
+    ----------
+    problem : MotionProblem
+        The tracking problem.
+    parameters : Parameters
+        Parameters of the linkage to track with.
+
+    Returns
+    -------
+    (nf, nm) array
+        m; NaN for markers without weight.
     """
     errors = track_motion(problem, parameters).errors
     return np.where(errors.select_observed(), errors.distance, np.nan)
 
 
-def _rms(distance: Array) -> float:
+def _compute_rms(distance: Array) -> float:
     return float(np.sqrt(np.nanmean(distance**2)))
 
 
@@ -196,36 +288,55 @@ def calibrate_robustly(
 ) -> tuple[
     tuple[MovingTrial, ...], joint_phases.JointCalibration | None, Parameters, tuple[Finding, ...]
 ]:
-    """Trials with their last weights, the joint parameters fitted with them, and what was left out."""
+    """Fit joint parameters with marker weights that a robust loss gives, until both settle.
+
+    Parameters
+    ----------
+    trials : sequence of MovingTrial
+        The trials.
+    nominal : Parameters
+        Nominal parameters, for the first weights.
+    loss : Loss
+        The robust loss.
+    fit : callable
+        Fits the joint parameters of trials.
+
+    Returns
+    -------
+    trials : tuple of MovingTrial
+        With their last weights.
+    joint : JointCalibration or None
+        The last fit.
+    parameters : Parameters
+        Its parameters.
+    findings : tuple of Finding
+        Outliers of each trial, and a warning if the weights did not settle.
+    """
     last: dict[str, RobustTracking] = {}
 
-    def weigh(
+    def reweight(
         joint: joint_phases.JointCalibration | None, parameters: Parameters
     ) -> list[MovingTrial]:
         for t in trials:
             factor = last[t.name].factor if t.name in last else None
-            last[t.name] = track_robustly(
-                t.joints,
-                joint_phases.get_parameters_for_trial(joint, t.name, parameters),
-                loss,
-                factor,
-            )
+            fitted = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
+            last[t.name] = track_robustly(t.joints, fitted, loss, factor)
         return [replace(t, joints=last[t.name].problem) for t in trials]
 
-    joint, parameters = fit(weigh(None, nominal))
+    joint, parameters = fit(reweight(None, nominal))
     change, count = np.inf, 1
     while joint is not None and change > SETTLED and count < MOST_ROUNDS:
         before = parameters.joint
-        joint, parameters = fit(weigh(joint, parameters))
+        joint, parameters = fit(reweight(joint, parameters))
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
     finished, findings = [], []
     for t in trials:
         body = track_robustly(t.body, parameters, loss)
-        own = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-        fitted = body if t.joint is None else track_robustly(t.fitted, own, loss)
+        phase_parameters = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
+        fitted = body if t.joint is None else track_robustly(t.fitted, phase_parameters, loss)
         joints = fitted.problem if t.joints is t.fitted else last[t.name].problem
         finished.append(replace(t, body=body.problem, fitted=fitted.problem, joints=joints))
-        findings += _outliers_of(t.name, fitted)
+        findings += _report_outliers(t.name, fitted)
     if joint is not None and change > SETTLED:
         findings.append(
             Finding(
@@ -233,39 +344,37 @@ def calibrate_robustly(
                 topic="robust",
                 where=STUDY,
                 cause=f"robust weights did not settle in {MOST_ROUNDS} rounds",
-                found=f"joint parameters still moved by {1e3 * change:.2f} mm or "
-                f"{np.rad2deg(change):.2f} deg",
-                cure="look for markers that are often left out, and give them weight 0",
+                found=f"joint parameters changed by {1e3 * change:.2f} mm or "
+                f"{np.rad2deg(change):.2f} deg in the last round",
+                cure="look for markers with many outliers, and give them weight 0",
                 code=Code.ROBUST_UNSETTLED,
             )
         )
     return tuple(finished), joint, parameters, tuple(findings)
 
 
-def _outliers_of(name: str, tracking: RobustTracking) -> list[Finding]:
-    """Outliers of a trial in one note; none where there are none."""
+def _report_outliers(name: str, tracking: RobustTracking) -> list[Finding]:
+    """Report the outliers of a trial in one note; none if there are none."""
     problem, outliers = tracking.problem, tracking.outliers
-    seen = problem.data.weight > 0
+    observed = problem.data.weight > 0
     if not outliers.any():
         return []
     often = [
         f"{label} {100 * out.sum() / max(int(used.sum()), 1):.0f} %"
-        for label, out, used in zip(problem.labels, outliers, seen, strict=True)
+        for label, out, used in zip(problem.labels, outliers, observed, strict=True)
         if out.sum() > NAMED_SHARE * used.sum()
     ]
-    share = 100 * outliers.sum() / max(int(seen.sum()), 1)
-    where = format_spans(problem.basis.time, find_runs(np.logical_or.reduce(outliers, axis=0)))
+    share = 100 * outliers.sum() / max(int(observed.sum()), 1)
+    when = format_spans(problem.basis.time, find_runs(np.logical_or.reduce(outliers, axis=0)))
     names = f", most in {listed(often)}" if often else ""
-    found = f"{int(outliers.sum())} marker samples ({share:.1f} %){names}, frames at {where}; "
-    found += f"scale {1e3 * tracking.scale:.1f} mm a coordinate"
-    cause = "the robust loss all but left out some samples"
     return [
         Finding(
             severity=Severity.INFO,
             topic="robust",
             where=name,
-            cause=cause,
-            found=found,
+            cause="the robust loss gave some samples nearly no weight",
+            found=f"{int(outliers.sum())} marker samples ({share:.1f} %){names}, frames at {when}; "
+            f"scale {1e3 * tracking.scale:.1f} mm a coordinate",
             cure="",
             code=Code.OUTLIERS,
         )

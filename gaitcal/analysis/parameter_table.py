@@ -1,6 +1,5 @@
 """Tabulate joint and inertial parameters: nominal, fitted, standard error, status."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,75 +10,96 @@ from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, IP_UNITS, JOINT_PARAMET
 if TYPE_CHECKING:
     import pandas as pd
 
+_INERTIAL_KINDS = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}
+"""First part of an inertial parameter's name, after its segment -> kind."""
+
 
 def parameter_table(calibration: Calibration) -> "pd.DataFrame":
-    """One row for each of the 98 joint and 84 inertial parameters, as in `parameters.csv`.
+    """Tabulate the 98 joint and 84 inertial parameters, a row each, as in `parameters.csv`.
 
-    Columns: `name`, `kind` (joint position, joint orientation, mass, mass centre, moment of
-    inertia), `segment` whose axes it is told in, `joint`, `unit` (mm, deg, kg, kg*mm^2), `nominal`,
-    `fitted`, `standard_error` (NaN where none), `status`: `fitted`, `fixed` (of mass centres and
-    moments, by the table, from where the joints are now), or `unidentifiable` (kept, as these
-    trials do not show it).
+    Parameters
+    ----------
+    calibration : Calibration
+        From `calibrate` or `run_study`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns `name`; `kind` (joint position, joint orientation, mass, mass centre, moment of
+        inertia); `segment` whose axes the value refers to; `joint`; `unit` (mm, deg, kg, kg*mm^2);
+        `nominal`; `fitted`; `standard_error` (NaN if there is none); `status`: `fitted`, `fixed`
+        (mass centres and moments then follow the table and the fitted joints), or `unidentifiable`
+        (kept, because these trials do not determine it).
     """
     import pandas as pd
 
-    return pd.DataFrame(parameter_rows(calibration))
+    return pd.DataFrame(list_parameter_rows(calibration))
 
 
-def parameter_rows(calibration: Calibration) -> list[dict[str, Any]]:
-    """The rows of `parameter_table`, by the names of its columns; `standard_error` is None where
-    there is none.
+def list_parameter_rows(calibration: Calibration) -> list[dict[str, Any]]:
+    """List the rows of `parameter_table`.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        From `calibrate` or `run_study`.
+
+    Returns
+    -------
+    list of dict
+        Column -> value; `standard_error` is None if there is none.
     """
-    nominal, fitted, inertial = (
-        calibration.nominal.parameters,
-        calibration.model.parameters,
-        calibration.inertial,
-    )
-    errors, free = (
-        calibration.standard_errors,
-        set(calibration.joint.free if calibration.joint else ()),
-    )
-    if inertial is not None and inertial.moved:
-        free |= {
-            n
-            for n, moved in zip(IP_NAMES, np.abs(inertial.jacobian).sum(axis=1) > 0, strict=True)
-            if moved
-        }
-    kinds = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}
+    nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
+    errors, free = calibration.standard_errors, _list_fitted_names(calibration)
 
-    def row(
-        name: str,
-        kind: str,
-        segment: str,
-        joint: str,
-        unit: str,
-        values: Sequence[float],
-        to_si: float,
+    def make_row(
+        name: str, to_si: float, before: float, after: float, **columns: str
     ) -> dict[str, Any]:
         error = errors.get(name)
+        status = "fitted" if name in free else "fixed"
+        if name in calibration.unidentifiable:
+            status = "unidentifiable"
         return {
             "name": name,
-            "kind": kind,
-            "segment": segment,
-            "joint": joint,
-            "unit": unit,
-            "nominal": float(values[0] / to_si),
-            "fitted": float(values[1] / to_si),
+            **columns,
+            "nominal": float(before / to_si),
+            "fitted": float(after / to_si),
             "standard_error": None if error is None else float(error / to_si),
-            "status": "unidentifiable"
-            if name in calibration.unidentifiable
-            else "fitted"
-            if name in free
-            else "fixed",
+            "status": status,
         }
 
-    rows = [
-        row(p.name, f"joint {p.kind.value}", p.segment, p.joint, p.kind.unit, values, p.kind.to_si)
-        for p, *values in zip(JOINT_PARAMETERS, nominal.joint, fitted.joint, strict=True)
-    ]
-    for name, unit, to_si, *values in zip(
+    rows = []
+    for p, before, after in zip(JOINT_PARAMETERS, nominal.joint, fitted.joint, strict=True):
+        kind, unit = f"joint {p.kind.value}", p.kind.unit
+        rows.append(
+            make_row(
+                p.name,
+                p.kind.to_si,
+                before,
+                after,
+                kind=kind,
+                segment=p.segment,
+                joint=p.joint,
+                unit=unit,
+            )
+        )
+    for name, unit, to_si, before, after in zip(
         IP_NAMES, IP_UNITS, IP_TO_SI, nominal.inertial, fitted.inertial, strict=True
     ):
         segment, quantity = name.split(".", 1)
-        rows.append(row(name, kinds[quantity.split(".")[0]], segment, "", unit, values, to_si))
+        kind = _INERTIAL_KINDS[quantity.split(".")[0]]
+        rows.append(
+            make_row(name, to_si, before, after, kind=kind, segment=segment, joint="", unit=unit)
+        )
     return rows
+
+
+def _list_fitted_names(calibration: Calibration) -> set[str]:
+    """List the parameters that the fits may move."""
+    names = set(calibration.joint.free if calibration.joint else ())
+    inertial = calibration.inertial
+    if inertial is not None and inertial.moved:
+        for name, derivatives in zip(IP_NAMES, inertial.jacobian, strict=True):
+            if np.abs(derivatives).sum() > 0:
+                names.add(name)
+    return names

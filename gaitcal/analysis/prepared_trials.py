@@ -1,9 +1,8 @@
-"""A session: one person's moving trials and models, as far as the stages of a calibration have
-come.
+"""The state of a calibration: one person's moving trials and models, stage by stage.
 
-A `MovingTrial` is a trial of the study that grows: cleaned and turned so that x is forward, with
-its least-squares problems (`prepared`), then with a motion and forces under the feet for every
-model that is reached (`tracked`).
+A `MovingTrial` is a trial of the study to which results are added: cleaned, rotated so that x is
+forward, with its least-squares problems (`prepare_trial`), then with a motion and forces under the
+feet for every model of the calibration (`track_trial`).
 """
 
 import warnings
@@ -13,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from gaitcal.analysis.result import HeldOut, Stage, Uncertainty
-from gaitcal.analysis.trial_bandwidth import Bandwidth, bandwidth_of
+from gaitcal.analysis.trial_bandwidth import Bandwidth, choose_bandwidth
 from gaitcal.arrays import Array
 from gaitcal.calibration import error_sources, inertial_calibration, joint_phases, joint_prior
 from gaitcal.calibration.combined import CombinedFit
@@ -46,53 +45,68 @@ from gaitcal.tracking.trial_problem import FEWEST_FRAMES, MotionProblem, build_t
 
 @dataclass(frozen=True, kw_only=True)
 class MovingTrial(Trial):
-    """A moving trial with its least-squares problems, and what these have given so far.
+    """A moving trial with its least-squares problems, and their results so far.
 
-    Its recording is turned so that x is forward.
+    Its recording is rotated so that x is forward.
     """
 
-    in_file_axes: Recording  # The recording in the axes of its file
+    in_file_axes: Recording
+    """The recording in the axes of its file."""
     bandwidth: Bandwidth
-    body: MotionProblem  # The whole body, with the bandwidth of the motion that leaves the trial
+    body: MotionProblem
+    """The whole body, with the bandwidth of the final motion."""
     fitted: MotionProblem
-    """What fit figures are about: the segments of an isolated trial's joint alone, or the whole
-    body.
+    """What marker errors are reported of: the segments of a functional trial's joint alone, or the
+    whole body.
     """
     joints: MotionProblem
-    """What joint parameters are fitted by: `fitted`, or pelvis and legs where all trials are fitted
-    at once.
+    """What joint parameters are fitted to: `fitted`, or pelvis and legs if all trials are fitted at
+    once.
     """
-    tissue: SoftTissue | None = (
-        None  # The skin that moves on the markers of `body`: what error bars count
-    )
+    tissue: SoftTissue | None = None
+    """Soft tissue artefact of the markers of `body`, for the error bars."""
     stages: Mapping[Stage, tuple[Parameters, Motion]] = field(default_factory=dict)
-    """Every model that was reached, in order, each with the whole-body motion tracked with it; the
-    nominal motion of an isolated trial is of the segments of its joint."""
-    reactions: GroundReactions | None = None  # On the feet; None without force plates
-    scores: error_sources.MarkerScores | None = None  # Of the markers of a gait trial
+    """Every model so far, in order, each with the whole-body motion tracked with it; the nominal
+    motion of a functional trial is of the segments of its joint."""
+    reactions: GroundReactions | None = None
+    """On the feet; None without force plates."""
+    scores: error_sources.MarkerScores | None = None
+    """Of the markers of a gait trial."""
     held_out: HeldOut | None = None
 
     def with_tissue(self, tissue: SoftTissue | None, found: FoundTissue) -> "MovingTrial":
-        """With the skin that moves on the markers of the body, which are where `found` has them."""
+        """Return the trial with soft tissue on the markers of the body.
+
+        Parameters
+        ----------
+        tissue : SoftTissue or None
+            The artefact of this trial.
+        found : FoundTissue
+            The fitted artefact, with constant displacements of markers.
+
+        Returns
+        -------
+        MovingTrial
+        """
         body = found.displace_markers(replace(self.body, tissue=tissue))
         if body.data.shift is None:
             return replace(self, tissue=tissue)
         shift = dict(zip(body.labels, body.data.shift, strict=True))
 
-        def displaced(problem: MotionProblem) -> MotionProblem:
+        def displace(problem: MotionProblem) -> MotionProblem:
             return problem.shift_markers(np.array([shift[label] for label in problem.labels]))
 
         return replace(
             self,
             tissue=tissue,
-            body=displaced(self.body),
-            fitted=displaced(self.fitted),
-            joints=displaced(self.joints),
+            body=displace(self.body),
+            fitted=displace(self.fitted),
+            joints=displace(self.joints),
         )
 
     @property
-    def with_skin(self) -> MotionProblem:
-        """The whole body with the skin that its error bars count."""
+    def body_with_tissue(self) -> MotionProblem:
+        """The whole body with the soft tissue artefact of its error bars."""
         return replace(self.body, tissue=self.tissue)
 
     @property
@@ -102,56 +116,81 @@ class MovingTrial(Trial):
 
     @property
     def parameters(self) -> Parameters:
-        """Of the last model that was reached."""
+        """Of the last model."""
         return self._last[0]
 
     @property
     def motion(self) -> Motion:
-        """Of the whole body, with the last model that was reached."""
+        """Of the whole body, with the last model."""
         return self._last[1]
 
     @property
     def _last(self) -> tuple[Parameters, Motion]:
         return list(self.stages.values())[-1]
 
-    def reached(self, stage: Stage, parameters: Parameters, motion: Motion) -> "MovingTrial":
-        """With one more model, and the motion tracked with it."""
+    def with_stage(self, stage: Stage, parameters: Parameters, motion: Motion) -> "MovingTrial":
+        """Return the trial with one more model, and the motion tracked with it.
+
+        Parameters
+        ----------
+        stage : Stage
+            Which model.
+        parameters : Parameters
+            Its parameters.
+        motion : Motion
+            The motion of the whole body with them.
+
+        Returns
+        -------
+        MovingTrial
+        """
         return replace(self, stages={**self.stages, stage: (parameters, motion)})
 
-    def scored(self, uncertainty: Uncertainty) -> "MovingTrial":
-        """With the scores of its markers about the last model; an isolated trial needs none."""
+    def with_marker_scores(self, uncertainty: Uncertainty) -> "MovingTrial":
+        """Return the trial with the scores of its markers about the last model.
+
+        Parameters
+        ----------
+        uncertainty : Uncertainty
+            Errors of the joint parameters.
+
+        Returns
+        -------
+        MovingTrial
+            A functional trial is returned unchanged: nothing uses its scores.
+        """
         if self.joint is not None:
             return self
         scores = error_sources.compute_marker_scores(
-            self.with_skin, self.motion.coefficients, self.parameters, uncertainty.joint
+            self.body_with_tissue, self.motion.coefficients, self.parameters, uncertainty.joint
         )
         return replace(self, scores=scores)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationState:
-    """What the stages of a calibration hand on."""
+    """What one stage of a calibration hands on to the next."""
 
-    # The person: nominal in a calibration, calibrated where further trials are analysed
     model: SubjectModel
+    """The person: nominal in a calibration, calibrated if further trials are analysed."""
     settings: CalibrationSettings
-    parameters: Parameters  # Of the last model that was reached
+    parameters: Parameters
+    """Of the last model."""
     trials: tuple[MovingTrial, ...]
-    static: Recording | None = (
-        None  # The static trial, completed; None where further trials are analysed
-    )
-    prior: JointPrior = field(
-        default_factory=lambda: joint_prior.make_study_prior({})
-    )  # Of anatomy, study and cohort
-    checked: tuple[Finding, ...] = ()  # What the checks found before anything was fitted
+    static: Recording | None = None
+    """The static trial, completed; None if further trials are analysed."""
+    prior: JointPrior = field(default_factory=lambda: joint_prior.make_study_prior({}))
+    """Of anatomy, study and cohort."""
+    checked: tuple[Finding, ...] = ()
+    """What the checks found before the fits."""
     possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
-    """Trial -> segment -> what its markers may have done since the static trial."""
-    findings: tuple[Finding, ...] = ()  # What robust losses left out
-    joint: joint_phases.JointCalibration | None = (
-        None  # None where the settings leave joint parameters alone
-    )
+    """Trial -> segment -> possible displacement of its markers since the static trial."""
+    findings: tuple[Finding, ...] = ()
+    """Outliers of robust losses, and functional trials that were left out."""
+    joint: joint_phases.JointCalibration | None = None
+    """None if the settings keep the joints."""
     static_angles: Mapping[str, float] = field(default_factory=dict)
-    """Coordinate -> m, rad: with which the last model meets the static posture."""
+    """Coordinate -> m, rad, of the last model in the static posture."""
     forces: ForceDiagnosis = field(default_factory=ForceDiagnosis)
     inertial: inertial_calibration.InertialFit | None = None
     combined: CombinedFit | None = None
@@ -163,48 +202,68 @@ class CalibrationState:
         return tuple(trial for trial in self.trials if trial.joint is None)
 
 
-def session_of(of: PreprocessedStudy, checked: Sequence[Finding] = ()) -> CalibrationState:
-    """The moving trials of a preprocessed study, with their problems for its nominal model; InputError where
-    there is none.
+def prepare_calibration(
+    preprocessed: PreprocessedStudy, checked: Sequence[Finding] = ()
+) -> CalibrationState:
+    """Pose the tracking problems of the moving trials for the nominal model.
+
+    Parameters
+    ----------
+    preprocessed : PreprocessedStudy
+        From `preprocess_study`.
+    checked : sequence of Finding
+        What the checks found.
+
+    Returns
+    -------
+    CalibrationState
+        Before any fit.
+
+    Raises
+    ------
+    InputError
+        The static trial gives no nominal model, or a trial has too few markers.
     """
-    study, model, trials = of.study, of.nominal, []
-    for evidence in of.moving:
-        trials.append(prepare_trial(evidence.trial, model, study.settings))
-    prior, moves = (
-        joint_prior.make_study_prior(study.settings.joint_prior, study.joint_prior, model.noise),
-        of.moves(),
+    study, model = preprocessed.study, preprocessed.nominal
+    trials = tuple(
+        prepare_trial(evidence.trial, model, study.settings) for evidence in preprocessed.moving
     )
+    prior = joint_prior.make_study_prior(study.settings.joint_prior, study.joint_prior, model.noise)
+    moves = preprocessed.moves()
+    possible_errors = _collect_possible_errors(moves, study.moving)
     return CalibrationState(
         model=model,
         settings=study.settings,
         parameters=model.parameters,
-        trials=tuple(trials),
-        static=of.completed.static,
-        prior=replace(prior.widen(study.loosened), doubted=_doubted(moves, study.moving)),
+        trials=trials,
+        static=preprocessed.completed.static,
+        prior=replace(prior.widen(study.loosened), doubted=possible_errors),
         possible_moves=moves,
         checked=tuple(checked),
     )
 
 
-def _doubted(
+def _collect_possible_errors(
     moves: Mapping[str, Mapping[str, PossibleMove]], trials: Sequence[Trial]
 ) -> dict[str, float]:
-    """Joint parameter -> m, rad by which it may be wrong if markers moved in any trial that shows
-    its joint.
+    """Collect joint parameter -> m or rad by which it is wrong if markers moved in any trial.
+
+    Only trials that determine the joint are considered; the largest value counts.
     """
     out = dict[str, float]()
     for trial in trials:
-        shown = JP_NAMES if trial.joint is None else list_isolated_parameters(trial.joint)
+        names = JP_NAMES if trial.joint is None else list_isolated_parameters(trial.joint)
         for p in JOINT_PARAMETERS:
             move = moves.get(trial.name, {}).get(p.segment)
-            if move is not None and p.name in shown:
-                by = move.shift if p.kind is ParameterKind.POSITION else float(move.turn[p.axis])
-                out[p.name] = max(by, out.get(p.name, 0.0))
+            if move is None or p.name not in names:
+                continue
+            size = move.shift if p.kind is ParameterKind.POSITION else float(move.turn[p.axis])
+            out[p.name] = max(size, out.get(p.name, 0.0))
     return out
 
 
 def fits_legs_together(settings: CalibrationSettings) -> bool:
-    """Whether the joint parameters of all trials are fitted at once, by pelvis and legs."""
+    """Return whether the joint parameters of all trials are fitted at once, by pelvis and legs."""
     return (
         settings.jp
         and settings.decided_by is Protocol.PUBLISHED
@@ -213,12 +272,33 @@ def fits_legs_together(settings: CalibrationSettings) -> bool:
 
 
 def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
-    """Turn a cleaned trial so that x is forward, find its bandwidth and set up its problems."""
-    recording = rotate_to_progression(trial.recording, forward_direction(model, trial.recording))
+    """Rotate a cleaned trial so that x is forward, choose its bandwidth and set up its problems.
+
+    Parameters
+    ----------
+    trial : Trial
+        A moving trial, cleaned, in the axes of its file.
+    model : SubjectModel
+        The person; its nominal parameters smooth the problems.
+    settings : CalibrationSettings
+        Of the study.
+
+    Returns
+    -------
+    MovingTrial
+        Without motions.
+
+    Raises
+    ------
+    InputError
+        Too few markers or frames.
+    """
+    direction = estimate_forward_direction(model, trial.recording)
+    recording = rotate_to_progression(trial.recording, direction)
     rule = spline.NodeRule(settings.nodes_per_second or spline.NODES_PER_SECOND, settings.nodes)
     joint = trial.joint
 
-    def part(segments: Sequence[str]) -> MotionProblem:
+    def build_part(segments: Sequence[str]) -> MotionProblem:
         return build_trial_problem(
             trial.name,
             model,
@@ -232,98 +312,184 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     body = build_trial_problem(
         trial.name, model, recording, rule, carrier=find_base_segment(joint), isolated=joint
     )
-    if body.guessed:
-        recording = recording.with_notes(
-            f"markers do not determine {', '.join(body.guessed)}: what is known of walking does, "
-            "as uncertain as that "
-            "is (a trunk stays upright in the laboratory, arms hang along it)"
-        )
-    if body.held:
-        held = (
-            f"The pelvis is not seen: {find_base_segment(joint)} carries the body, {', '.join(body.held)} "
-            "held at zero."
-        )
-        recording = recording.with_notes(held)
-    alone = body if joint is None else part(list_joint_segments(joint))
-    turned = replace(trial, recording=recording)
-    bandwidth = bandwidth_of(alone, turned, model, settings)
+    recording = recording.with_notes(*_describe_assumptions(body, joint))
+    alone = body if joint is None else build_part(list_joint_segments(joint))
+    rotated = replace(trial, recording=recording)
+    bandwidth = choose_bandwidth(alone, rotated, model, settings)
 
-    def smoothed(problem: MotionProblem, hz: float) -> MotionProblem:
+    def smooth(problem: MotionProblem, hz: float) -> MotionProblem:
         return apply_bandwidth(problem, model.nominal, hz) if bandwidth.penalised else problem
 
-    body = smoothed(body, bandwidth.motion_hz)
-    same = joint is None and bandwidth.joints_hz == bandwidth.motion_hz
-    fitted = joints = (
-        body if same else smoothed(body if joint is None else alone, bandwidth.joints_hz)
-    )
+    body = smooth(body, bandwidth.motion_hz)
+    # A walk whose joints and motion have one bandwidth needs one problem only.
+    is_same = joint is None and bandwidth.joints_hz == bandwidth.motion_hz
+    fitted = body if is_same else smooth(body if joint is None else alone, bandwidth.joints_hz)
+    joints = fitted
     if fits_legs_together(settings):
         legs = LOWER_BODY[1:] if joint is None else LEGS[joint[-1]]
         try:
-            joints = smoothed(part(("pelvis", *legs)), bandwidth.joints_hz)
-        except InputError:  # the pelvis is not seen in an isolated trial
+            joints = smooth(build_part(("pelvis", *legs)), bandwidth.joints_hz)
+        except InputError:
+            # A functional trial without pelvis markers is fitted by its joint alone.
             if joint is None:
                 raise
-    read = {f.name: getattr(turned, f.name) for f in fields(Trial)} | {
-        "in_file_axes": trial.recording
-    }
-    return MovingTrial(**read, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)
+    columns = {f.name: getattr(rotated, f.name) for f in fields(Trial)}
+    return MovingTrial(
+        **columns,
+        in_file_axes=trial.recording,
+        bandwidth=bandwidth,
+        body=body,
+        fitted=fitted,
+        joints=joints,
+    )
 
 
-def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
-    """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen
-    together.
+def _describe_assumptions(body: MotionProblem, joint: str | None) -> list[str]:
+    """Describe which coordinates of a whole-body problem a prior or zero determines."""
+    notes = []
+    if body.guessed:
+        notes.append(
+            f"markers do not determine {', '.join(body.guessed)}: a prior on walking does (trunk "
+            "upright in the laboratory, arms hanging along it), with its standard deviation"
+        )
+    if body.held:
+        notes.append(
+            f"the pelvis has too few markers: {find_base_segment(joint)} is the base segment, "
+            f"{', '.join(body.held)} held at zero"
+        )
+    return notes
+
+
+def estimate_forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
+    """Estimate the mean forward direction of the pelvis from its markers.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        With the markers of the pelvis.
+    recording : Recording
+        A trial, in the axes of its file.
+
+    Returns
+    -------
+    (3,) array or None
+        Mean of the pelvis' x axis over the frames that determine its pose, in the axes of the
+        recording; None if there is no such frame.
     """
     fit = rigid.fit_segment(model.markers, "pelvis", recording)
     return None if fit is None else np.asarray(fit.rotation[fit.determined][:, :, 0].mean(axis=0))
 
 
-def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
-    """The mean posture of the still window of the static trial, where every marker is in its place,
-    as a trial.
+def build_static_problem(model: SubjectModel, static: Recording) -> MotionProblem:
+    """Build the tracking problem of the mean posture in the still window of the static trial.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        The person.
+    static : Recording
+        The static trial, completed.
+
+    Returns
+    -------
+    MotionProblem
+        A short trial in which every marker keeps its mean position.
     """
     still = find_still_window(static, model.markers.labels).frames
-    # in one order of memory, so that a file and its conversion give the same bits
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that this trial lost stays lost
+        # A marker without positions in the window has none in the mean.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        # One order of memory, so that a file and its conversion give the same bits.
         mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
     posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
     window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
     return build_trial_problem("static", model, window, spline.NodeRule())
 
 
-def tracked(trial: MovingTrial, session: CalibrationState, stage: Stage) -> MovingTrial:
-    """A trial tracked with the nominal and the last model of its session, which is of `stage`, and
-    its forces.
+def track_trial(trial: MovingTrial, session: CalibrationState, stage: Stage) -> MovingTrial:
+    """Track a trial with the nominal and the last model and compute its ground reactions.
+
+    Parameters
+    ----------
+    trial : MovingTrial
+        From `prepare_trial`.
+    session : CalibrationState
+        With the nominal and the last model.
+    stage : Stage
+        Of the last model.
+
+    Returns
+    -------
+    MovingTrial
+        With motions, ground reactions (whole body on force plates) and marker scores.
     """
     model, parameters = session.model, session.parameters
     part = trial.body if trial.joint is None else trial.fitted
-    trial = trial.reached(
-        Stage.NOMINAL, model.nominal, track_motion(part.shift_markers(None), model.nominal)
-    )
+    nominal = track_motion(part.shift_markers(None), model.nominal)
+    trial = trial.with_stage(Stage.NOMINAL, model.nominal, nominal)
     if trial.joint is not None and stage is Stage.NOMINAL:
-        stage = Stage.JP  # the whole body beside the segments of the joint
+        # The nominal motion of a functional trial has the segments of its joint alone: the whole
+        # body is a further stage.
+        stage = Stage.JP
     if stage is not Stage.NOMINAL:
-        trial = trial.reached(stage, parameters, track_motion(trial.body, parameters))
+        trial = trial.with_stage(stage, parameters, track_motion(trial.body, parameters))
     if trial.joint is None and trial.recording.plates:
-        reactions = measured_reactions(trial, model, parameters, trial.motion, session.settings)
+        reactions = compute_trial_reactions(
+            trial, model, parameters, trial.motion, session.settings
+        )
         trial = replace(trial, reactions=reactions)
-    return trial.scored(session.uncertainty)
+    return trial.with_marker_scores(session.uncertainty)
 
 
-def measured_reactions(
+def compute_trial_reactions(
     trial: Trial,
     model: SubjectModel,
     parameters: Parameters,
     motion: Motion,
     settings: CalibrationSettings,
 ) -> GroundReactions:
-    """Ground reactions on the feet at the frames of a whole-body motion."""
-    hz = force_cutoff(trial, motion, settings)
+    """Compute the ground reactions on the feet at the frames of a whole-body motion.
+
+    Parameters
+    ----------
+    trial : Trial
+        With force plates, rotated as the motion.
+    model : SubjectModel
+        The person.
+    parameters : Parameters
+        Parameters of the linkage.
+    motion : Motion
+        Of the whole body.
+    settings : CalibrationSettings
+        With the force filter.
+
+    Returns
+    -------
+    GroundReactions
+    """
+    hz = choose_force_cutoff(trial, motion, settings)
     return compute_motion_reactions(model, parameters, motion, trial.recording, trial.plates, hz)
 
 
-def force_cutoff(trial: Trial, motion: Motion, settings: CalibrationSettings) -> float | None:
-    """Hz of the force filter of a trial; None for none."""
+def choose_force_cutoff(
+    trial: Trial, motion: Motion, settings: CalibrationSettings
+) -> float | None:
+    """Choose the cut-off frequency of the force filter of a trial.
+
+    Parameters
+    ----------
+    trial : Trial
+        Its `filter_hz` takes precedence over the settings.
+    motion : Motion
+        With its cut-off, which `matched` forces share.
+    settings : CalibrationSettings
+        With `force_filter_hz`.
+
+    Returns
+    -------
+    float or None
+        Hz; None for no filter.
+    """
     chosen = settings.force_filter_hz if trial.filter_hz is None else trial.filter_hz
     if chosen == "none":
         return None

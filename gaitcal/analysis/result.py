@@ -1,4 +1,4 @@
-"""What a calibration returns: the person's models and, trial by trial, how well they do."""
+"""The result of a calibration: models of the person, motions, torques and errors of every trial."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,10 +37,16 @@ from gaitcal.tracking.motion import MarkerErrors, Motion
 
 
 class Stage(Enum):
-    """The models of a calibration, in the order in which they are reached; each gives torques of
-    its own.
+    """The models of a calibration, in the order of its stages; each gives torques.
 
-    `key`: in `summary.json`; `words`: in the report; `short`: on the command line.
+    Attributes
+    ----------
+    key : str
+        In `summary.json`.
+    label : str
+        In the report.
+    short_label : str
+        On the command line.
     """
 
     NOMINAL = ("nominal", "nominal model", "nominal")
@@ -49,13 +55,13 @@ class Stage(Enum):
     JP_IP = ("jp_ip", "joint and inertial parameters calibrated", "JP, then IP")
     COMBINED = ("joint_step", "all parameters refined together", "JP and IP together")
 
-    def __init__(self, key: str, words: str, short: str) -> None:
-        self.key, self.words, self.short = key, words, short
+    def __init__(self, key: str, label: str, short_label: str) -> None:
+        self.key, self.label, self.short_label = key, label, short_label
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Marker error of one trial over frames that did not take part in the fit."""
+    """Marker error of one trial over frames that were not used in the fit."""
 
     nominal: float
     """m, RMS over the same frames with the nominal joint parameters."""
@@ -63,7 +69,7 @@ class HeldOut:
     """m, with joint parameters fitted without them."""
     folds: int
     legs: tuple[float, float] | None = None
-    """m, nominal and calibrated over the markers of pelvis and legs; None for an isolated trial."""
+    """m, nominal and calibrated over the markers of pelvis and legs; None for a functional trial."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +78,7 @@ class Loads:
 
     reactions: GroundReactions
     moments: Mapping[Stage, inverse_dynamics.Moments]
-    """Of every model that was reached, with the motion that belongs to it; the nominal one is
-    always there.
-    """
+    """Of every stage, with the motion of its model; always with the nominal stage."""
     errors: measurement_errors.TorqueErrors | None = None
     """Standard errors of `final`."""
     kinetics: JointKinetics | None = None
@@ -82,8 +86,8 @@ class Loads:
     errors.
     """
     expected: ExpectedResidual | None = None
-    """The pelvis residual of `final` against what its errors let expect; None where they are not
-    known.
+    """The pelvis residual of `final` beside the residual that its errors predict; None if the
+    errors are unknown.
     """
 
     @property
@@ -98,12 +102,12 @@ class Loads:
 
     @property
     def residuals(self) -> tuple[ResidualMagnitudes, ...]:
-        """Of every model that was reached; empty where no frame is valid."""
+        """The pelvis residual of every stage; empty if no frame is valid."""
         valid = self.reactions.valid
         if not valid.any():
             return ()
         return tuple(
-            compute_residual_magnitudes(stage.words, moments, valid)
+            compute_residual_magnitudes(stage.label, moments, valid)
             for stage, moments in self.moments.items()
         )
 
@@ -115,21 +119,21 @@ class TrialResult(Displayed):
     name: str
     role: Role
     joint: str | None
-    """The joint of an isolated trial."""
+    """The joint of a functional (single-joint) trial; None otherwise."""
     recording: Recording
-    """As tracked: turned so that x is forward."""
+    """As tracked: rotated so that x is forward."""
     nominal: Motion
-    """Gait: the whole body. Isolated trial: the segments of its joint alone."""
+    """Gait: the whole body. Functional trial: the segments of its joint alone."""
     calibrated: Motion
     """With the parameters at the end of the trial's own phase."""
     final: Motion
-    """With the parameters at the end of the whole calibration: the same, but for isolated trials
-    before gait.
+    """With the parameters at the end of the whole calibration; differs from `calibrated` for
+    functional trials that were fitted before gait.
     """
     floor: MarkerErrors
-    """Rigid-segment floor of the same markers."""
+    """Rigid floor of the same markers."""
     joint_floor: JointFloor | None
-    """Their joint floor; None where no joint shows markers on both of its segments."""
+    """Their joint floor; None if no joint has markers on both of its segments."""
     body: Motion
     """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
     loads: Loads | None
@@ -138,32 +142,32 @@ class TrialResult(Displayed):
     """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and
     motion; gait only.
     """
-    own_coordinate_errors: Array | None = None
-    """(nf, 27) m, rad: the part of `coordinate_errors` that this trial's own markers make; the rest
-    is shared by all strides of the calibration."""
+    trial_coordinate_errors: Array | None = None
+    """(nf, 27) m, rad: the part of `coordinate_errors` from the markers of this trial; the rest is
+    shared by all strides of the calibration."""
     foot_axes: FootAxes | None = None
-    """Where the feet point, with `coordinate_errors`' errors; gait only."""
-    held_out: HeldOut | None = None
-    """Error on frames that took no part in the fit; None unless asked for."""
-    bandwidth: Bandwidth | None = None
-    """How fast `body` may change, and who said so."""
-    events: GaitEvents = field(default=GaitEvents())
-    """When the feet meet and leave the ground, each moment with its source; none in an isolated
-    trial.
+    """Directions of the feet, with standard errors from the sources of `coordinate_errors`; gait
+    only.
     """
+    held_out: HeldOut | None = None
+    """Error on frames that were not used in the fit; None unless asked for."""
+    bandwidth: Bandwidth | None = None
+    """Cut-off frequency of `body`, and what chose it."""
+    events: GaitEvents = field(default=GaitEvents())
+    """Foot strikes and foot offs, each with its source; none in a functional trial."""
     strides: tuple[spatiotemporal.Stride, ...] = ()
-    """Speed, steps, stance and swing of each stride of both feet; none in an isolated trial."""
+    """Speed, steps, stance and swing of each stride of both feet; none in a functional trial."""
     doubts: tuple[Finding, ...] = ()
-    """What residuals, angles and torques of `body` say against it, and of a further trial its
-    forces, too: those of a calibration are told for its trials together."""
+    """Findings on residuals, angles and torques of `body`; of a further trial also on its forces,
+    which a calibration reports for all its trials together."""
 
     refused_legs: tuple[str, ...] = ()
-    """`r`, `l`: the verdict refuses these legs; their numbers are there to be looked at, and count
-    for nothing.
+    """`r`, `l`: legs that the verdict refuses; their numbers are shown, but take part in no mean.
     """
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
-        before, after, rigid = ("-" if mm is None else f"{mm:.1f}" for mm in self.rms_mm())
+        """Describe marker distance, torques and refused legs for `Displayed`."""
+        before, after, rigid = ("-" if mm is None else f"{mm:.1f}" for mm in self.compute_rms_mm())
         rows = [
             ("motion", f"{len(self.body.time)} frames, {len(self.strides)} strides"),
             (
@@ -180,8 +184,9 @@ class TrialResult(Displayed):
 
     @property
     def activity(self) -> str:
-        """`gait` of a walk, else the trial's own name: whose strides, or repetitions, belong
-        together. A trial called `gait` that is none is no walk for its name.
+        """Name under which strides or repetitions are averaged: `gait`, or the trial's name.
+
+        A trial named `gait` that is of another activity gets `(motion)` after its name.
         """
         if self.role is not Role.MOTION:
             return cycles.WALKING
@@ -189,33 +194,48 @@ class TrialResult(Displayed):
 
     @property
     def is_refused(self) -> bool:
-        """The verdict refuses the whole of it."""
+        """Whether the verdict refuses the whole trial."""
         return set(self.refused_legs) == set(linkage.SIDES)
 
-    def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
-        """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments,
-        over all markers with weight or those of some segments; None where there are none.
+    def compute_rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
+        """Compute the RMS distance between measured and model markers.
+
+        Parameters
+        ----------
+        *segments : str
+            Segments whose markers are used; all if none is given.
+
+        Returns
+        -------
+        nominal, calibrated, floor : float or None
+            mm, with the nominal model, the calibrated model and rigid segments without joints; None
+            without markers that have a weight.
         """
-        nominal, calibrated, floor = (
-            None if (value := errors.rms(*segments)) is None else 1e3 * value
-            for errors in (self.nominal.errors, self.calibrated.errors, self.floor)
-        )
+        errors = (self.nominal.errors, self.calibrated.errors, self.floor)
+        nominal, calibrated, floor = (_convert_to_mm(one.rms(*segments)) for one in errors)
         return nominal, calibrated, floor
 
-    def joint_floor_mm(self, *segments: str) -> float | None:
-        """RMS marker distance (mm) that each joint by itself can reach, over the same markers; None
-        where none is.
+    def compute_joint_floor_mm(self, *segments: str) -> float | None:
+        """Compute the RMS marker distance that each joint by itself can reach.
+
+        Parameters
+        ----------
+        *segments : str
+            Segments whose markers are used; all if none is given.
+
+        Returns
+        -------
+        float or None
+            mm; None if no joint has markers on both of its segments.
         """
-        value = None if self.joint_floor is None else self.joint_floor.rms(*segments)
-        return None if value is None else 1e3 * value
+        return None if self.joint_floor is None else _convert_to_mm(self.joint_floor.rms(*segments))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed about this trial, each with its name."""
-        of_motion = self.bandwidth.notes if self.bandwidth else ()
+        """What was assumed about this trial, each note with its name."""
         notes = (
             *self.recording.notes,
-            *of_motion,
+            *(self.bandwidth.notes if self.bandwidth else ()),
             *(self.loads.reactions.notes if self.loads else ()),
         )
         remarks = (note_of(f) for f in self.findings if f.severity is Severity.INFO)
@@ -223,83 +243,96 @@ class TrialResult(Displayed):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What speaks against its markers, its motion and its ground reactions."""
+        """Findings on its bandwidth, ground reactions, events and motion."""
         of_events = (replace(f, where=self.name) for f in self.events.findings)
         return (
             *(self.bandwidth.findings if self.bandwidth else ()),
-            *self._of_loads(),
+            *self._check_loads(),
             *of_events,
             *self.doubts,
         )
 
-    def _of_loads(self) -> tuple[Finding, ...]:
+    def _check_loads(self) -> tuple[Finding, ...]:
+        """Return the findings of the ground reactions, and one if no stance has torques."""
         if self.loads is None:
             return ()
-        found = [replace(f, where=self.name) for f in self.loads.reactions.findings]
-        if not self.loads.reactions.has_torques:
-            swing = self.loads.reactions.valid_legs.any()
-            # of walks, that nobody stepped on a plate is a finding of its own: no fault where feet
-            # passed beside them
-            loaded = any(
+        reactions = self.loads.reactions
+        found = [replace(f, where=self.name) for f in reactions.findings]
+        if not reactions.has_torques:
+            # A walk beside unloaded plates is no fault; check_study notes it.
+            is_loaded = any(
                 np.nan_to_num(plate.force[:, 1]).max() >= BODY_N for plate in self.recording.plates
             )
+            is_fault = is_loaded or self.role is not Role.GAIT
+            has_swing = reactions.valid_legs.any()
             found.append(
                 Finding(
-                    severity=Severity.WARNING
-                    if loaded or self.role is not Role.GAIT
-                    else Severity.INFO,
+                    severity=Severity.WARNING if is_fault else Severity.INFO,
                     topic="plates",
                     where=self.name,
-                    cause="no stance has torques; those of the swing remain"
-                    if swing
+                    cause="only the swing has torques, no stance"
+                    if has_swing
                     else "no torque is valid",
-                    found="no frame has a foot on the ground wholly on force plates of its own",
-                    cure="use a trial in which feet step on plates, or leave the forces out",
+                    found="in no frame is the foot on the ground wholly on a force plate of its own",
+                    cure="use a trial in which the feet step on plates, or leave out the forces",
                     code=Code.NO_STANCE,
                 )
             )
         return tuple(found)
 
-    def refused(self, legs: Sequence[str] = linkage.SIDES) -> "TrialResult":
-        """The same with no torque valid and no error bar of these legs, nor of the pelvis, trunk
-        and arms.
+    def exclude_legs(self, legs: Sequence[str] = linkage.SIDES) -> "TrialResult":
+        """Return the result without valid torques and error bars of legs that are refused.
 
-        What is wrong with them is told elsewhere.
+        Pelvis, trunk and arms need both legs and are excluded with the first. The reason is among
+        the findings that refuse the leg.
+
+        Parameters
+        ----------
+        legs : sequence of str
+            `r`, `l`.
+
+        Returns
+        -------
+        TrialResult
         """
         if not legs:
             return self
-        loads, errors, own = self.loads, self.coordinate_errors, self.own_coordinate_errors
-        whole = set(legs) == set(linkage.SIDES)
-        kept = np.array(
-            [get_leg(name) in {*linkage.SIDES} - {*legs} for name in linkage.COORDINATES]
-        )
+        is_whole = set(legs) == set(linkage.SIDES)
+        kept_sides = {*linkage.SIDES} - {*legs}
+        kept = np.array([get_leg(name) in kept_sides for name in linkage.COORDINATES])
+
+        def exclude(errors: Array | None) -> Array | None:
+            return None if is_whole or errors is None else np.where(kept, errors, np.nan)
+
+        loads = self.loads
         if loads is not None:
-            of_torques = None if whole or loads.errors is None else loads.errors.select(kept)
-            loads = replace(loads, reactions=loads.reactions.exclude_legs(legs), errors=of_torques)
-        errors, own = (
-            None if whole or e is None else np.where(kept, e, np.nan) for e in (errors, own)
-        )
+            errors = None if is_whole or loads.errors is None else loads.errors.select(kept)
+            loads = replace(loads, reactions=loads.reactions.exclude_legs(legs), errors=errors)
         feet = self.foot_axes
         if feet is not None and feet.error is not None:
-            known = np.array([side not in legs for side in linkage.SIDES])
-            feet = replace(feet, error=np.where(known, feet.error, np.nan))
+            is_kept = np.array([side in kept_sides for side in linkage.SIDES])
+            feet = replace(feet, error=np.where(is_kept, feet.error, np.nan))
         return replace(
             self,
             loads=loads,
-            coordinate_errors=errors,
-            own_coordinate_errors=own,
+            coordinate_errors=exclude(self.coordinate_errors),
+            trial_coordinate_errors=exclude(self.trial_coordinate_errors),
             foot_axes=feet,
             refused_legs=tuple(legs),
         )
 
 
+def _convert_to_mm(metres: float | None) -> float | None:
+    return None if metres is None else 1e3 * metres
+
+
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far the fitted parameters can be trusted."""
+    """Errors of the parameters."""
 
     joint: ErrorSources | None
-    """ErrorSources of every source of error on the joint parameters, fitted or not; None: they
-    count as exact.
+    """Effect of every source of error on the joint parameters, fitted or not; None: they are taken
+    as exact.
     """
     inertial: Array | None
     """(84, n) R with covariance R R^T of the inertial parameters."""
@@ -308,15 +341,16 @@ class Uncertainty:
 
     @property
     def standard_errors(self) -> Mapping[str, float]:
-        """Parameter name -> standard error (SI) of joint parameters, fitted or nominal, and fitted
-        inertial ones.
+        """Parameter -> standard error (m, rad, kg, kg m^2).
+
+        Of joint parameters, fitted or nominal, and of fitted inertial parameters.
         """
         errors = dict(self.joint.standard_errors) if self.joint else {}
         if self.inertial is not None:
-            each = np.sqrt((self.inertial**2).sum(axis=1))
-            errors |= {
-                name: float(e) for name, e in zip(parameters.IP_NAMES, each, strict=True) if e > 0
-            }
+            inertial_errors = np.sqrt((self.inertial**2).sum(axis=1))
+            for name, error in zip(parameters.IP_NAMES, inertial_errors, strict=True):
+                if error > 0:
+                    errors[name] = float(error)
         return errors
 
 
@@ -325,38 +359,42 @@ class Calibration(Displayed):
     """A calibrated person."""
 
     study: Study
-    """What was calibrated."""
+    """The study that was calibrated."""
     nominal: SubjectModel
     """The model of the static trial, before calibration."""
     model: SubjectModel
-    """With the calibrated parameters."""
+    """The model with the calibrated parameters."""
     trials: tuple[TrialResult, ...]
     """Every moving trial, in the order of the study."""
     phases: tuple[joint_phases.Phase, ...]
     """The fits that were made, in their order, each with its convergence."""
     joint: joint_phases.JointCalibration | None
-    """None where the settings leave joint parameters alone."""
+    """The fit of the joint parameters; None if the settings keep them."""
     inertial: inertial_calibration.InertialFit | None
-    """None without ground reactions, or where the settings leave inertial parameters alone."""
+    """The fit of the inertial parameters; None without ground reactions, or if the settings keep
+    them.
+    """
     uncertainty: Uncertainty
-    """How the parameters would scatter; `standard_errors` gives it by name."""
+    """Errors of the parameters; `standard_errors` has them by name."""
     unidentifiable: tuple[str, ...]
-    """Parameters that were to be fitted and that these trials cannot see; they keep their nominal
-    value, or stay where their prior holds them."""
+    """Parameters to be fitted that these trials do not determine; they keep their nominal value,
+    or that of their prior."""
     notes: tuple[str, ...]
     """What was assumed."""
     findings: tuple[Finding, ...]
     """What was found, before and after the fit."""
     verdict: Verdict
-    """How far it can be believed, with reasons: what of `findings` is no note, one a cause."""
+    """Trustworthy, doubtful or refused, with reasons: the warnings and errors among `findings`, one
+    for each cause."""
     static_angles: Mapping[str, float] = field(default_factory=dict)
-    """Coordinate -> m, rad: with which `model` meets the static posture."""
+    """Coordinate -> m, rad, of `model` in the static posture."""
     truth: TruthErrors | None = None
-    """How near it came, where the study names the truth."""
+    """Errors against the truth, if the study declares it."""
     left_out: Mapping[str, str] = field(default_factory=dict)
-    """Trial -> error, of those that the checks took out of the study."""
+    """Trial -> error, of those that the checks removed from the study."""
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        """Describe verdict, parameters and trials for `Displayed`."""
         fitted = self.joint.free if self.joint else ()
         moved = self.inertial is not None and self.inertial.moved
         rows = [
@@ -374,12 +412,12 @@ class Calibration(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The reasons of the verdict, a line each, the worst first."""
+        """The reasons of the verdict, one line each, the worst first."""
         return tuple(reason.line for reason in self.verdict.reasons)
 
     @property
     def standard_errors(self) -> Mapping[str, float]:
-        """Parameter name -> standard error (m, rad, kg, kg m^2) of every fitted parameter."""
+        """Parameter -> standard error (m, rad, kg, kg m^2) of every fitted parameter."""
         fitted = set(self.joint.free if self.joint else ()) | set(parameters.IP_NAMES)
         return {
             name: error
@@ -389,7 +427,7 @@ class Calibration(Displayed):
 
     @property
     def relative_to(self) -> Mapping[str, float] | None:
-        """The static angles, where the study asks for joint angles that are counted from them."""
+        """The static angles if the study asks for joint angles relative to them, else None."""
         return self.static_angles if self.study.settings.angles == "relative" else None
 
     @property
@@ -398,12 +436,21 @@ class Calibration(Displayed):
         return all(phase.converged for phase in self.phases)
 
     def trial(self, name: str) -> TrialResult:
-        """The moving trial of that name.
+        """Get a moving trial by its name.
+
+        Parameters
+        ----------
+        name : str
+            As in the study.
+
+        Returns
+        -------
+        TrialResult
 
         Raises
         ------
         InputError
-            There is none.
+            There is no trial of that name.
         """
         for trial in self.trials:
             if trial.name == name:
@@ -413,21 +460,30 @@ class Calibration(Displayed):
         raise InputError(message, field="trial", code=Code.ARGUMENT)
 
 
-def withdrawn(calibration: Calibration) -> Calibration:
-    """The same without valid torques and error bars of what its verdict refuses: legs, trials, or
-    the whole.
+def remove_refused_results(calibration: Calibration) -> Calibration:
+    """Remove valid torques and error bars of what the verdict refuses: legs, trials, or all.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With its verdict.
+
+    Returns
+    -------
+    Calibration
     """
     verdict = calibration.verdict
-    trials = tuple(t.refused(verdict.refused_legs(t.name)) for t in calibration.trials)
+    trials = tuple(t.exclude_legs(verdict.refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty
     if verdict.judgement is Judgement.REFUSED:
         uncertainty = Uncertainty(None, None)
     return replace(calibration, trials=trials, uncertainty=uncertainty)
 
 
-def _shown_by(joint: linkage.Joint) -> tuple[str, ...]:
-    """The nearest segments on either side of a joint that carry markers, but for the pelvis, whose
-    frame they make.
+def _list_adjacent_segments(joint: linkage.Joint) -> tuple[str, ...]:
+    """List the nearest segments with markers on either side of a joint, without the pelvis.
+
+    The pelvis is the base segment, which a walk always has.
     """
     ends = [joint.parent, joint.child]
     while not linkage.get_segment(ends[0]).markers:
@@ -437,22 +493,42 @@ def _shown_by(joint: linkage.Joint) -> tuple[str, ...]:
     return tuple(segment for segment in ends if segment != "pelvis")
 
 
-SHOWN_BY = {
-    name: _shown_by(linkage.JOINT_OF_CHILD[s])
-    for s in linkage.LOWER_BODY[1:]
-    for name in linkage.list_joint_coordinates([s])
-}
-"""Coordinate of a leg -> segments of which some marker must be seen where the angle is to count."""
+def _list_segments_of_angles() -> dict[str, tuple[str, ...]]:
+    """List coordinate of a leg -> segments that need an observed marker for a valid angle."""
+    out = {}
+    for segment in linkage.LOWER_BODY[1:]:
+        adjacent = _list_adjacent_segments(linkage.JOINT_OF_CHILD[segment])
+        for name in linkage.list_joint_coordinates([segment]):
+            out[name] = adjacent
+    return out
 
 
-def angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
-    """(nf,) where an angle may be used: not refused, and between segments that some marker shows.
+SEGMENTS_OF_ANGLE = _list_segments_of_angles()
+"""Coordinate of a leg -> segments that need an observed marker for a valid angle."""
 
-    `unseen`: of `dynamics.ground_reactions.find_unobserved_frames`.
+
+def find_valid_angles(
+    trial: TrialResult, name: str, unobserved: Mapping[str, BoolArray]
+) -> BoolArray:
+    """Find the frames with a valid angle: not refused, with observed markers on both segments.
+
+    Parameters
+    ----------
+    trial : TrialResult
+        The trial.
+    name : str
+        Coordinate.
+    unobserved : mapping
+        Segment -> (nf,) frames without any marker, from
+        `dynamics.ground_reactions.find_unobserved_frames`.
+
+    Returns
+    -------
+    (nf,) array of bool
     """
     side = get_leg(name)
     refused = side in trial.refused_legs if side else bool(trial.refused_legs)
     out = np.full(len(trial.body.time), not refused)
-    for segment in SHOWN_BY.get(name, ()):
-        out &= ~unseen.get(segment, np.zeros(len(out), dtype=bool))
+    for segment in SEGMENTS_OF_ANGLE.get(name, ()):
+        out &= ~unobserved.get(segment, np.zeros(len(out), dtype=bool))
     return out

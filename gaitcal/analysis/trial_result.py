@@ -1,18 +1,17 @@
-"""The result of one trial, from its motions with every model: moments, standard errors, marker
-errors.
+"""Assemble the result of one trial from its motions: moments, standard errors, marker errors.
 
-A calibration assembles its own trials here, and `gaitcal dynamics` every further trial of the
+A calibration assembles its trials here, and `gaitcal dynamics` every further trial of the
 calibrated person.
 
-Ankle angles are counted from the static posture (`model/ankle_zero.py`). A fit turns the two axes
-of an ankle, and with other axes the same posture has other coordinates: a walk would come out bent
-by as much, whose feet nobody moved. So after every fit of joint parameters the zero angles z of the
-two joints are moved by
+Ankle angles are zeroed in the static posture (`model/ankle_zero.py`). A fit rotates the two axes of
+an ankle, and with other axes the same posture has other coordinates: all ankle angles of a walk
+would change although the feet did not move. So after every fit of joint parameters the zero angles
+z of the two joints are moved by
 
     dz = q(static, fitted model) - q(static, nominal model)
 
-in the direction of their coordinate, and every motion's coordinate by -dz: positions, torques and
-markers are the same.
+in the direction of their coordinate, and the coordinate of every motion by -dz. Positions, torques
+and markers stay the same.
 """
 
 from collections.abc import Mapping
@@ -21,13 +20,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.analysis.fit_findings import diagnose_forces, is_trunk_unmeasured, trial_findings
+from gaitcal.analysis.fit_findings import check_tracked_trial, diagnose_forces, is_trunk_unmeasured
 from gaitcal.analysis.prepared_trials import (
     CalibrationState,
     MovingTrial,
+    build_static_problem,
     prepare_trial,
-    standing_problem,
-    tracked,
+    track_trial,
 )
 from gaitcal.analysis.result import Loads, Stage, TrialResult, Uncertainty
 from gaitcal.arrays import Array
@@ -45,7 +44,7 @@ from gaitcal.errors import Code, Finding, Severity
 from gaitcal.gait.cycles import FootEvents
 from gaitcal.gait.events import GaitEvents, activity_events, crouches, trial_events
 from gaitcal.gait.moments import segment_words
-from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
+from gaitcal.gait.spatiotemporal import Stride, stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import (
@@ -79,11 +78,28 @@ def analyse(
 ) -> TrialResult:
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
-    `model`: calibrated, as `gaitcal.load_model` returns it. `trial`: clean
-    (`preprocess_trial`), markers named as in the model; with plates if torques are
-    wanted. `settings`: of the calibration (splines, force filter and errors of force plates).
-    `uncertainty`: of the calibration, for standard errors. `moves`: segment -> what its markers may
-    have done since the static trial (`further_moves`).
+    Parameters
+    ----------
+    model : SubjectModel
+        Calibrated, as `gaitcal.load_model` returns it.
+    trial : Trial
+        Clean (`preprocess_trial`), markers named as in the model; with plates if torques are
+        wanted.
+    settings : CalibrationSettings
+        Of the calibration: splines, force filter and errors of force plates.
+    uncertainty : Uncertainty
+        Of the calibration, for standard errors.
+    moves : mapping
+        Segment -> possible displacement of its markers since the static trial (`further_moves`).
+
+    Returns
+    -------
+    TrialResult
+
+    Raises
+    ------
+    InputError
+        Too few markers or frames.
     """
     prepared = prepare_trial(trial, model, settings)
     if uncertainty.joint is not None:
@@ -107,85 +123,80 @@ def analyse(
         possible_moves={trial.name: moves},
         uncertainty=uncertainty,
     )
-    session = replace(session, trials=(tracked(prepared, session, Stage.JP_IP),))
+    session = replace(session, trials=(track_trial(prepared, session, Stage.JP_IP),))
     session = replace(session, forces=diagnose_forces(session))
-    result = trial_result(session.trials[0], session)
+    result = assemble_trial_result(session.trials[0], session)
     return replace(result, doubts=(*result.doubts, *session.forces.findings))
 
 
-def trial_result(trial: MovingTrial, session: CalibrationState) -> TrialResult:
-    """Assemble the result of a tracked trial of a session."""
+def assemble_trial_result(trial: MovingTrial, session: CalibrationState) -> TrialResult:
+    """Assemble the result of a tracked trial of a session.
+
+    Parameters
+    ----------
+    trial : MovingTrial
+        After the last fit.
+    session : CalibrationState
+        With models, errors and the force diagnosis.
+
+    Returns
+    -------
+    TrialResult
+    """
     moves = None
     if trial.joint is None:
         joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
         moves = error_sources.compute_motion_sensitivity(
-            trial.with_skin, coefficients, trial.parameters, joint, trial.scores
+            trial.body_with_tissue, coefficients, trial.parameters, joint, trial.scores
         )
-    deviations = axis_deviations(
+    deviations = estimate_axis_deviations(
         session.settings, session.model, session.possible_moves.get(trial.name)
     )
     axes = AxisErrors(trial.parameters, deviations)
-    erring = _erring_forces(trial, session, axes, moves)
-    if erring is None:
-        return _without_torque_errors(trial, session, axes, moves)
-    with ThreadPoolExecutor(1) as pool:  # products of matrices, which let this thread compute
-        parts = pool.map(with_one_blas_thread(erring.compute_variances), erring.parts)
-        result = _without_torque_errors(trial, session, axes, moves)
-    return _with_torque_errors(
-        result, torque_errors.join_variances(list(parts)), session.model.subject.weight
-    )
+    forces = _make_force_errors(trial, session, axes, moves)
+    if forces is None:
+        return _assemble_without_torque_errors(trial, session, axes, moves)
+    # Variances are products of matrices, which let this thread compute the rest meanwhile.
+    with ThreadPoolExecutor(1) as pool:
+        parts = pool.map(with_one_blas_thread(forces.compute_variances), forces.parts)
+        result = _assemble_without_torque_errors(trial, session, axes, moves)
+    errors = torque_errors.join_variances(list(parts))
+    return _with_torque_errors(result, errors, session.model.subject.weight)
 
 
-def _without_torque_errors(
+def _assemble_without_torque_errors(
     trial: MovingTrial,
     session: CalibrationState,
     axes: AxisErrors,
     moves: error_sources.MotionSensitivity | None,
 ) -> TrialResult:
-    """All but the errors of torques."""
-    body, final, reactions, subject = (
-        trial.motion,
-        trial.parameters,
-        trial.reactions,
-        session.model.subject,
-    )
-    model = session.model.with_parameters(final)
-    events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
-    events = activity_events(body, events) if trial.role is Role.MOTION else events
-    feet = (
-        ground_reactions.compute_foot_points(model, body, final)
-        if ground_reactions.has_feet(model)
-        else None
-    )
-    may_turn = (
-        trial.joint or trial.role is Role.MOTION
-    )  # nothing of an activity is left out because it is a turn
-    faced = None if may_turn else facing(pelvis_angles(body))
-    strides = strides_measured(
-        events, body.time, feet, ground_reactions.find_unobserved_frames(body), faced
-    )
+    """Assemble all of the result but the errors of torques."""
+    body, final, subject = trial.motion, trial.parameters, session.model.subject
+    events, strides = _detect_events(trial, session.model.with_parameters(final))
     lines = stride_lines(strides, body.time)
     long_axes, by_coordinate = foot_axes(body, final, lines)
-    variances = (
-        None
-        if moves is None
-        else error_sources.compute_coordinate_variances(trial.body, moves, by_coordinate)
-    )
-    count = body.q.shape[1]
-    loads = None
-    if reactions is not None:
-        moments = {
-            stage: inverse_dynamics.compute_moments(p, motion, reactions.wrench, subject.bwh)
-            for stage, (p, motion) in trial.stages.items()
-        }
-        loads = Loads(
-            reactions, moments, None, joint_kinetics.compute_kinetics(final, body, reactions.wrench)
+    variances, coordinate_errors, trial_errors = None, None, None
+    if moves is not None:
+        count = body.q.shape[1]
+        # The columns after the coordinates are the directions of the feet.
+        variances = error_sources.compute_coordinate_variances(trial.body, moves, by_coordinate)
+        coordinate_errors = error_sources.compute_coordinate_errors(
+            trial.body, moves, axes.compute_coordinate_errors(body.q), variances[0][:, :count]
         )
+        trial_errors = np.sqrt(variances[1][:, :count])
+    feet = None
+    if not trial.joint:
+        rotations = axes.compute_segment_rotations(body.q)
+        feet = _estimate_foot_axes(long_axes, lines, variances, rotations)
+    loads = _compute_loads(trial, subject.bwh)
+    phase_parameters = joint_phases.get_parameters_for_trial(session.joint, trial.name, final)
     calibrated, last = body, body
-    own = joint_phases.get_parameters_for_trial(session.joint, trial.name, final)
     if trial.joint is not None:
         last = track_motion(trial.fitted, final)
-        calibrated = last if own is final else track_motion(trial.fitted, own)
+        calibrated = (
+            last if phase_parameters is final else track_motion(trial.fitted, phase_parameters)
+        )
+    floor_parameters = final if trial.joint is None else phase_parameters
     return TrialResult(
         name=trial.name,
         role=trial.role,
@@ -195,58 +206,80 @@ def _without_torque_errors(
         calibrated=calibrated,
         final=last,
         floor=compute_rigid_floor(trial.fitted),
-        joint_floor=compute_joint_floor(
-            trial.fitted, final if trial.joint is None else own, calibrated.q
-        ),
+        joint_floor=compute_joint_floor(trial.fitted, floor_parameters, calibrated.q),
         body=body,
         loads=loads,
-        coordinate_errors=None
-        if moves is None or variances is None
-        else error_sources.compute_coordinate_errors(
-            trial.body, moves, axes.compute_coordinate_errors(body.q), variances[0][:, :count]
-        ),
-        own_coordinate_errors=None if variances is None else np.sqrt(variances[1][:, :count]),
-        foot_axes=None
-        if trial.joint
-        else _foot_axes(long_axes, lines, variances, axes.compute_segment_rotations(body.q)),
+        coordinate_errors=coordinate_errors,
+        trial_coordinate_errors=trial_errors,
+        foot_axes=feet,
         held_out=trial.held_out,
         bandwidth=trial.bandwidth,
         events=events,
         strides=strides,
         doubts=(
-            *trial_findings(trial, loads, subject.weight),
+            *check_tracked_trial(trial, loads, subject.weight),
             *stride_findings(trial.name, strides),
-            *_crouch_findings(trial.name, body, events, activity=trial.role is Role.MOTION),
+            *_check_crouches(trial.name, body, events, activity=trial.role is Role.MOTION),
         ),
     )
 
 
-def _crouch_findings(
+def _detect_events(
+    trial: MovingTrial, model: SubjectModel
+) -> tuple[GaitEvents, tuple[Stride, ...]]:
+    """Detect foot events or repetitions of a trial, and measure its strides."""
+    body, is_activity = trial.motion, trial.role is Role.MOTION
+    events = GaitEvents()
+    if not trial.joint:
+        events = trial_events(model, body, trial.reactions, trial.recording)
+    if is_activity:
+        events = activity_events(body, events)
+    feet = None
+    if ground_reactions.has_feet(model):
+        feet = ground_reactions.compute_foot_points(model, body, trial.parameters)
+    # No stride of an activity is left out for a turn.
+    direction = None if trial.joint or is_activity else facing(pelvis_angles(body))
+    unobserved = ground_reactions.find_unobserved_frames(body)
+    return events, strides_measured(events, body.time, feet, unobserved, direction)
+
+
+def _compute_loads(trial: MovingTrial, bwh: float) -> Loads | None:
+    """Compute generalised forces of every stage; `bwh` in N·m; None without force plates."""
+    reactions = trial.reactions
+    if reactions is None:
+        return None
+    moments = {
+        stage: inverse_dynamics.compute_moments(parameters, motion, reactions.wrench, bwh)
+        for stage, (parameters, motion) in trial.stages.items()
+    }
+    kinetics = joint_kinetics.compute_kinetics(trial.parameters, trial.motion, reactions.wrench)
+    return Loads(reactions, moments, None, kinetics)
+
+
+def _check_crouches(
     trial: str, body: Motion, events: GaitEvents, *, activity: bool = False
 ) -> tuple[Finding, ...]:
-    """That somebody squats or sits down in no stride or repetition."""
+    """Note squats and sitting down outside strides and repetitions."""
     height = body.q[:, body.coordinates.index("pelvis_ty")]
-    spans = [(c.start, c.stop) for c in events.repeats]
-    told = (
-        [FootEvents(*np.transpose(spans))]
-        if spans
-        else [events.of(side) for side in SIDES]
-        if events.events
-        else []
-    )
-    found = (
-        [span for span in crouches(body.time, height, told) if span not in spans]
-        if told or activity
-        else []
-    )
+    repetitions = [(c.start, c.stop) for c in events.repeats]
+    counted = list[FootEvents]()
+    if repetitions:
+        counted = [FootEvents(*np.transpose(repetitions))]
+    elif events.events:
+        counted = [events.of(side) for side in SIDES]
+    if not counted and not activity:
+        return ()
+    found = [span for span in crouches(body.time, height, counted) if span not in repetitions]
     if not found:
         return ()
-    cause, why = "not all of the trial is steps", "while no foot steps; strides alone are counted"
-    if not events.events:
+    if events.events:
+        cause = "not all of the trial is steps"
+        why = "while no foot steps; only strides are counted"
+    else:
         cause = "not all of the trial is repetitions"
         why = (
-            "in no repetition: from no rest or one at another height, or by less than half as far "
-            "as elsewhere"
+            "outside the repetitions: without rest at the same height before it, or by less than "
+            "half of the others"
         )
     when = ", ".join(f"{start:.2f}-{stop:.2f}" for start, stop in found)
     return (
@@ -256,49 +289,77 @@ def _crouch_findings(
             where=trial,
             cause=cause,
             found=f"{when} s: the pelvis goes down and up {why}",
-            cure="squats, rises and jumps count in trials of their own: the file again, with time "
+            cure="to count squats, rises and jumps, add the file as a further trial with its time "
             'and role = "motion"',
             code=Code.NOT_ALL_STEPS,
         ),
     )
 
 
-def _foot_axes(
+def _estimate_foot_axes(
     long_axes: Array,
     lines: Array,
     variances: tuple[Array, Array] | None,
-    turned: Mapping[str, Array],
+    rotations: Mapping[str, Array],
 ) -> FootAxes:
-    """With errors: what markers leave, and by how much the foot's own axes may point elsewhere.
+    """Estimate directions of the feet with errors from markers and from the foot's axes.
 
-    `long_axes`: (nf, 2, 3). `lines`: (nf, 2) rad. `variances`: rad^2, of the feet in the last
-    columns, by all sources and by own markers; None: not known. `turned`: segment -> (nf, k, 3)
-    rad.
+    Parameters
+    ----------
+    long_axes : (nf, 2, 3) array
+        Unit vectors, right and left.
+    lines : (nf, 2) array
+        rad, lines of progression.
+    variances : tuple of (nf, n) array or None
+        rad^2, of the feet in the last columns: by all sources, and by the markers of the trial;
+        None if unknown.
+    rotations : mapping
+        Segment -> (nf, k, 3) rad, standard deviations of its axes.
+
+    Returns
+    -------
+    FootAxes
     """
     if variances is None:
         return FootAxes(long_axes)
-    _, about = out_of_plane(long_axes, lines)
-    variance, own = (of[:, -len(inverse_dynamics.FEET) :].copy() for of in variances)
+    _, normals = out_of_plane(long_axes, lines)
+    of_feet = slice(-len(inverse_dynamics.FEET), None)
+    variance, trial_variance = (both[:, of_feet].copy() for both in variances)
     for k, foot in enumerate(inverse_dynamics.FEET):
-        if foot in turned:
-            variance[:, k] += np.square(np.einsum("fki,fi->fk", turned[foot], about[:, k])).sum(
-                axis=1
-            )
-    return FootAxes(long_axes, np.sqrt(variance), np.sqrt(own))
+        if foot in rotations:
+            components = np.einsum("fki,fi->fk", rotations[foot], normals[:, k])
+            variance[:, k] += np.square(components).sum(axis=1)
+    return FootAxes(long_axes, np.sqrt(variance), np.sqrt(trial_variance))
 
 
-def axis_deviations(
+def estimate_axis_deviations(
     settings: CalibrationSettings,
     model: SubjectModel,
     moves: Mapping[str, PossibleMove] | None = None,
 ) -> Mapping[str, tuple[float, float, float]]:
-    """Segment -> deg, how far its axes may point elsewhere; of one side, with what its markers may
-    have done (`moves`) in a trial.
+    """Estimate by how much the axes of segments may deviate from the anatomical ones.
+
+    Parameters
+    ----------
+    settings : CalibrationSettings
+        With `segment_axes`: zero if `exact`.
+    model : SubjectModel
+        Its `noise` scales the deviations of palpated landmarks.
+    moves : mapping, optional
+        Segment of one side -> possible displacement of its markers in a trial.
+
+    Returns
+    -------
+    mapping
+        Segment -> standard deviations, deg, about its x, y and z axis; of both sides together, and
+        of a single side if it is in `moves`.
     """
     if settings.segment_axes == "exact":
         return EXACT_AXES
-    by = 1.0 if model.noise is None else model.noise.joints
-    out = {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
+    scale = 1.0 if model.noise is None else model.noise.joints
+    out = {
+        segment: (scale * x, scale * y, scale * z) for segment, (x, y, z) in PALPATED_DEG.items()
+    }
     for segment, move in (moves or {}).items():
         x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.turn)).tolist()
         out[segment] = x, y, z
@@ -306,9 +367,7 @@ def axis_deviations(
 
 
 def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:
-    """The result with its errors of torques, and with what they say of its pelvis residual.
-    `weight`: N.
-    """
+    """Return the result with torque errors, and findings on the pelvis residual; `weight` in N."""
     if result.loads is None:
         return result
     body, reactions = result.body, result.loads.reactions
@@ -322,17 +381,19 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
     return replace(result, loads=loads, doubts=(*result.doubts, *beyond))
 
 
-def _erring_forces(
+def _make_force_errors(
     trial: MovingTrial,
     session: CalibrationState,
     axes: AxisErrors,
     moves: error_sources.MotionSensitivity | None,
 ) -> torque_errors.ForceErrors | None:
-    """The final moments with what may be wrong; None without forces, and for impossible bodies,
-    whose mass matrix has no meaning.
+    """Set up the errors of the final moments.
+
+    None without forces, and for impossible bodies, whose mass matrix has no meaning.
     """
     if trial.reactions is None or find_impossible_bodies(trial.parameters.inertial):
         return None
+    plates = PlateErrors.from_table(session.settings.plate_error)
     return torque_errors.ForceErrors(
         trial.body,
         trial.motion.coefficients,
@@ -341,48 +402,56 @@ def _erring_forces(
         session.uncertainty.joint,
         session.uncertainty.inertial,
         moves,
-        PlateErrors.from_table(session.settings.plate_error).add(
-            session.forces.possible.get(trial.name)
-        ),
+        plates.add(session.forces.possible.get(trial.name)),
         axes,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class RmsErrors:
-    """RMS distance (mm) between measured and model markers; None where there are no markers."""
+    """RMS distance (mm) between measured and model markers; None without markers."""
 
     label: str
     nominal: float | None
     calibrated: float | None
-    floor: float | None  # Of rigid segments
-    joint_floor: float | None = None  # Of each joint by itself
+    floor: float | None
+    """Of rigid segments."""
+    joint_floor: float | None = None
+    """Of each joint by itself."""
     rigid: bool = True
-    """False for one segment with fewer than three markers: whatever they do, it follows them nearly
-    exactly.
-    """
+    """False for one segment with fewer than three markers: it can follow them almost exactly."""
 
     @property
     def ratio(self) -> float | None:
-        """Calibrated over floor; None where the floor says nothing of the person."""
+        """Calibrated over floor; None if the floor is no reference."""
         if self.calibrated is None or not self.floor or not self.rigid:
             return None
         return self.calibrated / self.floor
 
     @property
     def joint_ratio(self) -> float | None:
-        """Calibrated over what each joint by itself reaches; None for segments in no joint, or of
-        few markers.
-        """
+        """Calibrated over joint floor; None for segments in no joint, or with few markers."""
         if self.calibrated is None or not self.joint_floor or not self.rigid:
             return None
         return self.calibrated / self.joint_floor
 
 
-def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
-    """Of one trial, over all its markers or those of some segments."""
-    nominal, calibrated, floor = trial.rms_mm(*segments)
-    rigid = (
+def summarise_trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
+    """Summarise the marker errors of one trial.
+
+    Parameters
+    ----------
+    trial : TrialResult
+        The trial.
+    *segments : str
+        Segments whose markers are used; all if none is given.
+
+    Returns
+    -------
+    RmsErrors
+    """
+    nominal, calibrated, floor = trial.compute_rms_mm(*segments)
+    is_rigid = (
         len(segments) != 1
         or int(trial.calibrated.errors.select_observed(*segments).sum()) >= FEWEST_MARKERS
     )
@@ -391,69 +460,114 @@ def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
         nominal=nominal,
         calibrated=calibrated,
         floor=floor,
-        joint_floor=trial.joint_floor_mm(*segments),
-        rigid=rigid,
+        joint_floor=trial.compute_joint_floor_mm(*segments),
+        rigid=is_rigid,
     )
 
 
-def leg_fit(trial: TrialResult) -> RmsErrors:
-    """Over the markers of pelvis and legs, whose joints the calibration moves."""
-    return trial_fit(trial, *LOWER_BODY)
+def summarise_leg_fit(trial: TrialResult) -> RmsErrors:
+    """Summarise the errors of the markers of pelvis and legs, whose joints are calibrated."""
+    return summarise_trial_fit(trial, *LOWER_BODY)
 
 
-def segment_fits(trial: TrialResult) -> list[RmsErrors]:
-    """Of each segment that has markers in this trial."""
-    return [
-        trial_fit(trial, s) for s in SEGMENTS if trial.calibrated.errors.select_observed(s).any()
-    ]
+def summarise_segment_fits(trial: TrialResult) -> list[RmsErrors]:
+    """Summarise the marker errors of each segment that has markers in this trial."""
+    errors = trial.calibrated.errors
+    return [summarise_trial_fit(trial, s) for s in SEGMENTS if errors.select_observed(s).any()]
 
 
-def static_angles(
+def compute_static_angles(
     model: SubjectModel, parameters: Parameters, static: Recording
 ) -> dict[str, float]:
-    """Coordinate -> its value (m, rad) with which the model meets the still window of the static
-    trial.
+    """Compute the coordinates of the model in the still window of the static trial.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        With the markers.
+    parameters : Parameters
+        Parameters of the linkage.
+    static : Recording
+        The static trial, completed.
+
+    Returns
+    -------
+    dict
+        Coordinate -> m, rad.
     """
-    return _mean_coordinates(standing_problem(model, static), parameters)
+    return _compute_mean_coordinates(build_static_problem(model, static), parameters)
 
 
-def _mean_coordinates(standing: MotionProblem, parameters: Parameters) -> dict[str, float]:
-    """Coordinate -> mean (m, rad) of the motion that meets the markers best."""
-    motion = track_motion(standing, parameters)
+def _compute_mean_coordinates(posture: MotionProblem, parameters: Parameters) -> dict[str, float]:
+    """Compute coordinate -> mean (m, rad) of the motion that fits the markers best."""
+    motion = track_motion(posture, parameters)
     return dict(zip(motion.coordinates, map(float, motion.q.mean(axis=0)), strict=True))
 
 
 @dataclass(frozen=True)
-class Counted:
-    """Fitted parameters, and from where their ankle angles are counted."""
+class AnkleZeroCorrection:
+    """Parameters after zeroing the ankle angles in the static posture."""
 
     parameters: Parameters
-    moved: Mapping[str, float]
-    """Coordinate -> dz, rad, by which motions of the parameters as they were given read too much.
-    """
-    static: Mapping[str, float]  # `static_angles` of the parameters
+    offsets: Mapping[str, float]
+    """Coordinate -> dz, rad, to subtract from motions of the parameters before the correction."""
+    static_angles: Mapping[str, float]
+    """Coordinate -> m, rad, of the corrected parameters in the static posture."""
 
 
-def counted_from_static(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
-    """Fitted parameters whose ankles have the nominal model's angles in the static posture, by
-    other zero angles.
+def zero_ankle_angles(
+    model: SubjectModel, parameters: Parameters, static: Recording
+) -> AnkleZeroCorrection:
+    """Move the zero angles of the ankles so that the static posture keeps its nominal angles.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        With the nominal parameters.
+    parameters : Parameters
+        Fitted.
+    static : Recording
+        The static trial, completed.
+
+    Returns
+    -------
+    AnkleZeroCorrection
     """
-    standing = standing_problem(model, static)
-    after, before = (_mean_coordinates(standing, p) for p in (parameters, model.nominal))
-    zero, moved = parameters.zero_angles.copy(), {}
+    posture = build_static_problem(model, static)
+    after, before = (_compute_mean_coordinates(posture, p) for p in (parameters, model.nominal))
+    zero, offsets = parameters.zero_angles.copy(), {}
     for joint in JOINTS:
-        turns = {e.axis: e for e in joint.elements if e.source is Source.COORDINATE}
+        coordinates = {e.axis: e for e in joint.elements if e.source is Source.COORDINATE}
         for e in joint.elements:
-            if e.source is Source.ZERO_ANGLE and (turn := turns.get(e.axis)) is not None:
-                moved[turn.name] = after[turn.name] - before[turn.name]
-                zero[ZERO_ANGLES.index(e.name)] += e.sign * turn.sign * moved[turn.name]
-    here = after | {name: before[name] for name in moved}
-    return Counted(replace(parameters, zero_angles=zero), moved, here)
+            # A zero angle about the axis of a coordinate shifts that coordinate.
+            if e.source is Source.ZERO_ANGLE and e.axis in coordinates:
+                coordinate = coordinates[e.axis]
+                offset = after[coordinate.name] - before[coordinate.name]
+                offsets[coordinate.name] = offset
+                zero[ZERO_ANGLES.index(e.name)] += e.sign * coordinate.sign * offset
+    corrected = after | {name: before[name] for name in offsets}
+    return AnkleZeroCorrection(replace(parameters, zero_angles=zero), offsets, corrected)
 
 
-def shifted(coefficients: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:
-    """Coefficients (nn, nq) of a motion after `counted_from_static`: B-splines sum to one, they
-    move as the angle.
+def shift_coefficients(
+    coefficients: Array, coordinates: tuple[str, ...], offsets: Mapping[str, float]
+) -> Array:
+    """Subtract offsets from the spline coefficients of a motion.
+
+    B-splines sum to one, so coefficients shift as the coordinate does.
+
+    Parameters
+    ----------
+    coefficients : (nn, nq) array
+        Control points, m and rad.
+    coordinates : tuple of str
+        Name of each column.
+    offsets : mapping
+        Coordinate -> m, rad; zero if missing.
+
+    Returns
+    -------
+    (nn, nq) array
     """
-    out: Array = coefficients - np.array([moved.get(name, 0.0) for name in coordinates])
+    out: Array = coefficients - np.array([offsets.get(name, 0.0) for name in coordinates])
     return out

@@ -1,16 +1,16 @@
-"""A calibration held against the truth that its study names: figures, rows, sentences, for files,
-page and terminal.
+"""Compare a calibration with the truth that its study declares.
+
+The comparison is computed once; files, page and terminal show the same figures, rows and sentences.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from gaitcal.analysis.parameter_table import parameter_rows
+from gaitcal.analysis.parameter_table import list_parameter_rows
 from gaitcal.analysis.result import Calibration, TrialResult
 from gaitcal.analysis.truth_errors import (
     INTERVAL,
@@ -35,86 +35,127 @@ from gaitcal.model.parameters import (
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.study.declared_truth import TrueCurves, Truth, find_rule_mismatch
 
-_FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
-    ("hip", "pelvis", "centre", "centre in the pelvis", ("ant", "sup", "lat")),
-    ("knee", "thigh", "axis_place", "axis in the thigh: its place", ("ant", "sup")),
-    ("knee", "thigh", "axis_direction", "axis in the thigh: its direction", ("front", "trans")),
-    ("talocrural", "shank", "axis_place", "axis in the shank: its place", ("ant", "sup")),
-    (
-        "talocrural",
-        "shank",
-        "axis_direction",
-        "axis in the shank: its direction",
-        ("front", "trans"),
-    ),
-    ("subtalar", "foot", "axis_direction", "axis in the foot: its direction", ("trans", "sag")),
-)
-"""Joint, segment, part, words and the parameters of one joint centre or axis. The place of an axis
-is told in the plane across it; a point along it means nothing by itself."""
+UNDETERMINED = "unidentifiable"
+"""Status of a parameter that the trials do not determine."""
+LEGS, ARMS, TWO_MARKER_ARMS = "legs", "back and arms", "arms, in segments of two markers"
+"""Groups of joint parameters that are summarised together."""
 
 
-def with_truth(calibration: Calibration) -> Calibration:
-    """The same with `truth`, where the study names one: computed once, for files, page and terminal
-    alike.
+@dataclass(frozen=True)
+class _Feature:
+    """A joint centre or axis, with the parameters that define it.
 
-    Where settings or static trial were changed since the study was read so that frames are others,
-    there is no `truth` but a note. Trials whose true curves have other times than their recording
-    are noted, and not compared.
+    An axis has a position in the plane across it; a position along it has no meaning.
     """
-    known, study = calibration.study.truth, calibration.study
-    if known is None:
+
+    joint: str
+    segment: str
+    part: str
+    label: str
+    directions: tuple[str, ...]
+
+    def list_parameter_names(self, side: str) -> list[str]:
+        """List the names of its parameters on one side (`r` or `l`)."""
+        joint = f"{self.joint}_{side}"
+        return [f"{joint}.{self.segment}.{direction}" for direction in self.directions]
+
+
+_FEATURES = (
+    _Feature("hip", "pelvis", "centre", "centre in the pelvis", ("ant", "sup", "lat")),
+    _Feature("knee", "thigh", "axis_place", "axis in the thigh: position", ("ant", "sup")),
+    _Feature("knee", "thigh", "axis_direction", "axis in the thigh: direction", ("front", "trans")),
+    _Feature("talocrural", "shank", "axis_place", "axis in the shank: position", ("ant", "sup")),
+    _Feature(
+        "talocrural", "shank", "axis_direction", "axis in the shank: direction", ("front", "trans")
+    ),
+    _Feature("subtalar", "foot", "axis_direction", "axis in the foot: direction", ("trans", "sag")),
+)
+
+
+def compare_with_truth(calibration: Calibration) -> Calibration:
+    """Compare a calibration with the truth that its study declares, if it declares one.
+
+    There is a note instead if settings or static trial were changed since the study was written, so
+    that segment frames differ. Trials whose true curves have other times than their recording are
+    noted and not compared.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Without `truth`.
+
+    Returns
+    -------
+    Calibration
+        With `truth`, or with a note, or unchanged.
+    """
+    truth, study = calibration.study.truth, calibration.study
+    if truth is None:
         return calibration
-    if (rule := find_rule_mismatch(known.rules, study.settings, study.marker_set.name)) is not None:
-        why = f"truth.{rule.rule}: {rule.message}"
-    elif (words := study.describe_truth_mismatch()) is not None:
-        why = f"truth.landmarks: {words}"
+    rule_mismatch = find_rule_mismatch(truth.rules, study.settings, study.marker_set.name)
+    why = ""
+    if rule_mismatch is not None:
+        why = f"truth.{rule_mismatch.rule}: {rule_mismatch.message}"
     else:
-        why = ""
+        landmark_mismatch = study.describe_truth_mismatch()
+        if landmark_mismatch is not None:
+            why = f"truth.landmarks: {landmark_mismatch}"
     if why:
-        note = f"the truth that the study names is not compared: {why}"
+        note = f"not compared with the truth of the study: {why}"
         return replace(calibration, notes=(*calibration.notes, note))
-    truth = _errors(calibration, known)
+    errors = _compute_errors(calibration, truth)
     notes = tuple(
-        f"{name}: not held against the truth, as {why}" for name, why in truth.not_compared.items()
+        f"{name}: not compared with the truth: {why}" for name, why in errors.not_compared.items()
     )
-    return replace(calibration, truth=truth, notes=(*calibration.notes, *notes))
+    return replace(calibration, truth=errors, notes=(*calibration.notes, *notes))
 
 
-def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
-    parameters = _parameters(parameter_rows(calibration), known.parameters)
-    trials, why_not = {}, {}
+def _compute_errors(calibration: Calibration, truth: Truth) -> TruthErrors:
+    """Compute errors of parameters, joint centres, axes and curves."""
+    parameters = _compare_parameters(list_parameter_rows(calibration), truth.parameters)
+    trials, not_compared = {}, {}
     for trial in calibration.trials:
-        curves = {"motion": known.motions.get(trial.name), "moments": known.moments.get(trial.name)}
-        there = {what: c for what, c in curves.items() if c is not None}
-        beside = {what: c for what, c in there.items() if not c.find_covered(trial.body.time).any()}
-        if not there and (known.motions or known.moments):
-            why_not[trial.name] = "no true curves of it are known"
-        elif beside:
-            times = (f"{what}, {c.time[0]:.2f} to {c.time[-1]:.2f} s" for what, c in beside.items())
+        known = {}
+        for quantity, curves in (("motion", truth.motions), ("moments", truth.moments)):
+            if trial.name in curves:
+                known[quantity] = curves[trial.name]
+        outside = {
+            quantity: curves
+            for quantity, curves in known.items()
+            if not curves.find_covered(trial.body.time).any()
+        }
+        if not known and (truth.motions or truth.moments):
+            not_compared[trial.name] = "the truth has no curves of it"
+        elif outside:
+            times = (f"{q}, {c.time[0]:.2f} to {c.time[-1]:.2f} s" for q, c in outside.items())
             recorded = f"{trial.body.time[0]:.2f} to {trial.body.time[-1]:.2f} s"
-            why_not[trial.name] = (
+            not_compared[trial.name] = (
                 f"its true curves ({'; '.join(times)}) have no frame of the result ({recorded})"
             )
-        if len(beside) < len(there):
-            trials[trial.name] = _trial(
-                trial, *(None if what in beside else c for what, c in curves.items())
-            )
+        inside = {q: c for q, c in known.items() if q not in outside}
+        if inside:
+            trials[trial.name] = _compare_curves(trial, inside.get("motion"), inside.get("moments"))
     return TruthErrors(
         parameters=parameters,
-        features=_features({p.name: p for p in parameters}),
+        features=_compare_features({p.name: p for p in parameters}),
         trials=trials,
-        not_compared=why_not,
+        not_compared=not_compared,
     )
 
 
-def _parameters(
+def _compare_parameters(
     rows: Sequence[Mapping[str, Any]], true: Mapping[str, float]
 ) -> tuple[ParameterTruth, ...]:
+    """Compare the rows of the parameter table with parameter -> true value (SI)."""
     to_si = dict(zip((*JP_NAMES, *IP_NAMES), (*JP_TO_SI, *IP_TO_SI), strict=True))
-    kept = ("name", "kind", "unit", "nominal", "fitted", "status")
     return tuple(
         ParameterTruth(
-            **{key: row[key] for key in kept},
+            name=row["name"],
+            kind=row["kind"],
+            unit=row["unit"],
+            nominal=row["nominal"],
+            fitted=row["fitted"],
+            status=row["status"],
             truth=true[row["name"]] / to_si[row["name"]],
             error_bar=row["standard_error"],
         )
@@ -123,68 +164,80 @@ def _parameters(
     )
 
 
-def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, ...]:
+def _compare_features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, ...]:
+    """Compare joint centres and axes whose parameters are all in the truth, any of them fitted."""
     out = []
-    for joint, segment, part, words, directions in _FEATURES:
+    for feature in _FEATURES:
         for side in linkage.SIDES:
-            names = [f"{joint}_{side}.{segment}.{direction}" for direction in directions]
+            names = feature.list_parameter_names(side)
             rows = [parameters[name] for name in names if name in parameters]
             if len(rows) < len(names) or all(row.status == "fixed" for row in rows):
                 continue
-            nominal, fitted, true = (
-                np.array([getattr(row, which) for row in rows])
-                for which in ("nominal", "fitted", "truth")
+            true = np.array([row.truth for row in rows])
+            nominal, fitted = (
+                _compute_gap(feature, rows[0].unit, values, true)
+                for values in (
+                    np.array([row.nominal for row in rows]),
+                    np.array([row.fitted for row in rows]),
+                )
             )
-            gap = _distance if rows[0].unit == "mm" else partial(_angle, directions)
+            scores = [row.z for row in rows if row.z is not None]
             out.append(
                 FeatureTruth(
-                    joint=f"{joint}_{side}",
-                    part=part,
-                    words=f"{joint_words(joint)} {words}",
+                    joint=f"{feature.joint}_{side}",
+                    part=feature.part,
+                    label=f"{joint_words(feature.joint)} {feature.label}",
                     unit=rows[0].unit,
-                    nominal=gap(nominal, true),
-                    fitted=gap(fitted, true),
-                    within=tuple(bool(abs(row.z) <= INTERVAL) for row in rows if row.z is not None),
+                    nominal=nominal,
+                    fitted=fitted,
+                    within=tuple(bool(abs(z) <= INTERVAL) for z in scores),
                 )
             )
     return tuple(out)
 
 
-def _distance(one: Array, other: Array) -> float:
-    return float(np.linalg.norm(one - other))
-
-
-def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
-    """Degrees between two joint axes, each given by two angles: z of Rx(front) Ry(trans), x of
-    Ry(trans) Rz(sag).
-    """
-    turns, axis = ((0, 1), 2) if directions == ("front", "trans") else ((1, 2), 0)
-    a, b = (
-        (
-            make_axis_rotation(turns[0], np.deg2rad(first))
-            @ make_axis_rotation(turns[1], np.deg2rad(second))
-        )[:, axis]
-        for first, second in (one, other)
-    )
+def _compute_gap(feature: _Feature, unit: str, one: Array, other: Array) -> float:
+    """Compute the distance (mm) or angle (deg) between two values of a feature."""
+    if unit == "mm":
+        return float(np.linalg.norm(one - other))
+    a, b = (_make_axis(feature.directions, angles) for angles in (one, other))
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
-def _trial(
+def _make_axis(directions: tuple[str, ...], angles: Array) -> Array:
+    """Compute the unit vector (3,) of a joint axis from its two angles (deg).
+
+    It is z of Rx(front) Ry(trans), or x of Ry(trans) Rz(sag).
+    """
+    axes, column = ((0, 1), 2) if directions == ("front", "trans") else ((1, 2), 0)
+    first, second = (
+        make_axis_rotation(axis, np.deg2rad(angle))
+        for axis, angle in zip(axes, angles, strict=True)
+    )
+    vector: Array = (first @ second)[:, column]
+    return vector
+
+
+def _compare_curves(
     trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None
 ) -> CurveTruths:
+    """Compare the coordinates and generalised forces of a trial with true ones."""
     time, coordinates, forces = trial.body.time, {}, {}
-    now, before = trial.body.columns(trial.coordinate_errors), trial.nominal.columns()
+    fitted, nominal = trial.body.columns(trial.coordinate_errors), trial.nominal.columns()
     for name, true in ({} if motions is None else motions.interpolate(time)).items():
-        if name in now:
+        if name in fitted:
+            # Coordinates are in m or deg, as in the files.
+            unit = 1.0 if linkage.is_translation(name) else 180.0 / np.pi
             coordinates[name] = CurveTruth(
                 name=name,
-                truth=true * (1.0 if linkage.is_translation(name) else 180.0 / np.pi),
-                fitted=now[name],
-                nominal=before.get(name, np.full(len(time), np.nan)),
-                error_bar=now.get(f"{name}_se"),
+                truth=true * unit,
+                fitted=fitted[name],
+                nominal=nominal.get(name, np.full(len(time), np.nan)),
+                error_bar=fitted.get(f"{name}_se"),
                 counts=np.ones(len(time), dtype=bool),
             )
-    if moments is not None and (loads := trial.loads) is not None:
+    loads = trial.loads
+    if moments is not None and loads is not None:
         for name, true in moments.interpolate(time).items():
             forces[name] = CurveTruth(
                 name=name,
@@ -197,103 +250,138 @@ def _trial(
     return CurveTruths(time, coordinates, forces)
 
 
-LEGS, ARMS, TURNING = "legs", "back and arms", "arms, in segments of two markers"
-"""Which joint parameters are told together."""
-UNDETERMINED = "unidentifiable"
-
-
 @dataclass(frozen=True, kw_only=True)
 class TruthSum:
-    """One number for many: RMS error before and after calibration, and how often the truth lies
-    within.
-    """
+    """RMS error of a group of parameters or curves, and how often the error bars hold the truth."""
 
-    words: str
+    label: str
     unit: str
-    count: int  # Parameters, or curves
+    count: int
+    """Parameters, or curves."""
     undetermined: int = 0
-    """Of these parameters: such as the trials do not show, which their prior holds; they have no
-    part in `bars`.
-    """
+    """Parameters that the trials do not determine, so that their prior does; not in `bars`."""
     nominal: float
     fitted: float
-    within: int  # Parameters or frames with a standard error whose truth lies within 1.96 of it
-    bars: int  # Parameters or frames with a standard error
+    within: int
+    """Parameters or frames with a standard error whose truth lies within 1.96 of it."""
+    bars: int
+    """Parameters or frames with a standard error."""
 
     @property
     def share(self) -> float | None:
-        """Part (0 to 1) that lies within; None without standard errors."""
+        """Part (0 to 1) with the truth within; None without standard errors."""
         return self.within / self.bars if self.bars else None
 
     @property
-    def farther(self) -> bool:
-        """Calibration led away from the truth, by as much as is shown."""
+    def is_worse(self) -> bool:
+        """Whether the calibrated error is larger than the nominal one, as printed."""
         return round(self.fitted, 2) > round(self.nominal, 2)
 
     @property
-    def over(self) -> str:
+    def count_label(self) -> str:
         """`58, 2 of them undetermined`."""
-        return (
-            f"{self.count}, {self.undetermined} of them undetermined"
-            if self.undetermined
-            else str(self.count)
-        )
+        if self.undetermined:
+            return f"{self.count}, {self.undetermined} of them undetermined"
+        return str(self.count)
 
     @property
     def sentence(self) -> str:
-        """`joint positions against the truth (RMS over 58): nominal 5.6 mm, calibrated 1.2 mm;
-        ...`.
-        """
+        """`joint positions against the truth (RMS over 58): nominal 5.6 mm, calibrated 1.2 mm`."""
         text = (
-            f"{self.words} against the truth (RMS over {self.over}): nominal {self.nominal:.2f} "
-            f"{self.unit}, "
+            f"{self.label} against the truth (RMS over {self.count_label}): "
+            f"nominal {self.nominal:.2f} {self.unit}, calibrated {self.fitted:.2f} {self.unit}"
         )
-        text += f"calibrated {self.fitted:.2f} {self.unit}"
-        return (
-            text
-            if self.share is None
-            else f"{text}; within 1.96 standard errors: {100 * self.share:.0f} %"
-        )
+        if self.share is None:
+            return text
+        return f"{text}; within 1.96 standard errors: {100 * self.share:.0f} %"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurveRow:
-    """One leg coordinate of one trial: its angle and its moment beside the true ones; what is
-    unknown is None.
-    """
+    """Angle and moment of one leg coordinate of one trial beside the true ones; None if unknown."""
 
     name: str
     angle: CurveTruth | None
     moment: CurveTruth | None
 
 
-def sums(calibration: Calibration, truth: TruthErrors) -> tuple[TruthSum, ...]:
-    """Joint parameters that were sought, of legs and of the others; masses; angles and moments of
-    legs in each walk.
+def summarise_errors(calibration: Calibration, truth: TruthErrors) -> tuple[TruthSum, ...]:
+    """Summarise errors of joint parameters, masses, and angles and moments of legs in each walk.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The calibration.
+    truth : TruthErrors
+        Its errors.
+
+    Returns
+    -------
+    tuple of TruthSum
+        Fitted and undetermined joint parameters of legs, and of back and arms; segment masses;
+        curves of each walk.
     """
-    turning = two_marker_segments(calibration)
-    groups = [
-        (f"{kind}s, {part}", tuple(p for p in truth.sought(kind) if _part(p.name, turning) == part))
-        for part in (LEGS, ARMS, TURNING)
-        for kind in ("joint position", "joint orientation")
-    ]
-    groups.append(("segment masses", tuple(p for p in truth.parameters if p.kind == "mass")))
-    out = [_of_parameters(words, group) for words, group in groups if group]
+    out = [_summarise_parameters(label, group) for label, group in _group(calibration, truth)]
     for trial in calibration.trials:
-        rows = curve_rows(calibration, truth, trial.name) if trial.joint is None else ()
-        for words, unit, curves in (
+        if trial.joint is not None:
+            continue
+        rows = list_curve_rows(calibration, truth, trial.name)
+        for label, unit, curves in (
             (f"{trial.name}: leg angles", "deg", [row.angle for row in rows]),
             (f"{trial.name}: leg moments", "N·m", [row.moment for row in rows]),
         ):
             compared = [curve for curve in curves if curve is not None and curve.rms is not None]
             if compared:
-                out.append(_of_curves(words, unit, compared))
+                out.append(_summarise_curves(label, unit, compared))
     return tuple(out)
 
 
-def curve_rows(calibration: Calibration, truth: TruthErrors, trial: str) -> tuple[CurveRow, ...]:
-    """The coordinates and moments of both legs, in the order of the result."""
-    known = truth.of(trial)
+def _group(
+    calibration: Calibration, truth: TruthErrors
+) -> Iterator[tuple[str, Sequence[ParameterTruth]]]:
+    """Group the parameters by kind and part of the body; without empty groups."""
+    two_marker_segments = find_two_marker_segments(calibration)
+    for part in (LEGS, ARMS, TWO_MARKER_ARMS):
+        for kind in ("joint position", "joint orientation"):
+            group = [
+                p
+                for p in truth.select_sought(kind)
+                if _choose_part(p.name, two_marker_segments) == part
+            ]
+            if group:
+                yield f"{kind}s, {part}", group
+    masses = [p for p in truth.parameters if p.kind == "mass"]
+    if masses:
+        yield "segment masses", masses
+
+
+def _choose_part(name: str, two_marker_segments: Sequence[str]) -> str:
+    """Choose the group of a joint parameter."""
+    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
+    if parameter.joint.split("_")[0] in linkage.LEG_JOINTS:
+        return LEGS
+    return TWO_MARKER_ARMS if parameter.segment in two_marker_segments else ARMS
+
+
+def list_curve_rows(
+    calibration: Calibration, truth: TruthErrors, trial: str
+) -> tuple[CurveRow, ...]:
+    """List the coordinates and moments of both legs that the truth has, in the order of the result.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The calibration.
+    truth : TruthErrors
+        Its errors.
+    trial : str
+        Name of the trial.
+
+    Returns
+    -------
+    tuple of CurveRow
+    """
+    known = truth.get_curves(trial)
     names = [name for name in moment_names(calibration.model) if get_leg(name)]
     rows = (
         CurveRow(name=n, angle=known.coordinates.get(n), moment=known.forces.get(n)) for n in names
@@ -301,104 +389,106 @@ def curve_rows(calibration: Calibration, truth: TruthErrors, trial: str) -> tupl
     return tuple(row for row in rows if row.angle is not None or row.moment is not None)
 
 
-def compared_trials(calibration: Calibration, truth: TruthErrors) -> tuple[str, ...]:
-    """Walks of which true curves are known."""
+def list_compared_trials(calibration: Calibration, truth: TruthErrors) -> tuple[str, ...]:
+    """List the walks with true curves."""
     return tuple(t.name for t in calibration.trials if t.joint is None and t.name in truth.trials)
 
 
-def two_marker_segments(calibration: Calibration) -> tuple[str, ...]:
-    """Segments outside of the legs that two markers or fewer track: how these turn about their
-    line, none shows.
+def find_two_marker_segments(calibration: Calibration) -> tuple[str, ...]:
+    """Find segments other than those of the legs that one or two markers track.
+
+    Their rotation about the line through the markers is not observable.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With the marker set.
+
+    Returns
+    -------
+    tuple of str
+        In the order of the joint parameters.
     """
     markers = calibration.model.markers
-    counted = Counter(s for s, w in zip(markers.segments, markers.weight, strict=True) if w > 0)
-    known = dict.fromkeys(
+    counts = Counter(s for s, w in zip(markers.segments, markers.weight, strict=True) if w > 0)
+    segments = dict.fromkeys(
         p.segment for p in JOINT_PARAMETERS if p.joint.split("_")[0] not in linkage.LEG_JOINTS
     )
-    return tuple(s for s in known if 0 < counted[s] <= 2)
+    return tuple(s for s in segments if 0 < counts[s] <= 2)
 
 
-def turning_sentence(calibration: Calibration) -> str:
-    """What is to be known of the parameters in such segments; empty where there are none."""
-    segments = [s.replace("_", " ") for s in two_marker_segments(calibration)]
+def describe_two_marker_segments(calibration: Calibration) -> str:
+    """Explain the errors of parameters in two-marker segments; empty if there are none."""
+    segments = [s.replace("_", " ") for s in find_two_marker_segments(calibration)]
     if not segments:
         return ""
     return (
-        f"Two markers track {', '.join(segments)}: how such a segment is turned about the line "
-        "through them no motion "
-        "shows, and an axis that is turned with it meets the markers as well. There the nominal "
-        "value decides, which "
-        "the landmarks of the static trial may place tens of degrees off."
+        f"Two markers track {', '.join(segments)}. No motion shows the rotation of such a segment "
+        "about the line through its markers, and an axis that rotates with it fits the markers as "
+        "well. Its nominal value remains, which depends on the landmarks of the static trial and "
+        "may be tens of degrees off."
     )
 
 
-def _part(name: str, turning: Sequence[str]) -> str:
-    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    if parameter.joint.split("_")[0] in linkage.LEG_JOINTS:
-        return LEGS
-    return TURNING if parameter.segment in turning else ARMS
+def describe_settings(calibration: Calibration) -> str:
+    """Describe the settings of the calibration that are not the default ones."""
+    changed = calibration.study.settings.model_dump(exclude_defaults=True, mode="json")
+    if not changed:
+        return "It was calibrated with the default settings."
+    settings = "; ".join(f"{name}: {_format_value(value)}" for name, value in changed.items())
+    return f"It was calibrated with the default settings and these of its study file: {settings}."
 
 
-def settings_sentence(calibration: Calibration) -> str:
-    """With which knowledge it was calibrated: settings that are not the default ones."""
-    own = calibration.study.settings.model_dump(exclude_defaults=True, mode="json")
-    if not own:
-        return "It was calibrated with the default settings, every one."
-    told = "; ".join(f"{name}: {_shown(value)}" for name, value in own.items())
-    return f"It was calibrated with the default settings, but for what its study file says: {told}."
+def _format_value(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_format_value(part)}" for key, part in value.items())
+    return str(value)
 
 
-def _shown(value: object) -> str:
-    return (
-        ", ".join(f"{k} {_shown(v)}" for k, v in value.items())
-        if isinstance(value, dict)
-        else str(value)
-    )
-
-
-def not_compared_sentence(truth: TruthErrors) -> str:
-    """Trials whose curves are not, or not all, held against true ones; empty where all are."""
+def describe_not_compared(truth: TruthErrors) -> str:
+    """List trials whose curves are not all compared with the truth; empty if all are."""
     trials = [f"{name}: {why}" for name, why in truth.not_compared.items()]
     return f"Not compared: {'; '.join(trials)}." if trials else ""
 
 
-def truth_sentence(truth: TruthErrors) -> str:
-    """What the error bars are held to."""
-    unknown = "" if truth.trials else " No true curves are known."
+def describe_error_bars(truth: TruthErrors) -> str:
+    """Describe how error bars are compared with the truth."""
+    unknown = "" if truth.trials else " There are no true curves."
     return (
-        f"Of honest error bars, ±{INTERVAL} standard errors hold the truth in 95 of 100 cases; "
-        "neighbouring frames of "
-        "a curve err together, so that the share of one person scatters widely about "
-        f"that.{unknown}"
+        f"Of correct error bars, ±{INTERVAL} standard errors contain the truth in 95 of 100 cases. "
+        "Errors of neighbouring frames are correlated, so that the share of one person scatters "
+        f"widely about that.{unknown}"
     )
 
 
-def _of_parameters(words: str, group: Sequence[ParameterTruth]) -> TruthSum:
-    z = [p.z for p in group if p.z is not None and p.status != UNDETERMINED]
+def _summarise_parameters(label: str, group: Sequence[ParameterTruth]) -> TruthSum:
+    scores = [p.z for p in group if p.z is not None and p.status != UNDETERMINED]
     return TruthSum(
-        words=words,
+        label=label,
         unit=group[0].unit,
         count=len(group),
         undetermined=sum(p.status == UNDETERMINED for p in group),
-        nominal=_rms([p.nominal_error for p in group]),
-        fitted=_rms([p.error for p in group]),
-        within=sum(abs(value) <= INTERVAL for value in z),
-        bars=len(z),
+        nominal=_compute_rms([p.nominal_error for p in group]),
+        fitted=_compute_rms([p.error for p in group]),
+        within=sum(abs(z) <= INTERVAL for z in scores),
+        bars=len(scores),
     )
 
 
-def _of_curves(words: str, unit: str, curves: Sequence[CurveTruth]) -> TruthSum:
+def _summarise_curves(label: str, unit: str, curves: Sequence[CurveTruth]) -> TruthSum:
     within = np.concatenate([c.within for c in curves])
+    nominal = np.concatenate([(c.nominal - c.truth)[c.compared] for c in curves])
+    fitted = np.concatenate([(c.fitted - c.truth)[c.compared] for c in curves])
     return TruthSum(
-        words=words,
+        label=label,
         unit=unit,
         count=len(curves),
-        nominal=_rms(np.concatenate([(c.nominal - c.truth)[c.compared] for c in curves])),
-        fitted=_rms(np.concatenate([(c.fitted - c.truth)[c.compared] for c in curves])),
+        nominal=_compute_rms(nominal),
+        fitted=_compute_rms(fitted),
         within=int(within.sum()),
         bars=len(within),
     )
 
 
-def _rms(errors: Sequence[float] | Array) -> float:
+def _compute_rms(errors: Sequence[float] | Array) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))

@@ -1,8 +1,7 @@
-"""How near a calibration came to the truth, where it is known: errors, and whether the standard
-errors cover them.
+"""Errors of a calibration against a known truth, and whether its standard errors cover them.
 
-A curve or parameter e with standard error s is *within* where |e| <= 1.96 s: of true 95 % intervals
-95 of 100 are.
+An error e with standard error s is *within* if |e| <= 1.96 s, which holds for 95 of 100 correct
+intervals.
 """
 
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 
 INTERVAL = 1.96
-"""Standard errors on either side of a value that hold the truth in 95 of 100 cases."""
+"""Standard errors on either side of a value that contain the truth in 95 of 100 cases."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +27,7 @@ class ParameterTruth:
     nominal: float
     fitted: float
     error_bar: float | None
-    """Standard error; None where there is none."""
+    """Standard error; None if not available."""
     status: str
     """`fitted`, `fixed` or `unidentifiable`."""
 
@@ -44,45 +43,45 @@ class ParameterTruth:
 
     @property
     def z(self) -> float | None:
-        """Error in standard errors; None without one."""
+        """Error divided by its standard error; None without one."""
         return self.error / self.error_bar if self.error_bar else None
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurveTruth:
-    """One coordinate (deg, m) or generalised force (N·m, N) of one trial."""
+    """One coordinate (deg, m) or generalised force (N·m, N) of one trial beside the true one."""
 
     name: str
     truth: Array
-    """(nf,) at the frames of the result; NaN where the truth has none."""
+    """(nf,) at the frames of the result; NaN outside the true curve."""
     fitted: Array
-    """(nf,)."""
+    """(nf,) of the result."""
     nominal: Array
-    """(nf,) with the nominal model; NaN where it has none."""
+    """(nf,) with the nominal model; NaN if it has no such coordinate."""
     error_bar: Array | None
     """(nf,) standard error."""
     counts: BoolArray
-    """(nf,) frames in which the result counts: the valid ones of a force, all of a coordinate."""
+    """(nf,) valid frames: those of a force, all of a coordinate."""
 
     @property
     def compared(self) -> BoolArray:
-        """(nf,) frames that count and have a truth."""
+        """(nf,) valid frames with a true value."""
         out: BoolArray = self.counts & np.isfinite(self.truth)
         return out
 
     @property
     def rms(self) -> float | None:
-        """RMS error; None where no frame is compared."""
-        return _rms((self.fitted - self.truth)[self.compared])
+        """RMS error; None if no frame is compared."""
+        return _compute_rms((self.fitted - self.truth)[self.compared])
 
     @property
     def nominal_rms(self) -> float | None:
-        """The same of the nominal model."""
-        return _rms((self.nominal - self.truth)[self.compared])
+        """RMS error of the nominal model."""
+        return _compute_rms((self.nominal - self.truth)[self.compared])
 
     @property
     def within(self) -> BoolArray:
-        """(n,) of compared frames with a standard error: whether the truth lies within."""
+        """(n,) whether the truth lies within, of compared frames with a standard error."""
         if self.error_bar is None:
             return np.zeros(0, dtype=bool)
         kept = self.compared & np.isfinite(self.error_bar)
@@ -91,7 +90,7 @@ class CurveTruth:
 
     @property
     def share_within(self) -> float | None:
-        """Part of the frames (0 to 1) in which the truth lies within; None without standard errors."""
+        """Part (0 to 1) of the frames with the truth within; None without standard errors."""
         return float(self.within.mean()) if len(self.within) else None
 
 
@@ -102,26 +101,28 @@ class CurveTruths:
     time: Array
     """(nf,) s, of the result."""
     coordinates: Mapping[str, CurveTruth] = field(default_factory=dict)
+    """Coordinate -> its curve."""
     forces: Mapping[str, CurveTruth] = field(default_factory=dict)
+    """Generalised force -> its curve."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FeatureTruth:
-    """One joint centre (mm) or axis (deg), one number for all of its parameters."""
+    """One joint centre (mm) or axis (mm, deg): one number for all of its parameters."""
 
     joint: str
     """`hip_r`."""
     part: str
     """`centre`, `axis_place` or `axis_direction`."""
-    words: str
+    label: str
     """Without the side: `Hip centre in the pelvis`."""
     unit: str
     nominal: float
     """Distance or angle between nominal and true."""
     fitted: float
-    """Between calibrated and true."""
+    """Distance or angle between calibrated and true."""
     within: tuple[bool, ...]
-    """Of its parameters with a standard error: whether the truth lies within 1.96 of it."""
+    """Whether the truth lies within, of each parameter with a standard error."""
 
     @property
     def side(self) -> str:
@@ -131,33 +132,50 @@ class FeatureTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class TruthErrors:
-    """A calibration against the truth."""
+    """Errors of a calibration against the truth."""
 
     parameters: tuple[ParameterTruth, ...]
-    """That the truth has, in the order of `parameters.csv`."""
+    """Parameters with a true value, in the order of `parameters.csv`."""
     features: tuple[FeatureTruth, ...]
     """Joint centres and axes of the legs whose parameters are all in the truth, and any of them
     fitted.
     """
     trials: Mapping[str, CurveTruths]
-    """Trials of which true curves are known, in the order of the result."""
+    """Trials with true curves, in the order of the result."""
     not_compared: Mapping[str, str] = field(default_factory=dict)
-    """Trial -> why none, or not all, of its curves are held against true ones."""
+    """Trial -> why none, or not all, of its curves are compared."""
 
-    def of(self, trial: str) -> CurveTruths:
-        """The curves of a trial; none where none are known."""
+    def get_curves(self, trial: str) -> CurveTruths:
+        """Get the curves of a trial.
+
+        Parameters
+        ----------
+        trial : str
+            Its name.
+
+        Returns
+        -------
+        CurveTruths
+            Empty without true curves.
+        """
         return self.trials.get(trial, CurveTruths(np.zeros(0)))
 
-    def sought(self, kind: str) -> tuple[ParameterTruth, ...]:
-        """The same, and those that the trials do not determine, which stay where their prior holds
-        them.
+    def select_sought(self, kind: str) -> tuple[ParameterTruth, ...]:
+        """Select fitted parameters, and those that the trials do not determine.
+
+        Parameters
+        ----------
+        kind : str
+            Beginning of the kind: `joint position`, `joint`, ...
+
+        Returns
+        -------
+        tuple of ParameterTruth
         """
         return tuple(p for p in self.parameters if p.status != "fixed" and p.kind.startswith(kind))
 
-    def fitted(self, kind: str) -> tuple[ParameterTruth, ...]:
-        """Fitted parameters whose kind begins so (`joint position`, `joint`, ...)."""
-        return tuple(p for p in self.parameters if p.status == "fitted" and p.kind.startswith(kind))
 
-
-def _rms(errors: Array) -> float | None:
-    return float(np.sqrt(np.mean(errors**2))) if len(errors) and np.isfinite(errors).all() else None
+def _compute_rms(errors: Array) -> float | None:
+    if not len(errors) or not np.isfinite(errors).all():
+        return None
+    return float(np.sqrt(np.mean(errors**2)))

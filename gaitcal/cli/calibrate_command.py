@@ -237,7 +237,11 @@ def _number(text: str) -> float | None:
 def print_calibration(console: Console, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
     _print_trials(console, calibration.trials)
-    for total in truth_comparison.sums(calibration, calibration.truth) if calibration.truth else ():
+    for total in (
+        truth_comparison.summarise_errors(calibration, calibration.truth)
+        if calibration.truth
+        else ()
+    ):
         console.line(total.sentence)
     _print_verdict(console, calibration.verdict)
     for note in drafting.faulty_notes(calibration.left_out):
@@ -322,8 +326,8 @@ def _print_trials(console: Console, trials: Sequence[TrialResult]) -> None:
 
 
 def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
-    _, calibrated, _ = values = trial.rms_mm(*segments)
-    floor = trial.joint_floor_mm(*segments)
+    _, calibrated, _ = values = trial.compute_rms_mm(*segments)
+    floor = trial.compute_joint_floor_mm(*segments)
     shown = ["-" if v is None else f"{v:.2f}" for v in (*values, floor)]
     ratio = f"{calibrated / floor:.2f}" if calibrated is not None and floor else "-"
     return [str(int(trial.calibrated.errors.select_observed(*segments).sum())), *shown, ratio]
@@ -344,6 +348,6 @@ def _residuals(name: str, loads: Loads) -> str:
     parts = []
     for stage, moments in loads.moments.items():
         force, torque = moments.residual_rms(loads.reactions.valid)
-        parts.append(f"{stage.short} {force:.1f} N, {torque:.1f} N·m")
+        parts.append(f"{stage.short_label} {force:.1f} N, {torque:.1f} N·m")
     frames = int(loads.reactions.valid.sum())
     return f"{name}: pelvis residual RMS over {frames} valid frames: " + "; ".join(parts)

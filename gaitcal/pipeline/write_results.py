@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.analysis.parameter_table import parameter_rows
+from gaitcal.analysis.parameter_table import list_parameter_rows
 from gaitcal.analysis.result import Calibration, Loads, TrialResult
 from gaitcal.export import other_formats
 from gaitcal.export.opensim import osim_writer
@@ -83,7 +83,7 @@ def write_results(
     with write_result_folder(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
-        write_csv(convert_to_columns(parameter_rows(calibration)), out / "parameters.csv")
+        write_csv(convert_to_columns(list_parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / saved_result.MARKER_SET).write_text(format_marker_set(marker_set), encoding="utf-8")
         strides = stride_files.write_stride_files(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitcal.analysis.trial_result import axis_deviations
+from gaitcal.analysis.trial_result import estimate_axis_deviations
 from gaitcal.calibration.joint_prior import make_study_prior
 from gaitcal.errors import Code, InputError
 from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
@@ -338,7 +338,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
         verdict=str(summary.get("verdict") or ""),
         reasons=_list_reasons(summary),
         remarks=(*of_model.remarks, *other),
-        axis_deviations=axis_deviations(settings, model),
+        axis_deviations=estimate_axis_deviations(settings, model),
         error_shares=_average_shares(summary),
         prior=make_study_prior(settings.joint_prior, noise=model.noise),
         relative=settings.angles == "relative",

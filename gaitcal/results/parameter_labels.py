@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.analysis.parameter_table import parameter_rows
+from gaitcal.analysis.parameter_table import list_parameter_rows
 from gaitcal.analysis.result import Calibration
 from gaitcal.calibration.identifiability import NEEDED_RANGE
 from gaitcal.calibration.joint_prior import make_study_prior
@@ -281,7 +281,7 @@ def summarise_fitted(calibration: Calibration) -> str:
 def _label_parameters(calibration: Calibration, *, joints: bool) -> list[LabelledParameter]:
     bound = set(calibration.joint.at_bound if calibration.joint else ())
     rows = []
-    for entry in parameter_rows(calibration):
+    for entry in list_parameter_rows(calibration):
         if str(entry["kind"]).startswith("joint ") is not joints:
             continue
         name, status, error = str(entry["name"]), str(entry["status"]), entry["standard_error"]

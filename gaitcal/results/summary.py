@@ -295,7 +295,7 @@ def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
     }
     if trial.bandwidth:
         out["bandwidth_hz"] = round(trial.bandwidth.motion_hz, 3)
-        out["bandwidth_by"] = trial.bandwidth.by.value
+        out["bandwidth_by"] = trial.bandwidth.chosen_by.value
     if trial.joint:
         out["joint"] = trial.joint
     else:
@@ -392,8 +392,8 @@ def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
 
 
 def _summarise_rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
-    nominal, calibrated, floor = trial.rms_mm(*segments)
-    joint_floor = trial.joint_floor_mm(*segments)
+    nominal, calibrated, floor = trial.compute_rms_mm(*segments)
+    joint_floor = trial.compute_joint_floor_mm(*segments)
     out: dict[str, Json] = {"nominal": nominal, "calibrated": calibrated, "rigid_floor": floor}
     if joint_floor is not None:
         out["joint_floor"] = joint_floor

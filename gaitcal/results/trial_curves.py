@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from gaitcal.analysis.result import Loads, TrialResult, angle_counts
+from gaitcal.analysis.result import Loads, TrialResult, find_valid_angles
 from gaitcal.analysis.truth_errors import CurveTruth, CurveTruths
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import find_unobserved_frames
@@ -143,7 +143,7 @@ def _build_angles(
         if name in model.frozen or is_translation(name):
             continue
         offset = np.degrees(static.get(name, 0.0))
-        errors = (trial.coordinate_errors, trial.own_coordinate_errors)
+        errors = (trial.coordinate_errors, trial.trial_coordinate_errors)
         error, stride_error = (None if e is None else np.degrees(e[:, k]) for e in errors)
         values = {
             "value": np.degrees(body.q[:, k]) - offset,
@@ -159,7 +159,7 @@ def _build_angles(
             *split_side(name),
             "angle",
             "deg",
-            valid=angle_counts(trial, name, hidden),
+            valid=find_valid_angles(trial, name, hidden),
             error=error,
             stride_error=stride_error,
             **values,
@@ -175,7 +175,7 @@ def _build_feet(trial: TrialResult) -> Iterator[Curve]:
         error, stride_error = (
             None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own)
         )
-        valid = angle_counts(trial, f"subtalar_angle_{side}", hidden)
+        valid = find_valid_angles(trial, f"subtalar_angle_{side}", hidden)
         value = np.degrees(feet.progression(side, line))
         yield Curve(
             FOOT_PROGRESSION,

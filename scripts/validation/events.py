@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal import Study
-from gaitcal.analysis.prepared_trials import measured_reactions, prepare_trial
+from gaitcal.analysis.prepared_trials import compute_trial_reactions, prepare_trial
 from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import compute_foot_points
@@ -75,7 +75,7 @@ def walks_of(study: Study) -> list[Walk]:
         feet, recording = compute_foot_points(model, motion, model.parameters), ready.recording
         plates: list[FootEvent] = []
         if recording.plates:
-            loaded = measured_reactions(
+            loaded = compute_trial_reactions(
                 ready, model, model.parameters, motion, study.settings
             ).loaded
             plates = whole_contacts(

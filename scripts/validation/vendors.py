@@ -39,9 +39,9 @@ from gaitcal import Study
 from gaitcal.analysis.fit_joints import fit_joints
 from gaitcal.analysis.prepared_trials import (
     MovingTrial,
-    measured_reactions,
+    compute_trial_reactions,
+    prepare_calibration,
     prepare_trial,
-    session_of,
 )
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
@@ -227,7 +227,7 @@ def walk_of(study: Study, name: str, trial: str) -> Walk:
 
 def calibrated_walks(study: Study, person: str) -> Iterator[Walk]:
     """The gait trials of a study by joints that are fitted to all of its trials."""
-    session = fit_joints(session_of(preprocess_study(study)))
+    session = fit_joints(prepare_calibration(preprocess_study(study)))
     for trial in session.trials:
         if trial.name in study.walks:
             yield _walk(f"{person} {trial.name}", trial, session.model, session.parameters, study)
@@ -237,7 +237,7 @@ def _walk(
     name: str, trial: MovingTrial, model: SubjectModel, parameters: Parameters, study: Study
 ) -> Walk:
     motion = track_motion(trial.body, parameters)
-    reactions = measured_reactions(trial, model, parameters, motion, study.settings)
+    reactions = compute_trial_reactions(trial, model, parameters, motion, study.settings)
     return Walk(
         name=name,
         mass=model.subject.mass,

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaitcal.analysis.fit_findings import disagreements, unfinished
+from gaitcal.analysis.fit_findings import check_convergence, check_marker_fit
 from gaitcal.analysis.result import Calibration
 from gaitcal.errors import Code, Severity
 from tests.fake_result import with_phase
@@ -13,15 +13,15 @@ def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
     knee = whole.trial("knee")
     errors = replace(knee.final.errors, distance=3.0 * knee.final.errors.distance)
     worse = replace(knee, final=replace(knee.final, errors=errors))
-    assert list(disagreements([knee])) == []
-    (told,) = disagreements([worse])
+    assert list(check_marker_fit([knee])) == []
+    (told,) = check_marker_fit([worse])
     assert (told.where, told.severity) == ("knee", Severity.WARNING)
     check_finding(told, Code.TRIALS_DISAGREE)
 
 
 def test_a_fit_that_stopped_early_is_told(whole: Calibration) -> None:
-    assert list(unfinished(whole.phases)) == []
-    told = list(unfinished(with_phase(whole, converged=False).phases))
+    assert list(check_convergence(whole.phases)) == []
+    told = list(check_convergence(with_phase(whole, converged=False).phases))
     assert [f.cause for f in told] == [
         f"the fit of {phase.name} did not converge" for phase in whole.phases
     ]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaitcal.analysis.calibrate import calibrate
-from gaitcal.analysis.fit_joints import FOLDS, fold_of_frame, hold_out, without
+from gaitcal.analysis.fit_joints import FOLDS, assign_folds, compute_held_out_errors, mask_frames
 from gaitcal.analysis.prepared_trials import MovingTrial, prepare_trial
 from gaitcal.analysis.result import Calibration
 from gaitcal.model.anthropometry import move_limb_inertia
@@ -49,9 +49,9 @@ def prepared(study: Study) -> MovingTrial:
 
 def test_every_frame_is_left_out_once(study: Study) -> None:
     trial = prepared(study)
-    fold = fold_of_frame(trial)
+    fold = assign_folds(trial)
     assert set(fold) == set(range(FOLDS))
-    held = np.stack([without(trial, fold == k).joints.data.weight == 0 for k in range(FOLDS)])
+    held = np.stack([mask_frames(trial, fold == k).joints.data.weight == 0 for k in range(FOLDS)])
     assert (held.sum(axis=0) == 1).all()
 
 
@@ -62,15 +62,15 @@ def test_every_fold_is_fitted_to_all_but_its_own_blocks(study: Study) -> None:
         hidden.append((trials[0].joints.data.weight == 0).all(axis=0))
         return None, nominal
 
-    hold_out([trial], nominal, fit)
+    compute_held_out_errors([trial], nominal, fit)
     np.testing.assert_array_equal(np.sum(hidden, axis=0), 1)
 
 
 def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     """Markers torn away in the frames left out change nothing of what is fitted to the rest."""
     trial = prepared(study)
-    held = fold_of_frame(trial) == 1
-    fitted = without(trial, held).joints
+    held = assign_folds(trial) == 1
+    fitted = mask_frames(trial, held).joints
     spoilt = replace(fitted.data, measured=fitted.data.measured + np.where(held, 0.5, 0.0))
     coefficients = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
     body = fitted.build_body(nominal_of(study).parameters)
@@ -111,7 +111,7 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
         wrong = nominal.with_joint(("knee_r.shank.sup",), np.array([nominal.joint.max() + 0.05]))
         return None, wrong
 
-    held = hold_out([trial], nominal, bend)["knee_r"]  # type: ignore[arg-type]
+    held = compute_held_out_errors([trial], nominal, bend)["knee_r"]  # type: ignore[arg-type]
     assert held.calibrated > held.nominal
 
 

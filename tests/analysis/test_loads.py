@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.result import Calibration, TrialResult
-from gaitcal.analysis.trial_result import axis_deviations
+from gaitcal.analysis.trial_result import estimate_axis_deviations
 from gaitcal.calibration.torque_errors import ForceErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.measurement_errors import DEFAULT, AxisErrors
@@ -74,7 +74,9 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
         apply_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
     )
     problem = done.joint.artefact.displace_markers(problem)
-    turned = axis_deviations(study.settings, done.nominal, preprocess_study(study).moves()["walk"])
+    turned = estimate_axis_deviations(
+        study.settings, done.nominal, preprocess_study(study).moves()["walk"]
+    )
     errors = ForceErrors(
         problem,
         trial.body.coefficients,

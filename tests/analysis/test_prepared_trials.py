@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.analysis.calibrate import fit_inertia, track
+from gaitcal.analysis.calibrate import fit_inertia, track_trials
 from gaitcal.analysis.fit_joints import fit_joints
-from gaitcal.analysis.prepared_trials import _doubted, session_of
+from gaitcal.analysis.prepared_trials import _collect_possible_errors, prepare_calibration
 from gaitcal.analysis.result import Stage
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.preprocess.static_disagreement import PossibleMove
@@ -29,10 +29,10 @@ def study() -> Study:
 
 
 def test_a_stage_changes_nothing_of_the_one_before(study: Study) -> None:
-    prepared = session_of(preprocess_study(study))
+    prepared = prepare_calibration(preprocess_study(study))
     (walk,) = prepared.trials
     assert walk.stages == {} and walk.reactions is None
-    moved = track(fit_joints(prepared), silent)
+    moved = track_trials(fit_joints(prepared), silent)
     (tracked,) = moved.trials
     assert (
         list(tracked.stages) == [Stage.NOMINAL]
@@ -55,7 +55,10 @@ def test_markers_that_moved_in_an_isolated_trial_leave_other_joints_alone(study:
         "knee": {"thigh_r": PossibleMove(np.full(3, 0.3), 0.02)},
         "walk": {"thigh_r": PossibleMove(np.full(3, 0.1), 0.01)},
     }
-    both, alone = _doubted(moves, (knee, walk)), _doubted(moves, (knee,))
+    both, alone = (
+        _collect_possible_errors(moves, (knee, walk)),
+        _collect_possible_errors(moves, (knee,)),
+    )
     assert {name.split(".")[0] for name in alone} == {"knee_r"} and {
         n: both[n] for n in alone
     } == alone

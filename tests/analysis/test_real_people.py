@@ -31,7 +31,7 @@ def test_subject01_fits_its_walk(data_dir: Path, kept: Path) -> None:
         int(walk.calibrated.errors.select_observed(*LOWER_BODY).sum()) == 25
     )  # of 27 the toe tips have no weight
     assert floor == pytest.approx(2.3, abs=0.1)
-    assert floor < (walk.joint_floor_mm(*LOWER_BODY) or 0) < fitted < 5.6 < nominal < 12.0
+    assert floor < (walk.compute_joint_floor_mm(*LOWER_BODY) or 0) < fitted < 5.6 < nominal < 12.0
 
 
 def test_subject01_contacts_are_found_on_its_treadmill(data_dir: Path, kept: Path) -> None:
@@ -105,14 +105,17 @@ def test_uf3_isolated_trials_come_near_their_floor(data_dir: Path, kept: Path) -
         if trial.joint:
             # 1.51 at most as measured: joints are where skin that moves is counted, hips are
             # tracked as if it did not
-            joint_floor = 1e-3 * (trial.joint_floor_mm() or 0.0)
+            joint_floor = 1e-3 * (trial.compute_joint_floor_mm() or 0.0)
             assert floor < joint_floor < fitted < 1.6 * joint_floor, trial.name
     knee = calibration.trial("knee_r").floor.rms() or 0.0
     assert MM * knee == pytest.approx(1.4, abs=0.1)
     gait = calibration.trial(
         "gait"
     )  # legs and pelvis over what each joint by itself reaches: 1.83 as measured
-    assert MM * gait.calibrated.errors.rms(*LOWER_BODY) / gait.joint_floor_mm(*LOWER_BODY) < 1.9
+    assert (
+        MM * gait.calibrated.errors.rms(*LOWER_BODY) / gait.compute_joint_floor_mm(*LOWER_BODY)
+        < 1.9
+    )
 
 
 @pytest.mark.slow

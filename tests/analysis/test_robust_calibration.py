@@ -75,7 +75,7 @@ SPOILS: dict[str, Spoil] = {
 }
 
 
-def joint_parameters(study: Study, loss: str) -> Sought:
+def fit_joint_parameters(study: Study, loss: str) -> Sought:
     settings = study.settings.model_copy(update={"robust": loss})
     done = calibrate(replace(study, settings=settings))
     return done.model.parameters.joint, done.joint.free if done.joint else ()
@@ -100,7 +100,7 @@ def study(kept: Path) -> Study:
 @pytest.fixture(scope="module")
 def clean(study: Study) -> dict[str, Sought]:
     """What it gives unspoilt, by loss; sought once for both tests."""
-    return {loss: joint_parameters(study, loss) for loss in ("cauchy", "none")}
+    return {loss: fit_joint_parameters(study, loss) for loss in ("cauchy", "none")}
 
 
 def change(study: Study, spoil: Spoil, loss: str, clean: dict[str, Sought]) -> tuple[float, float]:
@@ -108,7 +108,7 @@ def change(study: Study, spoil: Spoil, loss: str, clean: dict[str, Sought]) -> t
     loss.
     """
     rng = np.random.default_rng(SEED)
-    spoilt, free = joint_parameters(
+    spoilt, free = fit_joint_parameters(
         with_trial(study, "knee_r", lambda recording: spoil(recording, rng)), loss
     )
     index = [JP_INDEX[n] for n in free]

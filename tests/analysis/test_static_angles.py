@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from gaitcal.analysis.calibrate import calibrate
-from gaitcal.analysis.trial_result import counted_from_static, shifted, static_angles
+from gaitcal.analysis.trial_result import (
+    compute_static_angles,
+    shift_coefficients,
+    zero_ankle_angles,
+)
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
@@ -55,18 +59,18 @@ def places(parameters: Parameters, q: np.ndarray) -> np.ndarray:
 def test_ankles_keep_their_angle_in_the_static_posture() -> None:
     model, static = published_model(static_only=True), published_static()
     fitted = turned(model.parameters)
-    wrong = static_angles(model, fitted, static)
+    wrong = compute_static_angles(model, fitted, static)
     assert max(abs(np.rad2deg(wrong[name])) for name in ANKLES) > 3.0
-    counted = counted_from_static(model, fitted, static)
+    counted = zero_ankle_angles(model, fitted, static)
     settled = counted.parameters
     now, nominal = (
-        static_angles(model, settled, static),
-        static_angles(model, model.nominal, static),
+        compute_static_angles(model, settled, static),
+        compute_static_angles(model, model.nominal, static),
     )
     assert [now[name] for name in ANKLES] == pytest.approx(
         [nominal[name] for name in ANKLES], abs=TRACKED
     )
-    assert counted.static == pytest.approx(now, abs=TRACKED)
+    assert counted.static_angles == pytest.approx(now, abs=TRACKED)
     np.testing.assert_array_equal(settled.joint, fitted.joint)
 
 
@@ -74,10 +78,10 @@ def test_nothing_moves_when_the_zero_does() -> None:
     """Any motion, its coordinates shifted as the function says, puts every segment where it was."""
     model = published_model(static_only=True)
     fitted = turned(model.parameters)
-    counted = counted_from_static(model, fitted, published_static())
-    settled, moved = counted.parameters, counted.moved
+    counted = zero_ankle_angles(model, fitted, published_static())
+    settled, moved = counted.parameters, counted.offsets
     q = np.random.default_rng(1).uniform(-0.7, 0.7, (5, len(COORDINATES)))
-    after = shifted(q, COORDINATES, moved)
+    after = shift_coefficients(q, COORDINATES, moved)
     assert np.abs(after - q).max() > np.deg2rad(3.0)
     np.testing.assert_allclose(places(settled, after), places(fitted, q), atol=ROUNDING)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.analysis.calibrate import calibrate
-from gaitcal.analysis.prepared_trials import MovingTrial, force_cutoff, prepare_trial
+from gaitcal.analysis.prepared_trials import MovingTrial, choose_force_cutoff, prepare_trial
 from gaitcal.analysis.trial_bandwidth import JOINTS_HZ, REACH, Bandwidth, ChosenBy
 from gaitcal.analysis.trial_result import analyse
 from gaitcal.dynamics.ground_reactions import FORCE_HZ, GroundReactions, compute_motion_reactions
@@ -64,7 +64,9 @@ def test_markers_choose_without_plates() -> None:
     ):
         found = prepared(trial)
         told = found.bandwidth
-        assert told.by is ChosenBy.MARKERS and told.joints_hz == max(told.motion_hz, JOINTS_HZ)
+        assert told.chosen_by is ChosenBy.MARKERS and told.joints_hz == max(
+            told.motion_hz, JOINTS_HZ
+        )
         assert cutoffs(found) == [told.motion_hz, told.joints_hz]
         assert told.findings == ()
         check_text(told.notes[0], f"{told.motion_hz:.1f}")
@@ -84,7 +86,7 @@ def test_plates_bring_motion_and_forces_together() -> None:
     plates = made_plates(gait_motion())
     found = prepared(walk(0.002, plates))
     told, markers = found.bandwidth, prepared(walk(0.002)).bandwidth
-    assert told.by is ChosenBy.PLATES and told.motion_hz != markers.motion_hz
+    assert told.chosen_by is ChosenBy.PLATES and told.motion_hz != markers.motion_hz
     assert markers.motion_hz / REACH <= told.motion_hz <= markers.motion_hz * REACH
     assert told.joints_hz == max(markers.motion_hz, told.motion_hz, JOINTS_HZ)
     assert cutoffs(found) == [told.motion_hz, told.joints_hz]
@@ -109,7 +111,7 @@ def test_plates_that_do_not_tell_have_no_say() -> None:
         trial = prepared(
             walk(0.002, [replace(plate, force=force(plate.force)) for plate in plates])
         )
-        assert trial.bandwidth.by is ChosenBy.MARKERS
+        assert trial.bandwidth.chosen_by is ChosenBy.MARKERS
         assert trial.bandwidth.motion_hz == prepared(walk(0.002)).bandwidth.motion_hz
 
 
@@ -121,15 +123,15 @@ def test_plates_that_would_go_far_have_no_say() -> None:
     shaken = trial.recording.markers.copy()
     shaken[:, :, 1] += 0.001 * np.sin(2 * np.pi * 10.0 * trial.recording.time)[:, None]
     told = prepared(replace(trial, recording=replace(trial.recording, markers=shaken))).bandwidth
-    assert told.by is ChosenBy.MARKERS and told.motion_hz > 10.0
+    assert told.chosen_by is ChosenBy.MARKERS and told.motion_hz > 10.0
 
 
 def test_given_by_the_settings() -> None:
     smoothed = prepared(walk(), bandwidth_hz=5.0)
-    assert smoothed.bandwidth.by is ChosenBy.GIVEN and cutoffs(smoothed) == [5.0] * 2
+    assert smoothed.bandwidth.chosen_by is ChosenBy.GIVEN and cutoffs(smoothed) == [5.0] * 2
     for settings, spans in (({"nodes": 25}, 20), ({"nodes_per_second": 15.0}, 16)):
         plain = prepared(walk(), **settings)
-        assert plain.bandwidth.by is ChosenBy.GIVEN and cutoffs(plain) == [None] * 2
+        assert plain.bandwidth.chosen_by is ChosenBy.GIVEN and cutoffs(plain) == [None] * 2
         assert plain.body.basis.nodes == spans + 5
         assert plain.bandwidth.motion_hz == pytest.approx(0.5 * spans / 1.035)
     with refuses(ValueError, "bandwidth_hz"):
@@ -163,8 +165,8 @@ def test_a_slow_plate_is_not_filtered(rate: float, hz: float, words: str) -> Non
 def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
     trial = prepared(walk(0.001))
     motion = track_motion(trial.body, MODEL.parameters)
-    assert force_cutoff(trial, motion, CalibrationSettings()) == FORCE_HZ == 50.0
-    matched = force_cutoff(trial, motion, CalibrationSettings(force_filter_hz="matched"))
+    assert choose_force_cutoff(trial, motion, CalibrationSettings()) == FORCE_HZ == 50.0
+    matched = choose_force_cutoff(trial, motion, CalibrationSettings(force_filter_hz="matched"))
     assert matched == pytest.approx(0.863 * trial.bandwidth.motion_hz, rel=1e-3)
 
     def first_valid(hz: float) -> float:
@@ -186,7 +188,7 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
         told, entry = done.trial(name).bandwidth, trials[name]
         assert isinstance(told, Bandwidth) and isinstance(entry, dict)
         assert entry["bandwidth_hz"] == pytest.approx(told.motion_hz, abs=1e-3)
-        assert entry["bandwidth_by"] == told.by.value
+        assert entry["bandwidth_by"] == told.chosen_by.value
         assert f"{name}: {told.notes[0]}" in done.notes
     turned = {"thigh_r": PossibleMove(np.array([0.0, 0.2, 0.0]), 0.0)}
     further = analyse(done.model, study.moving[0], study.settings, done.uncertainty, turned)

@@ -130,5 +130,5 @@ def test_a_child_whose_elbow_bends_outwards(data_dir: Path, tmp_path: Path) -> N
     """
     for name in ("static.c3d", "straight.c3d"):
         (tmp_path / name).symlink_to(data_dir.resolve() / "children" / "HC002D" / name)
-    nominal, fitted, _ = gc.calibrate(drafted(tmp_path)).trial("straight").rms_mm()
+    nominal, fitted, _ = gc.calibrate(drafted(tmp_path)).trial("straight").compute_rms_mm()
     assert fitted < 0.9 * nominal

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study
-from gaitcal.analysis.prepared_trials import measured_reactions, prepare_trial
+from gaitcal.analysis.prepared_trials import compute_trial_reactions, prepare_trial
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.measurement_errors import (
@@ -177,7 +177,7 @@ def test_what_a_missing_plate_bore_is_not_valid(
     recording = prepared.recording
 
     def reactions(of: Recording) -> GroundReactions:
-        return measured_reactions(
+        return compute_trial_reactions(
             replace(prepared, recording=of), model, model.parameters, motion, study.settings
         )
 

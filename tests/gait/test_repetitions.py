@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gaitcal.analysis.trial_result import _crouch_findings
+from gaitcal.analysis.trial_result import _check_crouches
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import FootEvents
 from gaitcal.gait.events import GaitEvents, alternate, crouches, repetitions
@@ -140,12 +140,12 @@ def test_a_repetition_that_is_too_shallow_to_count_is_told(second: float) -> Non
     )
     found = repetitions(time, height)
     body = SimpleNamespace(time=time, coordinates=("pelvis_ty",), q=height[:, None])
-    told = _crouch_findings("squat", body, GaitEvents(repeats=found))
+    told = _check_crouches("squat", body, GaitEvents(repeats=found))
     assert len(found) == 1
     assert [f.cause for f in told] == ["not all of the trial is repetitions"] * (second < STAND)
     assert all(f.found.startswith(f"{found[0].stop:.2f}-7.00 s") for f in told)
     cut = slice(150, 260)  # the lower part of the first squat
     late = SimpleNamespace(time=time[cut], coordinates=("pelvis_ty",), q=height[cut, None])
     assert not repetitions(late.time, late.q[:, 0])
-    assert len(_crouch_findings("squat", late, GaitEvents(), activity=True)) == 1
-    assert not _crouch_findings("knee", late, GaitEvents())
+    assert len(_check_crouches("squat", late, GaitEvents(), activity=True)) == 1
+    assert not _check_crouches("knee", late, GaitEvents())

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.analysis.prepared_trials import prepare_trial
-from gaitcal.analysis.trial_result import _foot_axes
+from gaitcal.analysis.trial_result import _estimate_foot_axes
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
@@ -204,7 +204,7 @@ def test_axes_of_the_foot_err_about_what_moves_progression() -> None:
     """
     flat, lines = np.tile(axis_to(0.0), (1, 2, 1)), np.zeros((1, 2))
     turned = {"foot_r": np.radians([[[0.0, 3.0, 0.0]]]), "foot_l": np.radians([[[3.0, 0.0, 0.0]]])}
-    feet = _foot_axes(flat, lines, (np.full((1, 2), np.radians(4.0) ** 2),) * 2, turned)
+    feet = _estimate_foot_axes(flat, lines, (np.full((1, 2), np.radians(4.0) ** 2),) * 2, turned)
     np.testing.assert_allclose(np.degrees(feet.error), [[5.0, 4.0]])
     np.testing.assert_allclose(np.degrees(feet.own), 4.0)
 

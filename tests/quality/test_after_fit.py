@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gaitcal.analysis.calibrate import impossible_functional_trials
+from gaitcal.analysis.calibrate import find_impossible_functional_trials
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
@@ -256,7 +256,7 @@ def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_b
     person = SimpleNamespace(subject=SimpleNamespace(weight=WEIGHT))
 
     def found(trials: list[SimpleNamespace], joint: object) -> dict[str, Finding]:
-        return impossible_functional_trials(
+        return find_impossible_functional_trials(
             SimpleNamespace(joint=joint, trials=trials, model=person)
         )  # type: ignore[arg-type]
 

@@ -178,7 +178,7 @@ def test_relative_angles_are_those_of_the_static_posture_less(whole: Calibration
 
 def test_nothing_of_a_refused_leg_counts_nor_of_pelvis_and_trunk(whole: Calibration) -> None:
     for legs in (("r",), ("r", "l")):
-        table = build_cycle_table(whole.model, [whole.trial("walk").refused(legs)])
+        table = build_cycle_table(whole.model, [whole.trial("walk").exclude_legs(legs)])
         counting = set(table.loc[table["valid"] == 1, "side"])
         assert counting == {"r", "l"} - set(legs)
         assert not table.loc[table["variable"].str.startswith(("pelvis", "lumbar")), "valid"].any()
@@ -242,7 +242,7 @@ def test_the_file_says_first_which_trials_are_refused_and_keeps_what_was_there(
 ) -> None:
     walk = whole.trial("walk")
     write_cycles(
-        tmp_path / "first.csv", whole.model, [walk.refused(("r",))], {"hip_flexion_r": 0.1}
+        tmp_path / "first.csv", whole.model, [walk.exclude_legs(("r",))], {"hip_flexion_r": 0.1}
     )
     rows, lines = read_csv(tmp_path / "first.csv")
     check_text(lines[0])
@@ -347,7 +347,7 @@ def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(
     whole: Calibration, tmp_path: Path
 ) -> None:
     model, walk = whole.model, replace(whole.trial("walk"), name="se")
-    write_stride_files(tmp_path, model, [walk.refused(("r",))])
+    write_stride_files(tmp_path, model, [walk.exclude_legs(("r",))])
     hashes = {name: str(compute_sha256(tmp_path / name)) for name in STRIDE_FILES}
     found = read_earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
     assert [len(found["cycles.csv"][1]), len(found["spatiotemporal.csv"][1])] == [1, 1]

@@ -77,7 +77,7 @@ def test_summary_and_report_have_the_means(whole: Calibration) -> None:
 def test_refused_legs_are_marked_and_are_in_no_mean(whole: Calibration) -> None:
     walk = whole.trial("walk")
     right = replace(
-        whole, trials=tuple(t.refused(("r",)) if t is walk else t for t in whole.trials)
+        whole, trials=tuple(t.exclude_legs(("r",)) if t is walk else t for t in whole.trials)
     )
     table = spatiotemporal(right)
     assert (
@@ -90,7 +90,7 @@ def test_refused_legs_are_marked_and_are_in_no_mean(whole: Calibration) -> None:
     means = summarise_calibration(right)["spatiotemporal"]
     assert isinstance(means, dict) and "stance" in means and "step_time" not in means
     assert all("r" not in entry for entry in means.values() if isinstance(entry, dict))
-    all_refused = replace(whole, trials=tuple(t.refused() for t in whole.trials))
+    all_refused = replace(whole, trials=tuple(t.exclude_legs() for t in whole.trials))
     assert "spatiotemporal" not in summarise_calibration(all_refused)
     (told,) = (
         trial["measures"]
@@ -121,7 +121,7 @@ def test_further_trials_join_those_that_are_there(whole: Calibration, tmp_path: 
     walk = whole.trial("walk")
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir(), second.mkdir()
-    write_stride_files(first, whole.model, [walk.refused(("r",))])
+    write_stride_files(first, whole.model, [walk.exclude_legs(("r",))])
     earlier = read_earlier_strides(first, hashes(first), ["walk"])
     write_stride_files(second, whole.model, [replace(walk, name="later")], None, earlier)
     for file in STRIDE_FILES:

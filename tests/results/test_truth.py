@@ -15,10 +15,10 @@ import pytest
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.result import Calibration
 from gaitcal.analysis.truth_comparison import (
-    settings_sentence,
-    sums,
-    two_marker_segments,
-    with_truth,
+    compare_with_truth,
+    describe_settings,
+    find_two_marker_segments,
+    summarise_errors,
 )
 from gaitcal.analysis.truth_errors import TruthErrors
 from gaitcal.dynamics.ground_reactions import get_leg
@@ -70,7 +70,7 @@ def errors(calibration: Calibration) -> TruthErrors:
 
 
 def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) -> None:
-    walk = errors(known).of("gait")
+    walk = errors(known).get_curves("gait")
     legs = {name: curve for name, curve in walk.coordinates.items() if get_leg(name)}
     assert set(legs) == {name for name in COORDINATES if get_leg(name)}
     for name, curve in legs.items():
@@ -93,12 +93,12 @@ def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -
     for feature in truth.features:
         assert feature.fitted < SAME_PLACE < 1.0 < feature.nominal, (feature.joint, feature.part)
         assert all(feature.within)
-    for name, curve in truth.of("gait").coordinates.items():
+    for name, curve in truth.get_curves("gait").coordinates.items():
         if get_leg(name):
             assert curve.rms < 0.06 < 0.2 < curve.nominal_rms, (
                 name
             )  # as the reference says of synthesize
-    for name, curve in truth.of("gait").forces.items():
+    for name, curve in truth.get_curves("gait").forces.items():
         if get_leg(name):
             assert curve.rms < SAME_TORQUE, name
             assert curve.share_within > 0.95, name
@@ -138,7 +138,7 @@ def test_summary_has_every_curve_and_fitted_parameter(known: Calibration) -> Non
     told = json.loads(format_json(summarise_calibration(known)))["truth"]
     truth = errors(known)
     assert set(told["parameters"]) == {p.name for p in truth.parameters if p.status == "fitted"}
-    hip = truth.of("gait").coordinates["hip_flexion_r"]
+    hip = truth.get_curves("gait").coordinates["hip_flexion_r"]
     assert told["trials"]["gait"]["coordinates"]["hip_flexion_r"] == {
         "rms_error": pytest.approx(hip.rms, abs=1e-6),
         "nominal_rms_error": pytest.approx(hip.nominal_rms, abs=1e-6),
@@ -149,8 +149,8 @@ def test_summary_has_every_curve_and_fitted_parameter(known: Calibration) -> Non
 def test_the_page_draws_and_tells_it(known: Calibration) -> None:
     page = page_words(known)
     assert "How near the truth" in page
-    for total in sums(known, errors(known)):
-        assert total.words in page
+    for total in summarise_errors(known, errors(known)):
+        assert total.label in page
     gait = next(
         trial for trial in build_calibration_page_data(known)["trials"] if trial["name"] == "gait"
     )
@@ -174,7 +174,9 @@ def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path
 def test_other_frames_are_not_compared(known: Calibration) -> None:
     """Settings that were changed after the study was read."""
     settings = known.study.settings.model_copy(update={"hip_centre": "bell"})
-    changed = with_truth(replace(known, study=replace(known.study, settings=settings), truth=None))
+    changed = compare_with_truth(
+        replace(known, study=replace(known.study, settings=settings), truth=None)
+    )
     assert changed.truth is None
     check_text(changed.notes[-1], "truth.hip_centre", "harrington", "bell")
 
@@ -198,7 +200,7 @@ def test_another_static_trial_is_not_compared(
     with refuses(Code.TRUTH, 5.0, field="truth.landmarks", source="study.toml"):
         Study.load(file)
     trials = tuple(replace(t, recording=other) if t is study.static else t for t in study.trials)
-    changed = with_truth(replace(known, study=replace(study, trials=trials), truth=None))
+    changed = compare_with_truth(replace(known, study=replace(study, trials=trials), truth=None))
     assert changed.truth is None
     check_text(changed.notes[-1], "truth.landmarks")
 
@@ -211,7 +213,7 @@ def test_true_curves_of_other_times(known: Calibration) -> None:
         motions = {"gait": changes.get("motion", truth.motions["gait"])}
         moments = {"gait": changes.get("moments", truth.moments["gait"])}
         own = replace(truth, motions=motions, moments=moments)
-        return with_truth(replace(known, study=replace(known.study, truth=own), truth=None))
+        return compare_with_truth(replace(known, study=replace(known.study, truth=own), truth=None))
 
     def later(curves: TrueCurves, seconds: float) -> TrueCurves:
         return replace(curves, time=curves.time + seconds)
@@ -225,19 +227,19 @@ def test_true_curves_of_other_times(known: Calibration) -> None:
     half = compared(
         motion=later(truth.motions["gait"], 0.5), moments=later(truth.moments["gait"], 10.0)
     )
-    assert not errors(half).of("gait").forces
+    assert not errors(half).get_curves("gait").forces
     page = page_words(half)
     assert re.search(r"RMS error over 3\d\d of 415 frames, those of the true curves", page)
     assert "RMS error over all 415 frames" in page_words(known)
     unknown = replace(truth, motions={}, moments=truth.moments | {"run": truth.moments["gait"]})
     del unknown.moments["gait"]
-    none = with_truth(replace(known, study=replace(known.study, truth=unknown), truth=None))
+    none = compare_with_truth(replace(known, study=replace(known.study, truth=unknown), truth=None))
     assert errors(none).not_compared == {"gait": "no true curves of it are known"}
 
 
 def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibration) -> None:
     truth = errors(known)
-    joints = {s.words: s for s in sums(known, truth) if s.words.startswith("joint")}
+    joints = {s.label: s for s in summarise_errors(known, truth) if s.label.startswith("joint")}
     assert len(joints) == 6
     sought = [p for p in truth.parameters if p.kind.startswith("joint") and p.status != "fixed"]
     assert sum(s.count for s in joints.values()) == len(sought)
@@ -252,7 +254,7 @@ def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibrat
     assert joints["joint positions, legs"].fitted == pytest.approx(
         np.sqrt(np.mean([p.error**2 for p in legs]))
     )
-    assert two_marker_segments(known) == (
+    assert find_two_marker_segments(known) == (
         "upper_arm_r",
         "forearm_hand_r",
         "upper_arm_l",
@@ -262,5 +264,5 @@ def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibrat
     assert "Two markers track upper arm r" in page
     assert (
         "but for what its study file says: force_filter_hz: none" in page
-        and "nodes" not in settings_sentence(known)
+        and "nodes" not in describe_settings(known)
     )

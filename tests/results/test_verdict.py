@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.analysis.result import Calibration, withdrawn
+from gaitcal.analysis.result import Calibration, remove_refused_results
 from gaitcal.cli.calibrate_command import calibrate_study as run_calibrate
 from gaitcal.cli.console import Console
 from gaitcal.errors import STUDY, Code, Finding, Severity
@@ -33,7 +33,9 @@ def with_finding(
         found="by 60 ms", cure="do",
     )  # fmt: skip
     walks = [t.name for t in whole.trials if t.joint is None]
-    return withdrawn(replace(whole, findings=(finding,), verdict=judge([finding], walks)))
+    return remove_refused_results(
+        replace(whole, findings=(finding,), verdict=judge([finding], walks))
+    )
 
 
 def test_what_is_refused_has_no_valid_torque_and_no_error_bar() -> None:

@@ -234,37 +234,37 @@ def _build_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Bl
             "This subject is synthetic, so that the true values are known: the study file declares "
             "them. Pictures, "
             "tables and curves call them truth; the calibration did not use them. "
-            f"{truth_comparison.settings_sentence(calibration)} "
-            f"{truth_comparison.truth_sentence(truth)}"
+            f"{truth_comparison.describe_settings(calibration)} "
+            f"{truth_comparison.describe_error_bars(truth)}"
         ),
         make_table(
             ["RMS error", "Over", "Nominal", "Calibrated", "Truth within ±1.96 SE"],
             [
                 [
-                    make_cell(row.words, unit=row.unit),
-                    row.over,
+                    make_cell(row.label, unit=row.unit),
+                    row.count_label,
                     format_number(row.nominal, 2),
-                    _format_fitted_error(row.fitted, row.farther, 2),
+                    _format_fitted_error(row.fitted, row.is_worse, 2),
                     MISSING if row.share is None else f"{format_number(100.0 * row.share, 0)} %",
                 ]
-                for row in truth_comparison.sums(calibration, truth)
+                for row in truth_comparison.summarise_errors(calibration, truth)
             ],
         ),
     ]
-    if turning_text := truth_comparison.turning_sentence(calibration):
+    if turning_text := truth_comparison.describe_two_marker_segments(calibration):
         out.append(make_text(turning_text, "soft"))
-    if not_compared := truth_comparison.not_compared_sentence(truth):
+    if not_compared := truth_comparison.describe_not_compared(truth):
         out.append(make_text(not_compared))
     if truth.features:
         features = []
         for f in truth.features:
             within = f"{sum(f.within)} of {len(f.within)}" if f.within else MISSING
-            features.append((f"{f.words}, {f.unit}", f.side, (f.nominal, f.fitted, within)))
+            features.append((f"{f.label}, {f.unit}", f.side, (f.nominal, f.fitted, within)))
         out.append(make_heading("Joint centres and axes of the legs", 4))
         out += [make_text(FEATURES, "soft"), _build_two_sided_table("Centre or axis", features)]
     trials = {
-        name: truth_comparison.curve_rows(calibration, truth, name)
-        for name in truth_comparison.compared_trials(calibration, truth)
+        name: truth_comparison.list_curve_rows(calibration, truth, name)
+        for name in truth_comparison.list_compared_trials(calibration, truth)
     }
     for kind, unit in (("angle", "deg"), ("moment", "N·m")):
         for name, rows in trials.items():

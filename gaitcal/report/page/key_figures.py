@@ -233,7 +233,9 @@ def _find_worst_fit(
 ) -> tuple[trial_result.RmsErrors, TrialResult] | None:
     """Find the trial with the largest marker error relative to its floor; walks first."""
     whole = [t for t in trials if t.joint is None] or list(trials)
-    fits = [(fit, t) for t in whole if (fit := trial_result.leg_fit(t)).calibrated is not None]
+    fits = [
+        (fit, t) for t in whole if (fit := trial_result.summarise_leg_fit(t)).calibrated is not None
+    ]
     return max(fits, key=lambda pair: _compute_ratio(pair[0]) or 0.0) if fits else None
 
 

@@ -113,7 +113,7 @@ def build_calibration_page_data(
             trial,
             verdict=calibration.verdict.trials.get(trial.name),
             relative_to=calibration.relative_to,
-            truth=None if truth is None else truth.of(trial.name),
+            truth=None if truth is None else truth.get_curves(trial.name),
         )
         for trial in calibration.trials
     ]

@@ -92,7 +92,7 @@ def build_fit_blocks(calibration: result.Calibration) -> list[Block]:
         rows.append(
             [
                 make_cell(format_name(trial.name), unit=role_words(trial.role, trial.joint)),
-                *_build_fit_cells(trial_result.trial_fit(trial)),
+                *_build_fit_cells(trial_result.summarise_trial_fit(trial)),
                 format_number(1e3 * largest[0] if largest else None),
                 make_cell(format_name(largest[1] if largest else ""), align="text"),
             ]
@@ -130,12 +130,19 @@ def _build_fit_cells(fit: trial_result.RmsErrors) -> list[Cell]:
 
 def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
     """Build the blocks of one trial: segments, markers, and the error over time."""
-    segments, whole_fit = trial_result.segment_fits(trial), trial_result.trial_fit(trial)
+    segments, whole_fit = (
+        trial_result.summarise_segment_fits(trial),
+        trial_result.summarise_trial_fit(trial),
+    )
     rows = [[make_cell(segment.label), *_build_fit_cells(segment)] for segment in segments]
     sums = [[make_cell("all markers"), *_build_fit_cells(whole_fit)]]
     if trial.joint is None:
         sums.insert(
-            0, [make_cell("pelvis and legs"), *_build_fit_cells(trial_result.leg_fit(trial))]
+            0,
+            [
+                make_cell("pelvis and legs"),
+                *_build_fit_cells(trial_result.summarise_leg_fit(trial)),
+            ],
         )
     calibrated, final = trial.calibrated.errors.rms(), trial.final.errors.rms()
     if calibrated is not None and final is not None and abs(final - calibrated) >= SHOWN_CHANGE_M:

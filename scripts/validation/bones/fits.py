@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.analysis.trial_bandwidth import bandwidth_of
+from gaitcal.analysis.trial_bandwidth import choose_bandwidth
 from gaitcal.arrays import Array
 from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import select_movable_parameters
@@ -231,7 +231,7 @@ def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem
         isolated=isolated,
     )
     trial = Trial(name=recording.name, role=Role.JOINT, joint=nominal.joint, recording=measured)
-    bandwidth = bandwidth_of(problem, trial, nominal.model, settings)
+    bandwidth = choose_bandwidth(problem, trial, nominal.model, settings)
     return (
         apply_bandwidth(problem, nominal.model.nominal, bandwidth.joints_hz)
         if bandwidth.penalised

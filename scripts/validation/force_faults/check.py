@@ -28,10 +28,10 @@ import numpy as np
 from gaitcal.analysis.fit_joints import fit_joints
 from gaitcal.analysis.prepared_trials import (
     MovingTrial,
-    forward_direction,
-    measured_reactions,
+    compute_trial_reactions,
+    estimate_forward_direction,
+    prepare_calibration,
     prepare_trial,
-    session_of,
 )
 from gaitcal.errors import InputError
 from gaitcal.io.axes import rotate_to_progression
@@ -85,7 +85,7 @@ class Person:
             motion = track_motion(prepared.body, self.parameters)
         else:
             turned = rotate_to_progression(
-                trial.recording, forward_direction(self.model, trial.recording)
+                trial.recording, estimate_forward_direction(self.model, trial.recording)
             )
             prepared = replace(before, recording=turned)
         return evidence_of(prepared, motion, self.model, self.parameters, self.settings)
@@ -98,13 +98,13 @@ def evidence_of(
     parameters: Parameters,
     settings: CalibrationSettings,
 ) -> ForceEvidence | None:
-    reactions = measured_reactions(prepared, model, parameters, motion, settings)
+    reactions = compute_trial_reactions(prepared, model, parameters, motion, settings)
     return force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
 
 
 def person(name: str, study: Study) -> Person:
     """Joint stage and clean evidence of a study."""
-    session = fit_joints(session_of(preprocess_study(study)))
+    session = fit_joints(prepare_calibration(preprocess_study(study)))
     model, parameters = session.model, session.parameters
     found = []
     for trial in (t for t in study.moving if t.role is Role.GAIT and t.recording.plates):

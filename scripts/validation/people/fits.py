@@ -8,7 +8,7 @@ import numpy as np
 
 from gaitcal import Study, SubjectModel
 from gaitcal.analysis.fit_joints import fit_joints
-from gaitcal.analysis.prepared_trials import session_of
+from gaitcal.analysis.prepared_trials import prepare_calibration
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.model.linkage import SIDES
@@ -84,7 +84,7 @@ def wide_hips(study: Study, deviation_mm: float) -> Study:
 
 
 def fitted(name: str, study: Study) -> Fit:
-    stage = fit_joints(session_of(preprocess_study(study)))
+    stage = fit_joints(prepare_calibration(preprocess_study(study)))
     if stage.joint is None:
         raise RuntimeError(f"{name}: no joint parameters were fitted")
     known = stage.joint.errors.standard_errors

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.analysis.prepared_trials import MovingTrial, session_of
+from gaitcal.analysis.prepared_trials import MovingTrial, prepare_calibration
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX
@@ -103,7 +103,7 @@ def knees_of(name: str, settings: Mapping[str, object]) -> Iterator[Knee]:
     of the shank.
     """
     study = changed(study_of_person(name), settings)
-    session = session_of(preprocess_study(study))
+    session = prepare_calibration(preprocess_study(study))
     nominal, walks = session.model, [trial for trial in session.trials if trial.role is Role.GAIT]
     fit: Fit | None = None
     for side in SIDES:

@@ -193,7 +193,7 @@ def test_a_further_trial_has_the_sections_of_its_kind(
 ) -> None:
     for trial, told in zip(whole.trials, sheet["trials"], strict=True):
         assert build_trial_sections(whole.model, trial) == told["sections"]
-    refused = build_trial_sections(whole.model, whole.trials[0].refused(["l"]))
+    refused = build_trial_sections(whole.model, whole.trials[0].exclude_legs(["l"]))
     assert "Refused: left" in words(refused["clinician"])
     none = build_calibration_page_data(fake_calibration(gait=False, isolated=False))["sections"]
     assert "nothing was fitted" in words(none["fit"]) and "clinician" not in none

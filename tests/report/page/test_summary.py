@@ -293,7 +293,7 @@ def with_truth(calibration: Calibration) -> Calibration:
         error_bar=2.0, status="fitted",
     )  # fmt: skip
     centre = FeatureTruth(
-        joint="hip_r", part="centre", words="Hip centre in the pelvis", unit="mm", nominal=5.0, fitted=2.0,
+        joint="hip_r", part="centre", label="Hip centre in the pelvis", unit="mm", nominal=5.0, fitted=2.0,
         within=(True, True, False),
     )  # fmt: skip
     curves = CurveTruths(np.arange(FRAMES) / 100.0, {curve.name: curve}, {curve.name: curve})
