@@ -14,11 +14,11 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
-    gait_motion,
-    isolated_motion,
-    residual_free_wrench,
-    static_motion,
-    synthetic_markers,
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    simulate_gait,
+    simulate_isolated_trial,
+    simulate_static_trial,
 )
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ def made_recording(
     """The published markers of a motion."""
     model = published_model(static_only=static)
     own = model.parameters if parameters is None else parameters
-    markers = synthetic_markers(own, model.markers, motion.q)
+    markers = compute_synthetic_markers(own, model.markers, motion.q)
     return Recording(
         source="made up", time=motion.basis.time, labels=model.markers.labels, markers=markers
     )
@@ -69,7 +69,7 @@ def made_plates(
 ) -> tuple[ForcePlate, ForcePlate]:
     """A plate under each foot that carries what the motion asks for."""
     own = published_model().parameters if parameters is None else parameters
-    wrench = residual_free_wrench(own, motion)
+    wrench = compute_residual_free_wrench(own, motion)
     time, origin = motion.basis.time, np.zeros(3)
     right, left = (
         build_plate_from_moment(name, time, wrench[:, k, :3], wrench[:, k, 3:], origin, UP, None)
@@ -81,13 +81,13 @@ def made_plates(
 def write_synthetic_study(folder: Path, joints: Sequence[str] = (), more: str = "") -> Path:
     """Files and study file in `folder`; `more` is put at the end of the study file."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_markers_csv(folder / "static.csv", made_recording(static_motion(), static=True))
-    walk = gait_motion()
+    write_markers_csv(folder / "static.csv", made_recording(simulate_static_trial(), static=True))
+    walk = simulate_gait()
     write_markers_csv(folder / "walk.csv", made_recording(walk))
     write_forces_csv(folder / "walk_forces.csv", made_plates(walk))
     text = STUDY
     for joint in joints:
-        write_markers_csv(folder / f"{joint}.csv", made_recording(isolated_motion(joint)))
+        write_markers_csv(folder / f"{joint}.csv", made_recording(simulate_isolated_trial(joint)))
         text += (
             f'\n[[trial]]\nname = "{joint}"\nrole = "joint"\njoint = "{joint}"\nfile = '
             f'"{joint}.csv"\n'

@@ -10,9 +10,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal.cli.application import COMMANDS, HELP, app, loaded
+from gaitcal.cli.application import COMMANDS, HELP, app, load_command
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
-from gaitcal.explanations import PARTS, Paragraph, all_explanations, explanation_of, parts_of
+from gaitcal.explanations import (
+    PARTS,
+    Paragraph,
+    load_all_explanations,
+    load_explanation,
+    split_parts,
+)
 from gaitcal.quality.verdict import judge
 from gaitcal.report.page.page_data import build_verdict_page_data, explain_code
 
@@ -56,13 +62,13 @@ def test_every_code_has_a_page_and_every_page_a_code() -> None:
     assert {path.stem for path in PAGES.iterdir() if path.suffix == ".md"} == {
         code.value for code in Code
     }
-    assert [told.code for told in all_explanations()] == list(Code)
+    assert [told.code for told in load_all_explanations()] == list(Code)
 
 
 @pytest.mark.parametrize("code", Code, ids=lambda code: code.value)
 def test_every_page_has_its_parts(code: Code) -> None:
-    told = explanation_of(code)
-    parts = parts_of(told.text)
+    told = load_explanation(code)
+    parts = split_parts(told.text)
     assert tuple(name for name, _ in parts) == PARTS
     assert all(pieces for _, pieces in parts)
     assert told.markdown == (PAGES / f"{code.value}.md").read_text(encoding="utf-8")
@@ -76,7 +82,7 @@ def test_every_page_has_its_parts(code: Code) -> None:
 
 def test_explain_lists_all_codes() -> None:
     text = CliRunner().invoke(app, ["explain"]).output
-    for told in all_explanations():
+    for told in load_all_explanations():
         assert f"  {told.code.value}  {told.title}\n" in text
 
 
@@ -114,7 +120,7 @@ def test_the_page_of_a_result_holds_the_page_of_each_reason() -> None:
     told = explain_code(Code.SPIKES)["page"]
     assert reason["page"] == told
     assert [block["text"] for block in told if block["kind"] == "heading"] == list(PARTS)
-    first = parts_of(explanation_of(Code.SPIKES).text)[0][1][0]
+    first = split_parts(load_explanation(Code.SPIKES).text)[0][1][0]
     assert isinstance(first, Paragraph) and told[1]["text"] == first.text
 
 
@@ -123,7 +129,9 @@ def test_every_command_has_an_example_that_parses() -> None:
     for name, (_, line) in COMMANDS.items():
         program, told, *arguments = shlex.split(line)
         assert (program, told) == ("gaitcal", name)
-        loaded(name).make_context(name, arguments)  # raises where an argument or option cannot be
+        load_command(name).make_context(
+            name, arguments
+        )  # raises where an argument or option cannot be
         assert f"Example: {line}" in " ".join(
             CliRunner().invoke(app, [name, "--help"]).output.split()
         )

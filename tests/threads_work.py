@@ -24,7 +24,7 @@ from gaitcal.montecarlo.draw import COLUMNS, MonteCarloContext, draw
 from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
 from gaitcal.reproduction.recovery import noisy_draw
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_gait
 from tests.synthetic_studies import made_recording
 
 PLAN = Plan(levels=(50,), draws=1)
@@ -34,10 +34,10 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
     """Names of entry points, and the bits of what they return. `A: B` and `A: C` must have the
     same.
     """
-    model, walk = gc.published_model(), gait_motion()
+    model, walk = gc.published_model(), simulate_gait()
     motion = gc.track(model, made_recording(walk))
     yield "track", motion.q.tobytes()
-    wrench = residual_free_wrench(model.parameters, walk)
+    wrench = compute_residual_free_wrench(model.parameters, walk)
     yield "inverse_dynamics", gc.inverse_dynamics(model, motion, wrench).tau.tobytes()
     yield "joint_kinetics", np.array(gc.joint_kinetics(model, motion, wrench).power).tobytes()
 

@@ -1,4 +1,4 @@
-"""The command line: options, words and nothing else. `main` is what `gaitcal` starts."""
+"""The command line: options and messages only. `main` is the entry point of `gaitcal`."""
 
 from gaitcal.cli.application import main
 

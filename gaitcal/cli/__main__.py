@@ -1,4 +1,4 @@
-"""`python -m gaitcal.cli` is `gaitcal`."""
+"""Run the command line: `python -m gaitcal.cli` is the same as `gaitcal`."""
 
 from gaitcal.cli.application import main
 

@@ -1,9 +1,10 @@
-"""The command line. Thin: every command is a call of the public API and a few lines of text,
-declared where it is carried out, with two options that all have and an example that ends its help.
+"""The command line: table of commands, help texts, exit codes.
 
-One that does not succeed ends with a line on standard error, and an exit code: 1 the input is at
-fault, 2 usage, 3 did not converge; 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP. Libraries
-are imported by the command that needs them, so that `gaitcal --help` is there at once.
+Each command is a function of a module of this package, which is imported when the command runs, so
+that `gaitcal --help` is quick. The function calls the public API and prints some lines.
+
+A command that fails prints one line on standard error. Exit codes: 1 invalid input, 2 wrong usage,
+3 a fit did not converge, 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP.
 """
 
 import atexit
@@ -24,7 +25,7 @@ from gaitcal.errors import Code, GaitcalError
 from gaitcal.io.atomic import InterruptedWork, Stopped, raise_on_signals
 
 COMMANDS: Final = {
-    "demo": ("synthesize_command:demonstrate", "gaitcal demo"),
+    "demo": ("synthesize_command:run_demonstration", "gaitcal demo"),
     "example": ("explain_command:fetch_or_list", "gaitcal example subject01 --out subject01"),
     "init": (
         "study_folder:draft_study_file",
@@ -60,44 +61,57 @@ COMMANDS: Final = {
     ),
     "explain": ("explain_command:explain_code", "gaitcal explain GC-020"),
 }
-"""Command -> `module:function` in this package that declares it and carries it out; a whole line
-that can be typed.
+"""Command -> `module:function` of this package, and an example that can be typed as it is."""
+HELP: Final = {
+    "demo": "Calibrate an embedded example, end to end. A synthetic subject is written as C3D "
+    "files, read back and calibrated.",
+    "example": "Fetch public recordings to try gaitcal with. Files are verified by checksum; the "
+    "licence is printed. No other command uses the internet.",
+    "init": "Draft the study file of a folder of recordings. It lists the marker set, static "
+    "trial, trial roles, forces and subject, each with its evidence.",
+    "check": "Check the recordings of a study; compute nothing. Prints each finding with its "
+    "remedy. Exit code 1 if there is an error.",
+    "calibrate": "Calibrate one person's model from recordings. Fits joint and inertial "
+    "parameters, and computes motions and joint torques with standard errors.",
+    "cohort": "Calibrate many people, one sub-folder each. Writes one table of all; continues "
+    "after an interruption.",
+    "dynamics": "Analyse further trials with a calibrated model. Writes angles, and torques with "
+    "standard errors.",
+    "convert": "Convert recordings to CSV tables and back. C3D, TRC and MOT to CSV; CSV to TRC.",
+    "synthesize": "Write a synthetic subject with known parameters. The folder has C3D files, "
+    "study.toml and the true values.",
+    "montecarlo": "Vary joints, masses and markers at random. Shows the effect on joint torques; "
+    "continues after an interruption.",
+    "reproduce": "Repeat the published study of 2007, table by table. Compares our numbers with "
+    "the printed ones, and tests its claims.",
+    "export": "Export a model, recordings or strides. The model for OpenSim, ROS and MuJoCo, or its "
+    "joints in your OpenSim model; recordings as C3D; strides as CSV.",
+    "figures": "Draw figures of a result for a paper. One file for each variable, in the width, "
+    "signs and units of your choice.",
+    "view": "Show the page of a result or of a comparison. In the browser of this machine, or "
+    "written to one self-contained file.",
+    "report": "Write a PDF report of one result or two. It has the verdict, spatiotemporal "
+    "parameters, curves and the limits of the result, on A4.",
+    "compare": "Compare two sessions of one person. Reports which differences exceed chance. Or "
+    "compares the model with an OpenSim model.",
+    "explain": "Explain the code of a finding or an error. Without a code, list all codes.",
+}
+"""Command -> help text: here, so that `gaitcal --help` imports no command.
+
+`gaitcal --help` prints the first sentence only: at most 62 characters.
 """
-HELP: Final[dict[str, str]] = dict(
-    line.split(": ", 1)
-    for line in """
-demo: The embedded example, end to end: a synthetic subject is written as C3D files, read back and calibrated.
-example: Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet.
-init: Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, and why.
-check: Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1.
-calibrate: The main job: joint and inertial parameters, motions and joint torques of one person.
-cohort: Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped.
-dynamics: Further trials through a calibrated model: angles, and torques with error bars.
-convert: Recordings to CSV tables and back: C3D, TRC and MOT to CSV, CSV to TRC.
-synthesize: A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth.
-montecarlo: What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped.
-reproduce: The published study, table by table: our figures beside the printed ones, and its claims put to the test.
-export: The fitted model for OpenSim, ROS, MuJoCo; its joints in your own OpenSim model; recordings as C3D; strides.
-figures: Figures of a result for a paper: gaitcal figures DIR --only knee_adduction --width 85mm --convention clinical
-view: Page of a result, or of the comparison of two: live on this machine only, or one self-contained file.
-report: A report on paper, of a result or two sessions: verdict, steps, sheets of curves, what not to trust; A4, PDF.
-compare: Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours.
-explain: What the code of a finding or of an error means, and what to do; without a code, a list of all.
-""".strip().splitlines()
-)
-"""Command -> what it is for: here, so that `gaitcal --help` loads none of them."""
 
 
 class _Commands(TyperGroup):
-    """Loads the command that is called, and no other."""
+    """Group that imports a command only when it is called."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command itself in the place of its line in the help."""
-        name, line, rest = super().resolve_command(ctx, args)
-        return name, line and loaded(str(name)), rest
+        """Replace the placeholder of the help list by the command with its options."""
+        name, placeholder, remaining = super().resolve_command(ctx, args)
+        return name, placeholder and load_command(str(name)), remaining
 
 
-OPTIONS_OF_HELP: Final = {"help_option_names": ["-h", "--help"]}
+HELP_OPTIONS: Final = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
     name="gaitcal",
     cls=_Commands,
@@ -105,15 +119,15 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings=OPTIONS_OF_HELP,
-    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint "
-    "torques, "
-    "and how far each can be trusted.",
+    context_settings=HELP_OPTIONS,
+    help="Fit a full-body linkage model to the motion capture of one person. Results are joint "
+    "axes, masses and joint torques, each with a standard error.",
 )
 
 
-def _tell_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    """Print the version and exit, if requested."""
+    if requested:
         from gaitcal.io.toml import get_package_version
 
         sys.stdout.write(f"gaitcal {get_package_version('gaitcal')}\n")
@@ -121,35 +135,38 @@ def _tell_version(asked: bool) -> None:
 
 
 _Version = Annotated[
-    bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Show the version.")
+    bool,
+    typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
 ]
 
 
 @app.callback()
-def _without_a_command(*, version: _Version = False) -> None:
-    """Options that need no command."""
+def _accept_global_options(*, version: _Version = False) -> None:
+    """Accept options without a command."""
 
 
-RARELY = (200_000, 20, 20)
-"""Allocations before a search for cycles of garbage: more than libraries make while they load,
-which are no garbage.
+GARBAGE_THRESHOLDS: Final = (200_000, 20, 20)
+"""Thresholds of `gc.set_threshold`: allocations, and collections of the two younger generations.
+
+Above the number of objects that libraries allocate on import, which are never garbage.
 """
 
 
-def set_up() -> None:
-    """Prepare the process, before any library is loaded."""
+def set_up_process() -> None:
+    """Set thread counts and garbage collection; call it before any library is imported."""
+    # Results depend on the number of BLAS threads (gaitcal/runtime.py), so the user's value is
+    # replaced.
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ[name] = (
-            "1"  # whatever the user set, as the numbers depend on it: see gaitcal/runtime.py
-        )
-    gc.set_threshold(*RARELY)
-    # as it ends, Python else looks twice through all that libraries made, a fifth of a second
+        os.environ[name] = "1"
+    gc.set_threshold(*GARBAGE_THRESHOLDS)
+    # Without this, Python collects all objects of the libraries twice on exit (0.2 s).
     atexit.register(gc.freeze)
 
 
-def _one_blas_thread() -> AbstractContextManager[None]:
-    """For a program that calls the command line and has NumPy loaded, so that `set_up` came too
-    late.
+def _limit_blas_threads() -> AbstractContextManager[None]:
+    """Limit BLAS to one thread if NumPy is already imported, so that `set_up_process` was too late.
+
+    This is the case if a Python program calls the command line.
     """
     if "numpy" not in sys.modules:
         return nullcontext()
@@ -158,73 +175,100 @@ def _one_blas_thread() -> AbstractContextManager[None]:
     return one_blas_thread()
 
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")
+    bool, typer.Option("--verbose", "-v", help="Print every step and every assumption.")
 ]
 
 
-def declared(name: str) -> Callable[..., None]:
-    """The function that carries a command out, as typer takes it: with its options and two that
-    every command has.
+def build_command_function(name: str) -> Callable[..., None]:
+    """Import a command and add the options that every command has.
+
+    Parameters
+    ----------
+    name
+        Command, a key of `COMMANDS`.
+
+    Returns
+    -------
+    callable
+        Function with the signature that typer reads: the options of the command, `--quiet` and
+        `--verbose`.
     """
-    module, _, function = COMMANDS[name][0].partition(":")
-    carried_out: Callable[..., None] = getattr(import_module(f"gaitcal.cli.{module}"), function)
+    module, _, function_name = COMMANDS[name][0].partition(":")
+    function: Callable[..., None] = getattr(import_module(f"gaitcal.cli.{module}"), function_name)
 
     def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
         from gaitcal.cli.console import Console
 
-        with _one_blas_thread():
-            carried_out(Console(quiet=quiet, verbose=verbose), **arguments)
+        with _limit_blas_threads():
+            function(Console(quiet=quiet, verbose=verbose), **arguments)
 
-    *everywhere, _ = signature(run).parameters.values()
-    _, *options = signature(carried_out, eval_str=True).parameters.values()
+    *common_options, _ = signature(run).parameters.values()
+    _, *options = signature(function, eval_str=True).parameters.values()
     options = [option.replace(kind=option.KEYWORD_ONLY) for option in options]
-    run.__signature__ = Signature([*options, *everywhere])  # type: ignore[attr-defined]  # typer reads it
+    run.__signature__ = Signature([*options, *common_options])  # type: ignore[attr-defined]  # typer reads it
     return run
 
 
-def loaded(name: str) -> TyperCommand:
-    """A command with all of its options."""
-    alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    register = alone.command(
-        name,
-        context_settings=OPTIONS_OF_HELP,
-        help=HELP[name],
-        epilog=f"Example: {COMMANDS[name][1]}",
+def load_command(name: str) -> TyperCommand:
+    """Build a command with its options, help text and example.
+
+    Parameters
+    ----------
+    name
+        Command, a key of `COMMANDS`.
+
+    Returns
+    -------
+    TyperCommand
+    """
+    single = typer.Typer(
+        add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
     )
-    register(declared(name))
-    command: TyperCommand = typer.main.get_command(alone)  # type: ignore[assignment]  # there is one alone
+    register = single.command(
+        name, context_settings=HELP_OPTIONS, help=HELP[name], epilog=f"Example: {COMMANDS[name][1]}"
+    )
+    register(build_command_function(name))
+    command: TyperCommand = typer.main.get_command(single)  # type: ignore[assignment]  # one command
     return command
 
 
 for _name, _help in HELP.items():
     app.command(_name, help=_help)(lambda: None)
-INTERRUPTED = 130  # Exit code after Ctrl-C, as shells have it
+INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C, as in shells."""
 
 
-def _in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
-    """Call `run`; end the program with a line and an exit code where it fails. `verbose`: show
-    where a bug is.
+def _run_and_report_errors(run: Callable[[], object], *, verbose: bool) -> None:
+    """Call `run`; if it fails, print one line and exit with the code of the failure.
+
+    Parameters
+    ----------
+    run
+        The command line.
+    verbose
+        Raise unexpected errors with their traceback.
     """
     try:
         with raise_on_signals():
             run()
     except GaitcalError as error:
-        _say_error(f"{error} [{error.code.value}]")
+        _print_error(f"{error} [{error.code.value}]")
         sys.exit(error.exit_code)
     except InterruptedWork as ending:
-        _say_error(str(ending))
+        _print_error(str(ending))
         sys.exit(ending.exit_code)
     except SystemExit as ending:
-        if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
-            _say_error("interrupted; nothing was written")
+        # Typer converts Ctrl-C to this exit code and prints nothing.
+        if ending.code == INTERRUPTED:
+            _print_error("interrupted; nothing was written")
         raise
     except KeyboardInterrupt:
-        _say_error("interrupted; nothing was written")
+        _print_error("interrupted; nothing was written")
         sys.exit(INTERRUPTED)
     except Stopped as ending:
-        _say_error(f"ended by {ending.name}; what was being written is as it was before")
+        _print_error(f"ended by {ending.name}; the output is as it was before this command")
         sys.exit(ending.exit_code)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -232,20 +276,21 @@ def _in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
     except Exception as error:
         if verbose:
             raise
-        said = f"internal error, please report it (-v shows where): {type(error).__name__}: {error}"
-        _say_error(f"{said} [{Code.INTERNAL.value}]")
+        message = f"{type(error).__name__}: {error} [{Code.INTERNAL.value}]"
+        _print_error(f"internal error, please report it (-v shows where): {message}")
         sys.exit(1)
 
 
-def _say_error(text: str) -> None:
+def _print_error(text: str) -> None:
+    """Print an error as one line, without control characters."""
     line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     sys.stderr.write(f"gaitcal: {line}\n")
 
 
 def main() -> None:
-    """Entry point: one clear line for every fault, and its exit code."""
-    set_up()
-    _in_a_line(
+    """Run the command line: entry point of `gaitcal`."""
+    set_up_process()
+    _run_and_report_errors(
         lambda: app(standalone_mode=True),
         verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]),
     )

@@ -1,7 +1,7 @@
-"""`gaitcal calibrate`, and `dynamics`: further recordings through the model of a result.
+"""Commands `calibrate` and `dynamics`, and the summary that they print.
 
-Options of a further trial are written on the command line as in a study file; each is read here
-into what that file would hold.
+`dynamics` takes the options of a trial on the command line; they are parsed here into the values
+that a study file would have.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from rich.text import Text
 from gaitcal.analysis import truth_comparison
 from gaitcal.analysis.result import Calibration, Loads, TrialResult
 from gaitcal.cli import options
-from gaitcal.cli.console import Console, frameless_table
-from gaitcal.cli.study_folder import options_of, study_or_draft
+from gaitcal.cli.console import Console, make_frameless_table
+from gaitcal.cli.study_folder import check_person_options, find_or_draft_study
 from gaitcal.errors import Code, ConvergenceError, InputError, Severity, UsageError
 from gaitcal.gait import events, normal_bands
 from gaitcal.intake import drafting
@@ -23,7 +23,7 @@ from gaitcal.intake.draft_file import STUDY
 from gaitcal.io.csv_recordings import find_event_tables
 from gaitcal.io.result_folder import ResultKind, check_output_folder
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.pipeline.further_trials import analyse_trials, trial_table
+from gaitcal.pipeline.further_trials import analyse_trials, make_trial_table
 from gaitcal.pipeline.run_study import (
     FaultyStudyError,
     RunSettings,
@@ -37,11 +37,8 @@ from gaitcal.results.saved_result import load_result
 from gaitcal.study.study_file import Side
 from gaitcal.study.study_trial import Role
 
-LABELS = {
-    Severity.ERROR: "error",
-    Severity.WARNING: "warning",
-    Severity.INFO: "note",
-}  # How a reason begins
+LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
+"""Severity -> first word of a reason."""
 
 
 def calibrate_study(
@@ -53,28 +50,39 @@ def calibrate_study(
     sex: options.Sex = None,
     age: options.Age = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Go on past errors that the checks find.")
+        bool, typer.Option("--force", help="Continue after errors that the checks find.")
     ] = False,
     hold_out: options.HoldOut = False,
     normal: options.Normal = None,
     priors: options.Priors = None,
 ) -> None:
-    """Check and calibrate a study, or what a folder of recordings drafts, and write the result
-    folder.
+    """Check and calibrate a study, or a folder of recordings, and write the result folder.
 
-    `force` goes on past errors that the checks find, and keeps every trial of a drafted study.
-    `normal`: file of normal bands, or the name of those that gaitcal brings. `priors`: file of a
-    cohort, on which joint parameters lean where the study file names none.
+    Parameters
+    ----------
+    force
+        Continue after errors that the checks find, and keep every trial of a drafted study.
+    normal
+        File of normal bands, or the name of built-in ones.
+    priors
+        Joint priors of a cohort, for a study file that names none.
+
+    Raises
+    ------
+    InputError
+        The study is invalid or has errors, or the verdict refuses the result or a leg in every
+        walk. In the last two cases the result is written.
+    ConvergenceError
+        A phase did not converge; the result is written.
     """
     normal = None if normal is None else normal_bands.bands_file(normal)
     if normal is not None:
-        normal_bands.read_normal_bands(
-            normal
-        )  # a wrong file ends the command before recordings are read
-    source = study_or_draft(study, options_of(mass, height, sex, age), console)
+        # An invalid file ends the command before recordings are read.
+        normal_bands.read_normal_bands(normal)
+    source = find_or_draft_study(study, check_person_options(mass, height, sex, age), console)
     require_one_prior(source, priors)
     settings = RunSettings(normal=normal, priors=priors, leave_out=hold_out, force=force)
-    with console.working() as step:
+    with console.show_progress() as step:
         try:
             run = run_found_study(source, out, settings, step)
         except FaultyStudyError as refused:
@@ -82,29 +90,33 @@ def calibrate_study(
     calibration = run.calibration
     print_calibration(console, calibration)
     for note in run.study.joint_prior.notes if run.study.joint_prior else ():
-        console.line(f"priors: {note}")
-    _tell_changed(console, run.study.find_changed_inputs())
-    tell_kept(console, run.kept)
+        console.print_line(f"priors: {note}")
+    _warn_of_changed_inputs(console, run.study.find_changed_inputs())
+    print_kept_folders(console, run.kept)
     if run.drafted:
-        console.line(
-            f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change "
-            "it)"
+        console.print_line(
+            f"study:  {out / STUDY} (drafted; review it, and calibrate again if you change it)"
         )
-    console.line(f"page:   {out / PAGE}")
+    console.print_line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
-        raise _refused("the result is refused (it was written, with no torque valid)", verdict)
+        raise _make_refusal_error(
+            "the result is refused (it was written, with no torque valid)", verdict
+        )
     if verdict.trials and all(map(verdict.refused_legs, verdict.trials)) and not force:
-        raise _refused("a leg is refused in every walk (the result was written)", verdict)
+        raise _make_refusal_error(
+            "a leg is refused in every walk (the result was written)", verdict
+        )
     if not calibration.converged:
-        late = next(phase for phase in calibration.phases if not phase.converged)
+        failed = next(phase for phase in calibration.phases if not phase.converged)
         raise ConvergenceError(
-            f"phase {late.name} did not converge: {late.message} (the results were written)"
+            f"phase {failed.name} did not converge: {failed.message} (the results were written)"
         )
 
 
-def _refused(words: str, verdict: Verdict) -> InputError:
-    return InputError(f"{words}: {verdict.reasons[0].cause}", code=verdict.reasons[0].code)
+def _make_refusal_error(message: str, verdict: Verdict) -> InputError:
+    """Make the error of a refused result from the worst reason of its verdict."""
+    return InputError(f"{message}: {verdict.reasons[0].cause}", code=verdict.reasons[0].code)
 
 
 def analyse_further(
@@ -121,13 +133,29 @@ def analyse_further(
     role: options.TrialRole = Role.GAIT.value,
     out: options.DynamicsOut = None,
 ) -> None:
-    """Check further trials and take them through the model of a result folder."""
-    _only_for_one({"--forces": forces, "--plates": plates, "--time": time}, len(trials))
+    """Analyse further trials with the model of a result, and write their folder.
+
+    Parameters
+    ----------
+    forces, plates, time
+        Options of a single trial.
+    role
+        `gait` or `motion`.
+
+    Raises
+    ------
+    InputError
+        A recording is invalid or has errors, or the verdict refuses a trial or a leg. In the last
+        two cases the trials are written.
+    ConvergenceError
+        Tracking did not converge; the trials are written.
+    """
+    _require_single_trial({"--forces": forces, "--plates": plates, "--time": time}, len(trials))
     if role not in (Role.GAIT.value, Role.MOTION.value):
         raise UsageError(f"found '{role}'; allowed: gait or motion", field="--role")
     names = [path.stem for path in trials]
     if len(set(names)) != len(names):
-        message = "found two trials with one name; a trial's name is its file's, without the ending"
+        message = "found two trials of the same name (file names without endings)"
         raise InputError(message, code=Code.PART_OF_TRIAL)
     folder = out or result / "dynamics"
     tables = dict.fromkeys(table for path in trials for table in find_event_tables(path))
@@ -136,52 +164,55 @@ def analyse_further(
     saved = load_result(result)
     given = {
         "role": role,
-        "plates": _plates_of(plates),
-        "time": _time_of(time),
-        "filter_hz": _filter_of(filter_hz),
+        "plates": _parse_plates(plates),
+        "time": _parse_time(time),
+        "filter_hz": _parse_filter(filter_hz),
     }
-    with console.working() as step:
-        run = analyse_trials(saved, [trial_table(path, forces, **given) for path in trials], step)
+    with console.show_progress() as step:
+        run = analyse_trials(
+            saved, [make_trial_table(path, forces, **given) for path in trials], step
+        )
         stale = write_trials(run.trials, saved, folder, inputs, run.verdict)
-    verdict, late = run.verdict, run.not_converged
+    verdict, not_converged = run.verdict, run.not_converged
     _print_trials(console, run.trials)
     _print_verdict(console, verdict)
     _print_remarks(
-        console, [*stale, *_no_walks(run.trials)], [n for t in run.trials for n in t.notes]
+        console, [*stale, *_find_non_walks(run.trials)], [n for t in run.trials for n in t.notes]
     )
-    console.line(f"results: {folder}")
-    console.line(f"page:    {folder / PAGE}")
-    if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
-        raise _refused("a leg is refused (written, with none of its torques valid)", verdict)
-    if verdict.refused and not late:
-        raise _refused("refused (written, with no torque valid)", verdict)
-    if late:
+    console.print_line(f"results: {folder}")
+    console.print_line(f"page:    {folder / PAGE}")
+    if not not_converged and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
+        raise _make_refusal_error(
+            "a leg is refused (written, with none of its torques valid)", verdict
+        )
+    if verdict.refused and not not_converged:
+        raise _make_refusal_error("refused (written, with no torque valid)", verdict)
+    if not_converged:
         raise ConvergenceError(
-            f"tracking of {', '.join(late)} did not converge (the results were written)"
+            f"tracking of {', '.join(not_converged)} did not converge (the results were written)"
         )
 
 
-def _no_walks(trials: Sequence[TrialResult]) -> list[str]:
-    """What a trial that was taken as a walk looks like, where its feet do not strike in turn."""
+def _find_non_walks(trials: Sequence[TrialResult]) -> list[str]:
+    """Describe trials with the role `gait` whose movement looks like another activity."""
     repeats = {
         t.name: events.activity_events(t.body, t.events).repeats
         for t in trials
         if t.role is Role.GAIT
     }
     return [
-        f"{name}: taken as a walk, but its feet do not strike in turn and the pelvis goes down and "
-        "up: "
-        "if it is a squat, a rise or a jump, run again with --role motion"
+        f"{name}: has the role gait, but its feet do not strike in turn and the pelvis moves down "
+        "and up; if it is a squat, a rise or a jump, run again with --role motion"
         for name, found in repeats.items()
         if found
     ]
 
 
-def _plates_of(text: str | None) -> dict[str, Side]:
-    """`1=r,2=l` -> plate and foot."""
+def _parse_plates(text: str | None) -> dict[str, Side]:
+    """Parse `1=r,2=l` to plate -> foot."""
     out: dict[str, Side] = {}
     for part in [] if text is None else text.split(","):
-        name, equals, side = (word.strip() for word in part.rpartition("="))
+        name, equals, side = (piece.strip() for piece in part.rpartition("="))
         if not name or not equals or side not in get_args(Side) or name in out:
             allowed = "plate=foot, each plate once, the foot r, l or none, such as 1=r,2=l"
             raise UsageError(f"found '{part.strip()}'; allowed: {allowed}", field="--plates")
@@ -189,11 +220,11 @@ def _plates_of(text: str | None) -> dict[str, Side]:
     return out
 
 
-def _time_of(text: str | None) -> tuple[float, float] | None:
-    """`0.4,1.6` -> start and end in s."""
+def _parse_time(text: str | None) -> tuple[float, float] | None:
+    """Parse `0.4,1.6` to start and end (s)."""
     if text is None:
         return None
-    numbers = [_number(part) for part in text.split(",")]
+    numbers = [_parse_number(part) for part in text.split(",")]
     if (
         len(numbers) == 2
         and numbers[0] is not None
@@ -206,87 +237,86 @@ def _time_of(text: str | None) -> tuple[float, float] | None:
     )
 
 
-def _filter_of(text: str | None) -> float | Literal["none"] | None:
-    """`6` or `none` -> cut-off in Hz; None: as in the calibration."""
+def _parse_filter(text: str | None) -> float | Literal["none"] | None:
+    """Parse `6` or `none` to a cut-off (Hz); None: that of the calibration."""
     if text is None or text == "none":
         return cast(Literal["none"] | None, text)
-    number = _number(text)
+    number = _parse_number(text)
     if number is None or number <= 0:
         raise UsageError(f"found '{text}'; allowed: a number above 0, or none", field="--filter-hz")
     return number
 
 
-def _only_for_one(options: Mapping[str, object], trials: int) -> None:
-    """Refuse options that say something of one recording where there are several."""
+def _require_single_trial(options: Mapping[str, object], trials: int) -> None:
+    """Raise UsageError if an option of a single trial is given for several trials."""
     for name, value in options.items():
         if value is not None and trials != 1:
-            raise UsageError(f"found {trials} trials; allowed: one, of which it speaks", field=name)
+            raise UsageError(f"found {trials} trials; allowed: with one trial", field=name)
 
 
-def _number(text: str) -> float | None:
+def _parse_number(text: str) -> float | None:
+    """Parse a finite number; None if the text is none."""
     try:
         value = float(text)
     except ValueError:
         return None
-    return value if abs(value) < 1e9 else None  # neither infinite nor NaN
-
-
-# ------------------------------------------------------------------------------------------------ what is printed
+    # The comparison is also false for NaN.
+    return value if abs(value) < 1e9 else None
 
 
 def print_calibration(console: Console, calibration: Calibration) -> None:
-    """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
+    """Print the summary of a calibration: fit of every trial, pelvis residuals, verdict."""
     _print_trials(console, calibration.trials)
-    for total in (
-        truth_comparison.summarise_errors(calibration, calibration.truth)
-        if calibration.truth
-        else ()
-    ):
-        console.line(total.sentence)
+    if calibration.truth:
+        for total in truth_comparison.summarise_errors(calibration, calibration.truth):
+            console.print_line(total.sentence)
     _print_verdict(console, calibration.verdict)
     for note in drafting.faulty_notes(calibration.left_out):
-        console.line(note)
+        console.print_line(note)
     _print_remarks(console, (), calibration.notes)
 
 
 def _print_verdict(console: Console, verdict: Verdict) -> None:
-    """How far the result can be believed, and why."""
-    console.line(f"verdict: {verdict.judgement.value}. {verdict.sentence}")
+    """Print the verdict and its reasons."""
+    console.print_line(f"verdict: {verdict.judgement.value}. {verdict.sentence}")
     for reason in verdict.reasons:
-        console.line(f"{LABELS[reason.severity]}: {reason.line} [{reason.code.value}]")
+        console.print_line(f"{LABELS[reason.severity]}: {reason.line} [{reason.code.value}]")
     if verdict.reasons:
-        console.line(
-            f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}"
+        console.print_line(
+            f"meaning and remedy of a code: gaitcal explain {verdict.reasons[0].code.value}"
         )
 
 
-def tell_kept(console: Console, kept: Sequence[str]) -> None:
-    """Which folders of an earlier result are still there."""
+def print_kept_folders(console: Console, kept: Sequence[str]) -> None:
+    """Print the folders of an earlier result that were kept."""
     if kept:
-        console.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")
+        console.print_line(f"kept from the earlier result, with its model: {', '.join(kept)}")
 
 
-def _tell_changed(console: Console, inputs: Sequence[str]) -> None:
-    """Which inputs are no longer those that were read: the result is of what they held before."""
+def _warn_of_changed_inputs(console: Console, inputs: Sequence[str]) -> None:
+    """Print a warning on input files that changed after they were read."""
     if inputs:
-        console.line(
-            "warning: changed while this ran, the result is of what was read: "
-            f"{', '.join(inputs)}; run again"
+        console.print_line(
+            f"warning: {', '.join(inputs)} changed during the run, and the result has the earlier "
+            "content; run again"
         )
 
 
 def _print_remarks(console: Console, warnings: Sequence[str], notes: Sequence[str]) -> None:
-    """Warnings, and with -v what was assumed."""
+    """Print warnings and, with `-v`, assumptions."""
     for warning in warnings:
-        console.line(f"warning: {warning}")
+        console.print_line(f"warning: {warning}")
     if console.verbose:
         for note in notes:
-            console.line(f"note: {note}")
+            console.print_line(f"note: {note}")
 
 
 def _print_trials(console: Console, trials: Sequence[TrialResult]) -> None:
-    """Fit of every trial beside its floors, its ratio to that of the joints, and pelvis residuals."""
-    table = frameless_table(())
+    """Print marker distances of every trial with their floors, held-out errors and residuals.
+
+    The ratio is that of the calibrated distance to the joint floor.
+    """
+    table = make_frameless_table(())
     table.add_column("trial", no_wrap=True)
     for name in (
         "frames",
@@ -297,35 +327,38 @@ def _print_trials(console: Console, trials: Sequence[TrialResult]) -> None:
         "joint floor mm",
         "ratio",
     ):
-        table.add_column(
-            name, justify="right", min_width=max(map(len, name.split()))
-        )  # no word of it is cut
+        # Headings wrap between words only.
+        table.add_column(name, justify="right", min_width=max(map(len, name.split())))
     for trial in trials:
         rows = (
             {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
         )
         for name, segments in rows.items():
-            table.add_row(Text(name), str(len(trial.calibrated.time)), *_fit(trial, segments))
+            table.add_row(
+                Text(name), str(len(trial.calibrated.time)), *_format_fit(trial, segments)
+            )
     console.out.print(table)
     for trial in trials:
-        if held := trial.held_out:
+        held = trial.held_out
+        if held:
             parts = {"": (held.nominal, held.calibrated)} | (
                 {", pelvis and legs": held.legs} if held.legs else {}
             )
             for part, (nominal, calibrated) in parts.items():
-                console.line(
+                console.print_line(
                     f"{trial.name}{part}: on time blocks left out of the fit ({held.folds} folds), "
                     "nominal "
                     f"{1e3 * nominal:.2f} mm, calibrated {1e3 * calibrated:.2f} mm"
                 )
     for trial in trials:
         if trial.loads is not None:
-            console.line(_valid(trial.name, trial.loads))
+            console.print_line(_format_valid_frames(trial.name, trial.loads))
             if trial.loads.reactions.valid.any():
-                console.line(_residuals(trial.name, trial.loads))
+                console.print_line(_format_residuals(trial.name, trial.loads))
 
 
-def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
+def _format_fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
+    """Format the cells of a row: markers, distances (mm) and ratio of these segments."""
     _, calibrated, _ = values = trial.compute_rms_mm(*segments)
     floor = trial.compute_joint_floor_mm(*segments)
     shown = ["-" if v is None else f"{v:.2f}" for v in (*values, floor)]
@@ -333,18 +366,20 @@ def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
     return [str(int(trial.calibrated.errors.select_observed(*segments).sum())), *shown, ratio]
 
 
-def _valid(name: str, loads: Loads) -> str:
+def _format_valid_frames(name: str, loads: Loads) -> str:
+    """Format the numbers of frames with valid torques."""
     reactions = loads.reactions
     right, left, both = (
         int(v.sum()) for v in (reactions.valid_r, reactions.valid_l, reactions.valid)
     )
     return (
-        f"{name}: torques are valid in {right} frames of the right leg, {left} of the left, {both} "
-        "of the whole body"
+        f"{name}: frames with valid torques: {right} of the right leg, {left} of the left leg, "
+        f"{both} of the whole body"
     )
 
 
-def _residuals(name: str, loads: Loads) -> str:
+def _format_residuals(name: str, loads: Loads) -> str:
+    """Format the pelvis residual (N, N·m) of each stage."""
     parts = []
     for stage, moments in loads.moments.items():
         force, torque = moments.residual_rms(loads.reactions.valid)

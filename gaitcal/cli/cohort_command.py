@@ -1,4 +1,4 @@
-"""`gaitcal cohort`."""
+"""Command `cohort`: calibrate many people and print a line for each."""
 
 import sys
 from collections import Counter
@@ -22,8 +22,10 @@ from gaitcal.runtime import Progress
 from gaitcal.study.cohort_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 
-ORDER = ("refused", "doubtful", "trustworthy")  # Verdicts, those first that somebody should look at
-MOST_TOLD = 20  # Failures that are printed at the end; all of them are in the table
+VERDICT_ORDER = ("refused", "doubtful", "trustworthy")
+"""Order of verdicts in the summary: those that need attention first."""
+MAX_PRINTED_FAILURES = 20
+"""Number of failures printed at the end; the table has all of them."""
 
 
 def run_people(
@@ -41,56 +43,65 @@ def run_people(
     priors: options.Priors = None,
     learn_priors: options.LearnPriors = False,
 ) -> None:
-    """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where
-    somebody failed.
+    """Calibrate the people whose inputs changed, write the tables, and print a line for each.
+
+    Exits with code 1 if a person failed.
+
+    Raises
+    ------
+    UsageError
+        Options exclude each other.
+    InputError
+        The list of people, the normal bands or the priors are invalid.
+    InterruptedWork
+        The run was interrupted; finished people are kept.
     """
     told, engine = (
-        study_folder.options_of(mass, height, sex, age),
+        study_folder.check_person_options(mass, height, sex, age),
         workers_of(jobs, cluster, run_cohort.processes),
     )
     normal = None if normal is None else bands_file(normal).resolve()
     if normal is not None:
-        read_normal_bands(normal)  # what is wrong with it is told before the night
+        # An invalid file ends the command before the first person is calibrated.
+        read_normal_bands(normal)
     if priors is not None:
-        _require_none_to_learn("--priors", learn_priors=learn_priors)
+        _refuse_with_learn_priors("--priors", learn_priors=learn_priors)
         read_cohort_priors(priors)
     cohort, calibration = read_cohort(source, out)
-    priors, calibration = _priors(priors, calibration, learn_priors=learn_priors)
+    priors, calibration = _choose_priors(priors, calibration, learn_priors=learn_priors)
     cohort = replace(
         cohort, people=tuple(replace(p, told=joined(told, p.told)) for p in cohort.people)
     )
     for name in cohort.ignored:
-        console.line(f"not used: {name}: holds no recordings")
+        console.print_line(f"not used: {name}: contains no recordings")
     for note in cohort.notes:
-        console.line(note)
-    if (
-        learn_priors
-        and (people := len({person.name for person in cohort.people})) < learning.FEWEST
-    ):
-        console.line(
-            f"no priors will be learnt: {people} people, of {learning.FEWEST} or more they can be"
+        console.print_line(note)
+    people = len({person.name for person in cohort.people})
+    if learn_priors and people < learning.FEWEST:
+        console.print_line(
+            f"no priors will be learnt: found {people} people; at least {learning.FEWEST} are needed"
         )
     common = one_person.CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
-        with console.working() as step:
+        with console.show_progress() as step:
             written = run_cohort.run_cohort(
                 cohort,
                 out,
                 common,
                 engine=engine,
                 retry=retry,
-                told=_teller(console, step, len(cohort.people)),
+                told=_make_progress_printer(console, step, len(cohort.people)),
             )
     except (KeyboardInterrupt, Stopped) as ending:
-        work = "whoever had ended is kept, the same command goes on with the others"
+        work = "finished people are kept; the same command continues with the others"
         raise InterruptedWork(ending, work) from None
-    _tell_end(console, written, out)
+    _print_summary(console, written, out)
     if learn_priors:
-        with console.working() as step:
+        with console.show_progress() as step:
             lines = learn(cohort, out, step)
         for line in lines:
-            console.line(line)
-        console.line(
+            console.print_line(line)
+        console.print_line(
             f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort "
             "--priors')"
         )
@@ -98,78 +109,105 @@ def run_people(
         sys.exit(1)
 
 
-def _require_none_to_learn(named: str, *, learn_priors: bool) -> None:
+def _refuse_with_learn_priors(source: str, *, learn_priors: bool) -> None:
+    """Raise UsageError if priors are to be learnt although `source` gives some."""
     if learn_priors:
         raise UsageError(
-            f"not with {named}: priors are learnt of people who lean on none",
+            f"not with {source}: people from whom priors are learnt must have the default priors",
             field="--learn-priors",
         )
 
 
-def _priors(
-    said: Path | None, settings: CalibrationSettings, *, learn_priors: bool
+def _choose_priors(
+    given: Path | None, settings: CalibrationSettings, *, learn_priors: bool
 ) -> tuple[Path | None, CalibrationSettings]:
-    """The file of priors for everyone, by the option or the settings of a `cohort.toml`, and the
-    other settings.
+    """Choose the file of priors: that of the option `--priors` or that of `cohort.toml`.
 
-    Raises UsageError: Both name one, or some are to be learnt.
-    Raises InputError: What the settings name is no such file.
+    Parameters
+    ----------
+    given
+        File of the option.
+    settings
+        `[calibration]` of `cohort.toml`.
+    learn_priors
+        Whether priors are to be learnt from the cohort.
+
+    Returns
+    -------
+    Path or None
+        File of priors.
+    CalibrationSettings
+        The settings without their priors.
+
+    Raises
+    ------
+    UsageError
+        Both give a file, or priors are to be learnt.
+    InputError
+        The file of the settings is invalid.
     """
     if settings.priors is None:
-        return said and said.resolve(), settings
-    if said is not None:
+        return given and given.resolve(), settings
+    if given is not None:
         raise UsageError(
-            f"not beside the priors that {COHORT} names ([calibration] priors)", field="--priors"
+            f"not together with the priors of {COHORT} ([calibration] priors)", field="--priors"
         )
-    _require_none_to_learn(f"[calibration] priors of {COHORT}", learn_priors=learn_priors)
+    _refuse_with_learn_priors(f"[calibration] priors of {COHORT}", learn_priors=learn_priors)
     read_cohort_priors(settings.priors)
     others = settings.model_dump(exclude_unset=True, exclude={"priors"})
     return settings.priors.resolve(), CalibrationSettings.model_validate(others)
 
 
-def _teller(
+def _make_progress_printer(
     console: Console, step: Progress, people: int
 ) -> Callable[[Outcome, int, float | None], None]:
+    """Make the function that prints the outcome of each person, and the progress on a terminal."""
     step(f"0 of {people} people")
 
-    def tell(outcome: Outcome, done: int, remaining_s: float | None) -> None:
-        left = "" if remaining_s is None or done == people else f", {duration(remaining_s)} left"
-        far = f"{done} of {people}{left}"
-        who = " ".join(filter(None, outcome.key))
+    def print_outcome(outcome: Outcome, done: int, remaining_s: float | None) -> None:
+        remaining = ""
+        if remaining_s is not None and done != people:
+            remaining = f", {format_duration(remaining_s)} left"
+        progress = f"{done} of {people}{remaining}"
+        name = " ".join(filter(None, outcome.key))
         if outcome.computed:
             cause = f": {outcome.first_cause}" if outcome.first_cause else ""
-            console.line(f"{who}: {outcome.verdict}{cause} ({outcome.seconds:.1f} s; {far})")
+            console.print_line(
+                f"{name}: {outcome.verdict}{cause} ({outcome.seconds:.1f} s; {progress})"
+            )
         elif console.verbose:
-            console.line(f"{who}: {outcome.verdict}, unchanged ({far})")
-        step(far)
+            console.print_line(f"{name}: {outcome.verdict}, unchanged ({progress})")
+        step(progress)
 
-    return tell
+    return print_outcome
 
 
-def duration(seconds: float) -> str:
-    """`40 s`, `3 min`, `2 h 05 min`."""
+def format_duration(seconds: float) -> str:
+    """Format a time as `40 s`, `3 min` or `2 h 05 min`."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def _tell_end(console: Console, written: Counter[str], out: Path) -> None:
-    counts = ", ".join(f"{written[name]} {name}" for name in ORDER if written[name])
+def _print_summary(console: Console, written: Counter[str], out: Path) -> None:
+    """Print the numbers of verdicts, the failures, and the files that were written."""
+    counts = ", ".join(f"{written[name]} {name}" for name in VERDICT_ORDER if written[name])
     failed = written["failed"]
-    console.line(f"{written.total()} people and sessions: {counts or 'no result'}; {failed} failed")
+    console.print_line(
+        f"{written.total()} people and sessions: {counts or 'no result'}; {failed} failed"
+    )
     for number, line in enumerate(run_cohort.failures(out)):
-        if number == MOST_TOLD:
-            console.line(f"and {failed - MOST_TOLD} more")
+        if number == MAX_PRINTED_FAILURES:
+            console.print_line(f"and {failed - MAX_PRINTED_FAILURES} more")
             break
-        who = " ".join(filter(None, (line["person"], line["session"])))
-        console.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
+        name = " ".join(filter(None, (line["person"], line["session"])))
+        console.print_line(f"failed: {name}: {line['cause']}; {line['what_to_do']}")
     if failed:
-        console.line(
-            f"failures: {out / run_cohort.FAILURES} (--retry tries them again where nothing "
-            "changed)"
+        console.print_line(
+            f"failures: {out / run_cohort.FAILURES} (--retry runs them again even if nothing changed)"
         )
-    console.line(f"page: {out / PAGE}")
-    console.line(
-        f"tables: {out / run_cohort.PEOPLE_CSV} and beside it; columns.csv says what they mean"
+    console.print_line(f"page: {out / PAGE}")
+    console.print_line(
+        f"tables: {out / run_cohort.PEOPLE_CSV} and others; columns.csv describes the columns"
     )

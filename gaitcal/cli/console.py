@@ -1,5 +1,6 @@
-"""What a command prints: steps while it works, a table at the end. Nothing on standard output but
-results.
+"""Output of commands: progress while they run, lines and tables at the end.
+
+Results are printed to standard output, progress and errors to standard error.
 """
 
 import logging
@@ -15,24 +16,37 @@ from gaitcal.runtime import Progress, silent
 
 
 class Console:
-    """Prints as much as the user asked for: quiet, normal or verbose."""
+    """Output in the amount that the user requested: quiet, normal or verbose.
+
+    Parameters
+    ----------
+    quiet
+        Print errors only.
+    verbose
+        Print every step and every assumption.
+    """
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         self.quiet, self.verbose = quiet, verbose
-        logging.getLogger("gaitcal").setLevel(
-            logging.ERROR if quiet else logging.WARNING
-        )  # waiting for a lock
+        # The package logs that it waits for a lock.
+        logging.getLogger("gaitcal").setLevel(logging.ERROR if quiet else logging.WARNING)
         self.out = rich.console.Console(quiet=quiet, highlight=False, soft_wrap=True)
         self.err = rich.console.Console(stderr=True, quiet=quiet, highlight=False)
 
-    def line(self, text: str = "") -> None:
-        """A line of the result."""
+    def print_line(self, text: str = "") -> None:
+        """Print a line of the result to standard output."""
         self.out.print(Text(text))
 
     @contextmanager
-    def working(self) -> Iterator[Progress]:
-        """While working: a spinner with the present step on a terminal, plain lines with -v, else
-        nothing.
+    def show_progress(self) -> Iterator[Progress]:
+        """Show the current step on standard error.
+
+        A spinner on a terminal, else one line a step with `-v`, else nothing.
+
+        Yields
+        ------
+        Progress
+            Call it with the text of each step.
         """
         if self.err.is_terminal and not self.quiet:
             with self.err.status("starting") as status:
@@ -43,13 +57,23 @@ class Console:
             yield silent
 
 
-def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
-    """An empty table without a frame: columns of words to the left, then columns of numbers to the
-    right.
+def make_frameless_table(text_columns: Iterable[str], number_columns: Iterable[str] = ()) -> Table:
+    """Make an empty table without a frame.
+
+    Parameters
+    ----------
+    text_columns
+        Headings of the first columns, aligned to the left.
+    number_columns
+        Headings of the columns after them, aligned to the right.
+
+    Returns
+    -------
+    Table
     """
     table = Table(show_edge=False, pad_edge=False)
-    for head in words:
-        table.add_column(head)
-    for head in numbers:
-        table.add_column(head, justify="right")
+    for heading in text_columns:
+        table.add_column(heading)
+    for heading in number_columns:
+        table.add_column(heading, justify="right")
     return table

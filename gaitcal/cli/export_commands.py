@@ -1,5 +1,7 @@
-"""`gaitcal convert` and `export`: files from other programs, and for them, and joints for a model
-of the user's own.
+"""Commands `convert` and `export`.
+
+`convert` reads and writes recordings of other programs. `export` writes the model, recordings and
+strides of a result for other programs, or puts its joints into an OpenSim model of the user.
 """
 
 import re
@@ -13,7 +15,7 @@ from rich.text import Text
 
 from gaitcal.calibration.joint_prior import make_study_prior
 from gaitcal.cli import options
-from gaitcal.cli.console import Console, frameless_table
+from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.cli.options import MODELS
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import Code, InputError, UsageError, nearest, note_of
@@ -41,18 +43,20 @@ from gaitcal.results.saved_result import (
 from gaitcal.results.table_files import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
-JOINTS, MASSES = (
-    "joints",
-    "masses",
-)  # What `--parameters` allows; the second never without the first
-STAY, FOLLOW = "stay", "follow"  # What `--attachments` allows
+JOINTS, MASSES = "joints", "masses"
+"""Values of `--parameters`: joints, or joints and masses."""
+STAY, FOLLOW = "stay", "follow"
+"""Values of `--attachments`."""
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
-"""What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
+"""Values of `--convention`; `gaitcal` is another name of `opensim` in files of normal bands."""
+MAX_PRINTED_MUSCLES = 12
+"""Printed rows of a table of muscles; the files have all."""
 WRITERS = {
     "osim": (osim_writer.write_osim, "model.osim"),
     "urdf": (other_formats.write_urdf, "model.urdf"),
     "mjcf": (other_formats.write_mjcf, "model.xml"),
 }
+"""Format -> its writer, and the name of its file."""
 
 
 def convert_recording(
@@ -62,37 +66,52 @@ def convert_recording(
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .trc or .mot file.")],
 ) -> None:
-    """Convert one recording and say which files were written."""
+    """Convert a recording, and print the files that were written."""
     for path in convert(source, target):
-        console.line(f"wrote {path}")
+        console.print_line(f"wrote {path}")
 
 
 Choice = TypeVar("Choice", Signs, MomentFrame, MomentUnit)
 
 
-def convention_of(
+def choose_convention(
     signs: str | None, moments: str | None, units: str | None, *, external: bool
 ) -> Convention | None:
-    """The convention that the options of `export` say; None where they say none.
+    """Choose the convention that the options describe.
 
-    Raises UsageError: There is no convention of such a name.
+    Parameters
+    ----------
+    signs, moments, units
+        Names of signs, of the frame of moments and of their unit; None: the default.
+    external
+        Whether moments are external.
+
+    Returns
+    -------
+    Convention or None
+        None if no option is given.
+
+    Raises
+    ------
+    UsageError
+        A name is unknown.
     """
     if signs is None and moments is None and units is None and not external:
         return None
     return Convention(
-        signs=Signs.OPENSIM if signs is None else _chosen(SIGNS, signs, "--convention"),
+        signs=Signs.OPENSIM if signs is None else _choose_member(SIGNS, signs, "--convention"),
         frame=MomentFrame.COORDINATES
         if moments is None
-        else _chosen({f.key: f for f in MomentFrame}, moments, "--moments"),
+        else _choose_member({f.key: f for f in MomentFrame}, moments, "--moments"),
         acting=Acting.EXTERNAL if external else Acting.INTERNAL,
         unit=MomentUnit.NM
         if units is None
-        else _chosen({u.key: u for u in MomentUnit}, units, "--units"),
+        else _choose_member({u.key: u for u in MomentUnit}, units, "--units"),
     )
 
 
-def _chosen(known: Mapping[str, Choice], text: str, field: str) -> Choice:
-    """The member of that name, capitals or not."""
+def _choose_member(known: Mapping[str, Choice], text: str, field: str) -> Choice:
+    """Choose the member of that name, ignoring case."""
     for name, member in known.items():
         if name.lower() == text.strip().lower():
             return member
@@ -120,30 +139,37 @@ def export(
     draws: options.ModelDraws = 0,
     seed: options.ModelSeed = 0,
 ) -> None:
-    """The fitted model in other programs' formats, or its joints in the user's own model."""
-    of_result: dict[str, object] = {
+    """Write the fitted model in other programs' formats, or its joints into the user's model.
+
+    Raises
+    ------
+    UsageError
+        An option is invalid, or does not apply with or without `--into`.
+    InputError
+        The result or the model cannot be read.
+    """
+    result_options: dict[str, object] = {
         "inputs": inputs,
         "replace": replace,
         "convention": convention,
         "moments": moments,
     }
-    of_result |= {"format": formats != MODELS, "external": external, "units": units}
-    of_model: dict[str, object] = {
+    result_options |= {"format": formats != MODELS, "external": external, "units": units}
+    model_options: dict[str, object] = {
         "names": names,
         "parameters": parameters != JOINTS,
         "attachments": attachments != STAY,
     }
-    of_model |= {"muscles": muscles, "draws": draws, "seed": seed}
-    for name, value in (of_model if into is None else of_result).items():
-        if value and into is None:
-            raise UsageError(
-                "found without --into; allowed: with --into MODEL.osim", field=f"--{name}"
-            )
+    model_options |= {"muscles": muscles, "draws": draws, "seed": seed}
+    if into is None:
+        message = "found without --into; allowed: with --into MODEL.osim"
+    else:
+        message = "found with --into, which writes one OpenSim model; allowed: without --into"
+    for name, value in (model_options if into is None else result_options).items():
         if value:
-            message = "found with --into, which writes one OpenSim model; allowed: without --into"
             raise UsageError(message, field=f"--{name}")
     if into is None:
-        signs = convention_of(convention, moments, units, external=external)
+        signs = choose_convention(convention, moments, units, external=external)
         export_model(result, formats, out, inputs, console, signs, replace=replace)
     else:
         chosen = (parameters, attachments, names, muscles, draws, seed)
@@ -160,11 +186,29 @@ def export_model(
     *,
     replace: bool,
 ) -> None:
-    """Write the fitted model of a result in other programs' formats, its recordings as C3D files,
-    its strides.
+    """Write the model of a result for other programs, its recordings as C3D files, its strides.
 
-    `convention`: of the strides; None: as in `cycles.csv`. `replace`: of recordings,
-    `write_recordings`.
+    Parameters
+    ----------
+    result
+        Result folder.
+    formats
+        Comma-separated: keys of `WRITERS`, `c3d`, `cycles`.
+    out
+        Folder for the files; `result/export` if None.
+    inputs
+        Folder of the recordings; None: as in `write_recordings`.
+    convention
+        Convention of the strides; None: that of `cycles.csv`.
+    replace
+        Whether outputs of another program in the recordings are replaced.
+
+    Raises
+    ------
+    UsageError
+        A format is unknown, or an option does not apply to the formats.
+    InputError
+        The result or a recording cannot be read, or changed meanwhile.
     """
     allowed = (*WRITERS, C3D, STRIDES)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
@@ -180,23 +224,21 @@ def export_model(
             )
     if inputs is not None and not inputs.is_dir():
         raise UsageError(
-            f"found '{inputs}'; allowed: a folder that holds the recordings", field="--inputs"
+            f"found '{inputs}'; allowed: the folder of the recordings", field="--inputs"
         )
     if convention is not None and STRIDES not in chosen:
-        message = (
-            f"found a convention without the format it is for; allowed: with --format {STRIDES}"
-        )
+        message = f"found without the format that has conventions; allowed: with --format {STRIDES}"
         raise UsageError(message, field="--convention, --moments, --external, --units")
     if replace and C3D not in chosen:
         raise UsageError(
-            "found without the format it is for; allowed: with --format c3d", field="--replace"
+            "found without the format of recordings; allowed: with --format c3d", field="--replace"
         )
     strides = convention or Convention()
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
     recordings: dict[str, tuple[str, str, tuple[str, ...]]] = {}
     of_recordings: Mapping[str, str | None] = {}
-    with amend_result(folder) as stage, console.working() as step:
+    with amend_result(folder) as stage, console.show_progress() as step:
         for name in (name for name in chosen if name in WRITERS):
             write, file = WRITERS[name]
             write(model, stage / file)
@@ -241,33 +283,38 @@ def export_model(
             stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written
         )
     for text in (*read.remarks, *map(note_of, doubts)):
-        console.line(f"warning: {text}")
+        console.print_line(f"warning: {text}")
     for name in (name for name in chosen if name in WRITERS):
-        console.line(f"wrote {folder / WRITERS[name][1]}")
+        console.print_line(f"wrote {folder / WRITERS[name][1]}")
     for trial, (_, _, notes) in recordings.items():
-        console.line(f"wrote {folder / f'{trial}.c3d'}: {'; '.join(notes)}")
+        console.print_line(f"wrote {folder / f'{trial}.c3d'}: {'; '.join(notes)}")
     for file, rows in tables.items():
-        console.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
-    if further:
-        console.line(
-            f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run "
-            "dynamics again"
+        console.print_line(
+            f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}"
         )
-    if C3D in chosen and (
-        still := sorted(set(cycles_export.read_trial_files(result)) - set(recordings))
-    ):
-        console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
+    if further:
+        console.print_line(
+            f"warning: {', '.join(further)} were analysed with another model than the present "
+            f"{MODEL}; run dynamics again"
+        )
+    if C3D in chosen:
+        not_written = sorted(set(cycles_export.read_trial_files(result)) - set(recordings))
+        if not_written:
+            console.print_line(
+                f"not written: {', '.join(not_written)}; a result has no motion of static trials"
+            )
 
 
-def _draws_folder(out: Path) -> Path:
+def _get_draws_folder(out: Path) -> Path:
+    """Get the folder of the draws of an exported model."""
     return out.with_name(f"{out.stem}_draws")
 
 
-def _earlier(out: Path) -> list[Path]:
-    """Draws and tables of muscles that an earlier run wrote for this file, which then fit it no
-    more.
-    """
-    draws = sorted(p for p in _draws_folder(out).glob("*.osim") if re.fullmatch(r"\d{3,}", p.stem))
+def _find_earlier_files(out: Path) -> list[Path]:
+    """Find draws and tables that an earlier run wrote for this file, and that are now outdated."""
+    draws = sorted(
+        p for p in _get_draws_folder(out).glob("*.osim") if re.fullmatch(r"\d{3,}", p.stem)
+    )
     tables = (out.with_suffix(end) for end in (".muscles.csv", ".attachments.csv"))
     return [*draws, *(p for p in tables if p.is_file())]
 
@@ -284,23 +331,48 @@ def export_into(
     draws: int,
     seed: int,
 ) -> None:
-    """Write the user's OpenSim model with this person's joints, tables of what was done, and draws
-    of it.
+    """Write the user's OpenSim model with this person's joints, tables of changes, and draws.
+
+    Parameters
+    ----------
+    result
+        Result folder.
+    model
+        OpenSim model of the user.
+    out
+        File to write, ending in `.osim`.
+    parameters
+        `joints` or `joints,masses`.
+    attachments
+        `stay` or `follow`: what muscle points, wraps and meshes do.
+    names
+        TOML file with the names of hips, knees and ankles; None: they are found.
+    muscles
+        Whether OpenSim computes muscle lengths and moment arms before and after.
+    draws, seed
+        Number of further models drawn within the standard errors, and seed.
+
+    Raises
+    ------
+    UsageError
+        An option is invalid.
+    InputError
+        The result has no calibrated joints, or the model does not fit.
     """
     if out is None or out.suffix != ".osim":
         message = (
-            f"found {'nothing' if out is None else repr(str(out))}; allowed: a file FILE.osim to "
-            "be written"
+            f"found {'nothing' if out is None else repr(str(out))}; allowed: a file to write, "
+            "FILE.osim"
         )
         raise UsageError(message, field="--out")
     if out.resolve() == model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
-    if model.resolve().parent == _draws_folder(out).resolve():
+    if model.resolve().parent == _get_draws_folder(out).resolve():
         raise UsageError(
-            "found a draw of --out, whose draws are replaced; allowed: another file", field="--into"
+            "found a draw of --out, which would be replaced; allowed: another file", field="--into"
         )
-    wanted = {word.strip() for word in parameters.split(",")}
-    if wanted not in ({JOINTS}, {JOINTS, MASSES}):
+    transferred = {name.strip() for name in parameters.split(",")}
+    if transferred not in ({JOINTS}, {JOINTS, MASSES}):
         message = f"found '{parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
         raise UsageError(message, field="--parameters")
     if attachments not in (STAY, FOLLOW):
@@ -313,7 +385,7 @@ def export_into(
         )
     saved = load_result(result)
     if saved.uncertainty.joint is None:
-        message = "its joint parameters were not calibrated: there is nothing to put into a model"
+        message = "joint parameters were not calibrated; a model needs calibrated joints"
         raise InputError(message, source=result, code=Code.NO_RESULT)
     done = joint_transfer.into_osim(
         saved.model,
@@ -323,36 +395,36 @@ def export_into(
         names=names,
         recorded=load_recorded_coordinates(result),
         marker_set=saved.marker_set,
-        masses=MASSES in wanted,
+        masses=MASSES in transferred,
         inertial=saved.uncertainty.inertial,
         follow=attachments == FOLLOW,
     )
     warnings = (*saved.files.remarks, *map(note_of, saved.doubts))
     for text in warnings:
-        console.line(f"warning: {text}")
+        console.print_line(f"warning: {text}")
     saved.files.require_unchanged()
     write_bytes_atomically(out, done.content)
     write_text_atomically(out.with_suffix(".joints.csv"), joint_moves.joints_csv(done.joints))
-    earlier = _earlier(out)
+    earlier = _find_earlier_files(out)
     for path in earlier:
         with convert_disk_errors(path):
             path.unlink()
     if earlier:
-        console.line(
-            "removed, as of an earlier run: "
+        console.print_line(
+            "removed (of an earlier run): "
             f"{', '.join(str(p.relative_to(out.parent)) for p in earlier)}"
         )
     if done.carried:
         write_text_atomically(
             out.with_suffix(".attachments.csv"), joint_moves.carried_csv(done.carried)
         )
-    tables, said = [*transfer_account.joint_tables(done)], [*transfer_account.sentences(done)]
+    tables, lines = [*transfer_account.joint_tables(done)], [*transfer_account.sentences(done)]
     for table in tables:
-        _tell_table(console, table)
-    for text in said:
-        console.line(text)
-    drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(draws)]
-    with console.working() as step:
+        _print_table(console, table)
+    for text in lines:
+        console.print_line(text)
+    drawn = [_get_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(draws)]
+    with console.show_progress() as step:
         rng = np.random.default_rng(seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
@@ -373,18 +445,18 @@ def export_into(
                 out.with_suffix(".muscles.csv"), transfer_account.muscles_csv(changes, spread)
             )
             tables.append(transfer_account.muscle_table(changes, spread))
-    console.line()
+    console.print_line()
     if muscles:
-        _tell_table(console, tables[-1])
+        _print_table(console, tables[-1])
     else:
-        said.append(
-            "muscles: not computed; --muscles has OpenSim compute lengths and moment arms before "
+        lines.append(
+            "muscles: not computed; with --muscles, OpenSim computes lengths and moment arms before "
             "and after"
         )
-        console.line(said[-1])
+        console.print_line(lines[-1])
     facts = (("result", str(result)), ("model", str(model)), ("now", str(out)))
-    page = account_page(
-        out.name, (("person", saved.model.subject.name), *facts), warnings, said, tables
+    page = render_account_page(
+        out.name, (("person", saved.model.subject.name), *facts), warnings, lines, tables
     )
     write_text_atomically(out.with_suffix(".html"), page)
     written = (
@@ -395,30 +467,49 @@ def export_into(
         *[".muscles.csv"] * muscles,
     )
     for end in written:
-        console.line(f"wrote {out.with_suffix(end)}")
+        console.print_line(f"wrote {out.with_suffix(end)}")
     if drawn:
-        console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
+        console.print_line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
         if done.left:
-            console.line(
-                f"draws have {', '.join(done.left)} about the place that the model gives them, by "
-                "their standard errors"
+            console.print_line(
+                f"in draws, {', '.join(done.left)} vary about their positions in the model by their "
+                "standard errors"
             )
         if done.masses and saved.uncertainty.inertial is None:
-            console.line("all draws have the same masses: the result holds no errors of them")
+            console.print_line(
+                "all draws have the same masses: the result has no standard errors of masses"
+            )
 
 
-def account_page(
+def render_account_page(
     name: str,
     facts: Sequence[tuple[str, str]],
     warnings: Iterable[str],
-    said: Iterable[str],
+    lines: Iterable[str],
     tables: Iterable[transfer_account.AccountTable],
 ) -> str:
-    """The page of what was done to a model: what was read, what to know, and whole tables."""
+    """Render the page of the changes of a model: files, warnings, remarks and complete tables.
+
+    Parameters
+    ----------
+    name
+        File name of the model.
+    facts
+        Heading and value of each row of the first table.
+    warnings, lines
+        Warnings and remarks.
+    tables
+        Tables of changes.
+
+    Returns
+    -------
+    str
+        The HTML page.
+    """
     parts = [
-        render_plain_table("What was read and written", facts[0], facts[1:], name="who"),
+        render_plain_table("Files", facts[0], facts[1:], name="who"),
         *map(render_warning, warnings),
-        render_list(said),
+        render_list(lines),
     ]
     for t in tables:
         parts += [f'<h2>{t.title}</h2><p class="soft">{t.says}</p>']
@@ -426,15 +517,13 @@ def account_page(
     return render_plain_page(f"What the export did to {name}", parts)
 
 
-def _tell_table(console: Console, told: transfer_account.AccountTable) -> None:
-    table = frameless_table(told.words, told.numbers)
-    shown = told.rows[:SHOWN] if told.of_muscles else told.rows
+def _print_table(console: Console, content: transfer_account.AccountTable) -> None:
+    """Print a table of changes; of muscles only the first rows."""
+    table = make_frameless_table(content.words, content.numbers)
+    shown = content.rows[:MAX_PRINTED_MUSCLES] if content.of_muscles else content.rows
     for row in shown:
         table.add_row(*map(Text, row))
     console.out.print(table)
-    if len(told.rows) > len(shown):
-        console.line(f"and {len(told.rows) - len(shown)} more in the file")
-    console.line()
-
-
-SHOWN = 12  # Muscles on the screen; the files have all
+    if len(content.rows) > len(shown):
+        console.print_line(f"and {len(content.rows) - len(shown)} more in the file")
+    console.print_line()

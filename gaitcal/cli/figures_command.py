@@ -1,4 +1,4 @@
-"""`gaitcal figures`: what a result folder holds, drawn for a paper."""
+"""Command `figures`: draw the variables of a result folder for a paper."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,8 +28,9 @@ from gaitcal.results.summary import SUMMARY
 
 FOLDER = "figures"
 MILLIMETRES: Final = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
-ALLOWED_WIDTHS: Final = (40.0, 400.0)
-COLUMN: Final = 85.0  # mm: one column of most journals
+ALLOWED_WIDTHS_MM: Final = (40.0, 400.0)
+COLUMN_MM: Final = 85.0
+"""Width of one column in most journals."""
 
 
 def draw_figures(
@@ -44,75 +45,93 @@ def draw_figures(
     external: options.FigureExternal = False,
     units: options.FigureUnits = None,
 ) -> None:
-    """Draw the figures of a result, or of further trials, into a folder.
+    """Draw the figures of a result or of further trials.
 
-    Raises UsageError: An option names something that is not there.
-    Raises InputError: The folder is no result that pages are made of.
+    Raises
+    ------
+    UsageError
+        An option is invalid.
+    InputError
+        The folder is not a result, or there is nothing to draw.
     """
-    endings = _formats(formats)
-    wide = COLUMN if width is None else _width(width)
-    signs = export_commands.convention_of(
+    endings = _parse_formats(formats)
+    width_mm = COLUMN_MM if width is None else _parse_width(width)
+    signs = export_commands.choose_convention(
         convention or conventions.Signs.CLINICAL.value, None, units or "Nm/kg", external=external
     )
     if not result.is_dir():
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
     names = [name for name in (PAGE_DATA, SUMMARY, CYCLES) if (result / name).exists()]
-    with console.working() as step:
+    with console.show_progress() as step:
         step("reading the result")
         (strides, page_data), read = snapshot.read_whole(
-            result, names, lambda: _strides(result, normal)
+            result, names, lambda: _read_strides(result, normal)
         )
-        charts = build_paper_charts(strides, signs, wide) if signs else []
+        charts = build_paper_charts(strides, signs, width_mm) if signs else []
         charts += [
             one
-            for table in _moment_arms(result, only or ())
-            for one in build_moment_arm_charts(table, wide)
+            for table in _read_moment_arms(result, only or ())
+            for one in build_moment_arm_charts(table, width_mm)
         ]
-        charts = chosen(charts, only or ())
+        charts = select_charts(charts, only or ())
         folder = out or result / FOLDER
         with result_folder.amend_result(folder) as stage:
             step(f"drawing {moments.counted(len(charts), 'figure')}")
             files = write_charts(charts, stage, endings)
             read.require_unchanged()
     for remark in read.remarks:
-        console.line(f"warning: {remark}")
+        console.print_line(f"warning: {remark}")
     verdict = page_data["verdict"]
     if verdict["judgement"] != "trustworthy":
-        console.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
+        console.print_line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
     for file in files:
-        console.line(f"wrote {folder / file.name}")
+        console.print_line(f"wrote {folder / file.name}")
 
 
 MOMENT_ARMS = "moment_arms"
 
 
-def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
-    """Tables of muscles that `export --into --muscles` wrote into this folder.
+def _read_moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
+    """Read the table of muscles that `export --into --muscles` wrote into this folder, if any.
 
-    Raises InputError: They are asked for, and there is none; or more than one, whose figures would
-    have the same names.
+    Raises
+    ------
+    InputError
+        `only` names moment arms and there is no table, or there are several.
     """
     found = sorted(
         path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv")
     )
-    asked = any(word.strip().startswith(MOMENT_ARMS) for words in only for word in words.split(","))
-    if (asked and not found) or len(found) > 1:
-        names = ", ".join(path.name for path in found) or "none"
+    names = [name.strip() for text in only for name in text.split(",")]
+    requested = any(name.startswith(MOMENT_ARMS) for name in names)
+    if (requested and not found) or len(found) > 1:
+        files = ", ".join(path.name for path in found) or "none"
         out = result / "export" / "NAME.osim"
         message = (
-            f"found {names}; allowed: one; gaitcal export {result} --into MODEL.osim --out {out} "
+            f"found {files}; allowed: one; gaitcal export {result} --into MODEL.osim --out {out} "
             "--muscles writes it"
         )
         raise InputError(message, source=result, field="*.muscles.csv", code=Code.NOTHING_TO_SHOW)
     return [pd.read_csv(path) for path in found]
 
 
-def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
-    """Those whose name is one of `only`, or begins or ends with the words of one; all where nothing
-    is asked for.
+def select_charts(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
+    """Select charts by name.
 
-    Raises UsageError: There is none of such a name.
+    Parameters
+    ----------
+    charts
+        All charts.
+    only
+        Comma-separated names, or words with which names begin or end; empty: all charts.
+
+    Raises
+    ------
+    UsageError
+        No chart has such a name.
+    InputError
+        There is no chart at all.
     """
     if not charts:
         message = "found nothing to draw: the result has no complete stride"
@@ -122,8 +141,8 @@ def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
     for word in wanted:
         if not any(_is_named(name, word) for name in names):
             message = (
-                f"found '{word}'; allowed: {', '.join(names)}, or the words that they begin or end "
-                "with"
+                f"found '{word}'; allowed: {', '.join(names)}, or words with which they begin or "
+                "end"
             )
             raise UsageError(f"{message}{nearest(word, names)}", field="--only")
     return [
@@ -134,10 +153,12 @@ def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
 
 
 def _is_named(name: str, word: str) -> bool:
+    """Whether a name begins or ends with these words, which underscores separate."""
     return f"_{name}_".startswith(f"_{word}_") or f"_{name}_".endswith(f"_{word}_")
 
 
-def _formats(text: str) -> list[str]:
+def _parse_formats(text: str) -> list[str]:
+    """Parse comma-separated formats."""
     found = list(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
     for name in found or [text]:
         if name not in FORMATS:
@@ -146,9 +167,9 @@ def _formats(text: str) -> list[str]:
     return found
 
 
-def _width(text: str) -> float:
-    """mm: `85mm`, `8.5cm`, `3.35in`, `85`."""
-    low, high = ALLOWED_WIDTHS
+def _parse_width(text: str) -> float:
+    """Parse a width such as `85mm`, `8.5cm`, `3.35in` or `85` to mm."""
+    low, high = ALLOWED_WIDTHS_MM
     match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*(mm|cm|in|)\s*", text.lower())
     width = float(match[1]) * MILLIMETRES[match[2]] if match else 0.0
     if not low <= width <= high:
@@ -157,18 +178,19 @@ def _width(text: str) -> float:
     return width
 
 
-def _sheet(folder: Path) -> dict[str, Any]:
-    """Of the folder, or, of further trials that have none, of the result that they lie in."""
+def _read_page_data_of(folder: Path) -> dict[str, Any]:
+    """Read page data of the folder; of further trials without any, those of the result around."""
     if (folder / PAGE_DATA).exists():
         return read_page_data(folder / PAGE_DATA)
-    around = folder.resolve().parent / PAGE_DATA
-    if (folder / CYCLES).exists() and around.exists():
-        return {**read_page_data(around), "trials": []}
-    message = f"has no {PAGE_DATA}; calibrate again, or name a result folder"
+    result_file = folder.resolve().parent / PAGE_DATA
+    if (folder / CYCLES).exists() and result_file.exists():
+        return {**read_page_data(result_file), "trials": []}
+    message = f"has no {PAGE_DATA}; calibrate again, or give a result folder"
     raise InputError(message, source=folder, code=Code.NO_RESULT)
 
 
-def _subject(page_data: Mapping[str, Any]) -> Subject:
+def _get_subject(page_data: Mapping[str, Any]) -> Subject:
+    """Get the subject of page data."""
     person = page_data["person"]
     return Subject(
         name=person["name"],
@@ -179,10 +201,10 @@ def _subject(page_data: Mapping[str, Any]) -> Subject:
     )
 
 
-def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
-    """Bands of the file the user names, else those the result was made with."""
+def _collect_bands(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
+    """Collect normal bands: those of the given file, else those of the result."""
     if normal is not None:
-        subject = _subject(page_data)
+        subject = _get_subject(page_data)
         bands = normal_bands.read_normal_bands(normal)
         return {
             name: {side: band.for_person(subject, side) for side in "rl"}
@@ -203,26 +225,27 @@ def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
     }
 
 
-def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
-    page_data = _sheet(folder)
+def _read_strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
+    """Read the mean strides of one activity with subject and normal bands, and the page data."""
+    page_data = _read_page_data_of(folder)
     if not (folder / CYCLES).exists():
         raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
     return Strides(
-        table=ensemble(_of_one_activity(read_cycles(folder), folder)),
-        subject=_subject(page_data),
+        table=ensemble(_select_activity(read_cycles(folder), folder)),
+        subject=_get_subject(page_data),
         offs=average_toe_offs(page_data["trials"]),
-        healthy=_healthy(page_data, normal),
+        healthy=_collect_bands(page_data, normal),
     ), page_data
 
 
-def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Strides of walks; where there are none, what one other activity repeats."""
+def _select_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Select strides of walks, or, if there is none, the repetitions of another activity."""
     found = list(strides["activity"].unique())
     if cycles.WALKING in found or not found:
         return strides[strides["activity"] == cycles.WALKING]
     if len(found) > 1:
         message = (
-            f"holds no walk, and several other activities: {', '.join(found)}; one alone can be "
+            f"contains no walk but several other activities: {', '.join(found)}; only one can be "
             "drawn"
         )
         raise InputError(message, source=folder / CYCLES, code=Code.NOTHING_TO_SHOW)

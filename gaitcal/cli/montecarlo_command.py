@@ -1,4 +1,4 @@
-"""`gaitcal montecarlo`, and `gaitcal reproduce`, the published study."""
+"""Commands `montecarlo` and `reproduce` (the published study of 2007)."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from rich import progress
 from rich.text import Text
 
 from gaitcal.cli import options
-from gaitcal.cli.console import Console, frameless_table
+from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.errors import Code, ConvergenceError, InputError, UsageError, nearest
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.io.result_folder import (
@@ -60,13 +60,32 @@ from gaitcal.reproduction.reproduce import (
 from gaitcal.results.summary import require_not_refused
 
 FOLDER, SUMMARY = "montecarlo", "summary.json"
-HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
-SHOWN_SIDE = "l"  # The left leg is shown, as published; both are in the tables
+HEADINGS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
+SHOWN_SIDE = "l"
+"""Leg that is printed, as in the publication; the tables have both."""
 
 
-def plan_of(vary: str, levels: str, draws: int) -> Plan:
-    """Sets, levels and draws; UsageError where they cannot be."""
-    sets = [_one_of(name, [varied.value for varied in Varied], "--vary") for name in _split(vary)]
+def parse_plan(vary: str, levels: str, draws: int) -> Plan:
+    """Parse the sets and levels of a study.
+
+    Parameters
+    ----------
+    vary
+        Comma-separated sets of parameters: values of `Varied`.
+    levels
+        Comma-separated percentages of the bounds.
+    draws
+        Draws of each set at each level.
+
+    Raises
+    ------
+    UsageError
+        A set or level is invalid, or there is none.
+    """
+    sets = [
+        _require_allowed(name, [varied.value for varied in Varied], "--vary")
+        for name in _split(vary)
+    ]
     for level in _split(levels):
         if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
             raise UsageError(
@@ -85,12 +104,15 @@ def run_monte_carlo(
     console: Console,
     folder: options.ResultOrStudy,
     vary: Annotated[
-        str, typer.Option(help="Comma-separated: jp, ip, both, noise.")
+        str,
+        typer.Option(help="Comma-separated: jp (joint parameters), ip (inertial), both, noise."),
     ] = "jp,ip,both,noise",
     levels: Annotated[
-        str, typer.Option(help="Comma-separated per cents of the bounds.")
+        str, typer.Option(help="Comma-separated percentages of the bounds.")
     ] = "25,50,75,100",
-    draws: Annotated[int, typer.Option(min=1, help="Draws of each set at each level.")] = 5000,
+    draws: Annotated[
+        int, typer.Option(min=1, help="Number of draws of each set at each level.")
+    ] = 5000,
     jobs: options.Jobs = -1,
     cluster: options.Scheduler = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 0,
@@ -113,37 +135,61 @@ def run_monte_carlo(
         float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")
     ] = 10.0,
     trial: Annotated[
-        str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")
+        str | None, typer.Option(help="Gait trial. Default: the first with ground reactions.")
     ] = None,
     until_converged: options.UntilConverged = False,
     expect: options.Expect = None,
 ) -> None:
-    """Run what is missing of a study, write its tables and figures, and print what they say."""
-    store, plan = Store(folder / FOLDER), plan_of(vary, levels, draws)
+    """Run the missing draws of a study, write tables and figures, and print a summary.
+
+    Parameters
+    ----------
+    expect
+        Marker error (RMS, mm) for which torque errors are printed. If the study has draws, only
+        these are printed, and nothing is computed.
+
+    Raises
+    ------
+    UsageError
+        An option is invalid.
+    InputError
+        The folder has no usable result, or draws with other settings.
+    ConvergenceError
+        `until_converged` is set, and the draws do not suffice.
+    InterruptedWork
+        The run was interrupted; finished draws are kept.
+    """
+    store, plan = Store(folder / FOLDER), parse_plan(vary, levels, draws)
     settings = MonteCarloSettings(
         seed=seed,
         parameters=ParameterChoice(
-            int(_one_of(parameters, [str(c.value) for c in ParameterChoice], "--parameters"))
+            int(
+                _require_allowed(
+                    parameters, [str(c.value) for c in ParameterChoice], "--parameters"
+                )
+            )
         ),
         position_mm=position_bound,
         orientation_deg=orientation_bound,
         inertial_percent=ip_bound,
         noise_mm=noise_bound,
     )
-    frame = ReactionFrame(_one_of(grf, [frame.value for frame in ReactionFrame], "--grf"))
+    frame = ReactionFrame(_require_allowed(grf, [frame.value for frame in ReactionFrame], "--grf"))
     workers = workers_of(jobs, cluster)
-    if expect is not None and not (drawn := store.read()).empty:
-        if (folder / MODEL).exists():  # a later calibration keeps the draws of an earlier one
+    drawn = store.read() if expect is not None else None
+    if expect is not None and drawn is not None and not drawn.empty:
+        # A later calibration keeps the draws of an earlier one, which has another model.
+        if (folder / MODEL).exists():
             store.require_model_of(case_from(folder, trial or store.case_name, lambda text: None))
         _print_expectation(console, statistics(drawn), expect)
         return
     require_not_refused(folder)
-    with console.working() as step:
+    with console.show_progress() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, trial, step)
     with alone(store.folder, PURPOSE):
         try:
-            with _draw_progress(console) as draws_done:
+            with _show_draw_progress(console) as draws_done:
                 study = monte_carlo(
                     case,
                     store.folder,
@@ -154,9 +200,9 @@ def run_monte_carlo(
                     until_converged=until_converged,
                 )
         except (KeyboardInterrupt, Stopped) as ending:
-            work = "finished draws are kept, the same command goes on with the others"
+            work = "finished draws are kept; the same command continues with the others"
             raise InterruptedWork(ending, work) from None
-        with console.working() as step, amend_result(store.folder) as stage:
+        with console.show_progress() as step, amend_result(store.folder) as stage:
             step("tables and figures")
             context = draw.MonteCarloContext(case, settings)
             contributions = variance_contributions(context)
@@ -165,32 +211,32 @@ def run_monte_carlo(
                 study.statistics, contributions, stage / "figures", SHOWN_SIDE
             )
             read.require_unchanged()
-            on_page = _put_on_page(folder, study, contributions)
+            on_page = _add_to_page(folder, study, contributions)
     for remark in read.remarks:
-        console.line(f"warning: {remark}")
+        console.print_line(f"warning: {remark}")
     _print_study(console, study, frame)
     _print_linearity(console, context, study)
     if expect is not None:
         _print_expectation(console, study.statistics, expect)
-    console.line(f"tables and figures: {store.folder}")
+    console.print_line(f"tables and figures: {store.folder}")
     if on_page:
-        console.line(on_page)
+        console.print_line(on_page)
     if until_converged and not study.converged:
         raise ConvergenceError(
             f"not converged after {study.plan.draws} draws of each set and level"
         )
 
 
-def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFrame) -> str:
-    """Put the study on the page beside it; a line on that, empty where there is no page."""
+def _add_to_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFrame) -> str:
+    """Add the study to the page of the result; return a line for the user, empty without a page."""
     if not (folder / PAGE_DATA).exists():
         return ""
     with amend_result(folder) as stage:
         try:
             shown = read_page(folder)
         except InputError as error:
-            return f"warning: the page was not brought up to date: {error}"
-        rms = _marker_rms(folder, study.case.name)
+            return f"warning: the page was not updated: {error}"
+        rms = _read_marker_rms(folder, study.case.name)
         page_data = add_monte_carlo(
             shown.data or {}, study, marker_rms=rms, contributions=contributions
         )
@@ -198,22 +244,25 @@ def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFra
     return f"page: {folder / PAGE}, preset Trust"
 
 
-def _marker_rms(folder: Path, trial: str) -> float | None:
-    """Marker error (mm) of pelvis and legs after calibration, as the summary beside the page tells
-    it.
+def _read_marker_rms(folder: Path, trial: str) -> float | None:
+    """Read the calibrated marker error of pelvis and legs (RMS, mm) from the summary.
+
+    None for a study folder, or a trial without markers.
     """
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["trials"][trial]
         return float((summary.get("pelvis_and_legs_mm") or summary["rms_mm"])["calibrated"])
     except (OSError, ValueError, KeyError, TypeError):
-        return None  # a study folder, or a trial without markers
+        return None
 
 
 def _split(text: str) -> list[str]:
+    """Split comma-separated text."""
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
-def _one_of(name: str, allowed: list[str], option: str) -> str:
+def _require_allowed(name: str, allowed: list[str], option: str) -> str:
+    """Return a name that is allowed; raise UsageError for any other."""
     if name not in allowed:
         raise UsageError(
             f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option
@@ -222,9 +271,10 @@ def _one_of(name: str, allowed: list[str], option: str) -> str:
 
 
 @contextmanager
-def _draw_progress(console: Console) -> Iterator[DrawProgress]:
-    """A bar with draws per second and time left on a terminal; with -v elsewhere a line for every
-    tenth.
+def _show_draw_progress(console: Console) -> Iterator[DrawProgress]:
+    """Show the progress of draws on standard error.
+
+    A bar on a terminal; else, with `-v`, one line for each tenth of the draws.
     """
     started = time.monotonic()
     if console.err.is_terminal and not console.quiet:
@@ -241,61 +291,66 @@ def _draw_progress(console: Console) -> Iterator[DrawProgress]:
 
             def show(done: int, todo: int) -> None:
                 bar.update(
-                    task, total=todo, completed=done, rate=f"{_rate(done, started):.0f} draws/s"
+                    task,
+                    total=todo,
+                    completed=done,
+                    rate=f"{_compute_rate(done, started):.0f} draws/s",
                 )
 
             yield show
         return
     tenths = 0
 
-    def tell(done: int, todo: int) -> None:
+    def print_tenth(done: int, todo: int) -> None:
         nonlocal tenths
         if console.verbose and 10 * done // max(todo, 1) > tenths:
             tenths = 10 * done // max(todo, 1)
-            rate = _rate(done, started)
+            rate = _compute_rate(done, started)
             left = (todo - done) / rate
             console.err.print(
                 Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left")
             )
 
-    yield tell
+    yield print_tenth
 
 
-def _rate(done: int, started: float) -> float:
+def _compute_rate(done: int, started: float) -> float:
+    """Compute draws per second since `started` (s, of `time.monotonic`)."""
     return done / max(time.monotonic() - started, 1e-9)
 
 
 def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame) -> None:
+    """Print torque errors, failures and convergence of a study."""
     table = study.statistics
-    console.line(
+    console.print_line(
         f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}"
     )
     _print_errors(console, table, frame)
     for note in study.notes:
-        console.line(note)
+        console.print_line(note)
     failures = [
         f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}"
         for row in left_out(table).itertuples()
     ]
     if failures:
-        console.line(
-            f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws"
+        console.print_line(
+            f"not converged, and left out of these figures: {'; '.join(failures)} draws"
         )
     open_rows = unconverged(table)
     if open_rows.empty:
-        console.line(
+        console.print_line(
             "convergence: mean and CV of every torque stay within 2 % over the last tenth of the "
             "draws"
         )
     else:
         settles = open_rows[["mean_settles", "cv_settles"]].max(axis=1)
-        worst = "too few draws to tell" if settles.isna().any() else f"worst {settles.max():.1f} %"
+        worst = "too few draws" if settles.isna().any() else f"worst {settles.max():.1f} %"
         rows = int((table["measure"].eq("rms") & table["grf"].ne("")).sum())
-        console.line(
+        console.print_line(
             f"convergence: not met by {len(open_rows)} of {rows} distributions, {worst}; "
             "--until-converged"
         )
-    console.line(
+    console.print_line(
         f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not "
         "converged"
     )
@@ -304,7 +359,7 @@ def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame)
 def _print_linearity(
     console: Console, context: draw.MonteCarloContext, study: MonteCarloStudy
 ) -> None:
-    """How well the linearised contributions of the parameters predict the draws."""
+    """Print how well the linearised contributions of the parameters predict the draws."""
     if study.plan.draws < FEWEST:
         return
     for varied, level in study.plan.cells:
@@ -317,12 +372,13 @@ def _print_linearity(
                 f"R² {r.min():.2f} to {r.max():.2f} ({frame.value})"
                 for r, frame in zip(agreement, ReactionFrame, strict=True)
             )
-            console.line(f"linearised contributions against draws, JP at {level} %: {ranges}")
+            console.print_line(f"linearised contributions against draws, JP at {level} %: {ranges}")
 
 
 def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -> None:
-    shown = frameless_table(
-        ("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm"))
+    """Print mean errors of torques (%BW*H) and markers (mm) for each set and level."""
+    shown = make_frameless_table(
+        ("set",), (head.replace(" ", "\n") for head in ("level %", *HEADINGS, "markers mm"))
     )
     for varied in Varied:
         columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in draw.TORQUES]
@@ -334,17 +390,24 @@ def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -
 
 
 def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> None:
+    """Print the torque errors to expect at a marker error (RMS, mm).
+
+    Raises
+    ------
+    InputError
+        The study has no set that changes marker errors.
+    """
     causes = causes_of(table, rms_mm, SHOWN_SIDE)
     if not causes:
-        message = "the study has neither of the sets jp and noise, which move markers"
+        message = "the study has neither the set jp nor the set noise, which change marker errors"
         raise InputError(message, field="--expect", code=Code.MONTE_CARLO)
     for cause in causes:
         more = "more than " if cause.beyond else ""
-        console.line(
+        console.print_line(
             f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at "
             f"{more}{cause.level:.0f} %:"
         )
-        shown = frameless_table(
+        shown = make_frameless_table(
             ("RMS error, %BW*H", "ground reactions"), ("average", "10 %", "50 %", "90 %")
         )
         for row in cause.torques.itertuples():
@@ -354,31 +417,41 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
 
 
 DATA = "GAITCAL_DATA"
-KEPT = ".draws"
-"""Ending of the folder, beside the output, that keeps Monte Carlo draws: an interrupted study goes
-on there.
-"""
-_SHOWN = ("I", "III", "discussion")
+"""Environment variable: folder of public recordings."""
+DRAWS_SUFFIX = ".draws"
+"""Suffix of the folder beside the output that keeps the draws, so that a study can continue."""
+_PRINTED_TABLES = ("I", "III", "discussion")
 
 
 def run_reproduction(
     console: Console,
     out: options.Out,
     draws: Annotated[
-        int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")
+        int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: tables only.")
     ] = 0,
     noise_seeds: Annotated[
-        int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")
+        int, typer.Option(min=2, help="Draws of marker noise for medians and ranges.")
     ] = 20,
     seed: Annotated[
         int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")
     ] = 0,
 ) -> None:
-    """Run the published study, write its tables and print them."""
-    settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
-    kept = out.with_name(out.name + KEPT) if draws else None
+    """Repeat the published study, write its tables and print them.
+
+    Raises
+    ------
+    InputError
+        The output folder has other content, or the folder of recordings does not exist.
+    """
+    settings = ReproductionSettings(
+        noise_seeds=noise_seeds, seed=seed, draws=draws, data=_find_data_folder()
+    )
+    kept = out.with_name(out.name + DRAWS_SUFFIX) if draws else None
     check_output_folder(out, ResultKind.REPRODUCTION)
-    with console.working() as step, write_result_folder(out, ResultKind.REPRODUCTION) as folder:
+    with (
+        console.show_progress() as step,
+        write_result_folder(out, ResultKind.REPRODUCTION) as folder,
+    ):
         reproduction = reproduce(settings, kept, step)
         step("tables and figures")
         write_tables(reproduction, folder)
@@ -387,31 +460,31 @@ def run_reproduction(
                 reproduction.disturbances, None, folder / "figures", SHOWN_SIDE
             )
     print_reproduction(console, reproduction)
-    console.line(f"tables: {out}")
+    console.print_line(f"tables: {out}")
     if kept is not None:
-        console.line(f"draws:  {kept} (a further run with the same seed goes on from them)")
+        console.print_line(f"draws:  {kept} (a further run with the same seed continues from them)")
 
 
-def _data() -> Path | None:
-    named = os.environ.get(DATA)
-    if not named:
+def _find_data_folder() -> Path | None:
+    """Find the folder of public recordings; None if the variable is not set."""
+    name = os.environ.get(DATA)
+    if not name:
         return None
-    if not Path(named).is_dir():
-        raise InputError("is no folder", source=named, field=DATA, code=Code.NO_FILE)
-    return Path(named)
+    if not Path(name).is_dir():
+        raise InputError("is not a folder", source=name, field=DATA, code=Code.NO_FILE)
+    return Path(name)
 
 
 def print_reproduction(console: Console, reproduction: Reproduction) -> None:
-    """Tables I and III, the discussion, the claims and the times; everything else is in the files."""
-    for name in _SHOWN:
+    """Print Tables I and III, the discussion, times and claims; the files have the other tables."""
+    for name in _PRINTED_TABLES:
         rows = [row for row in reproduction.tables if row.table == name]
-        console.line()
-        console.line("Discussion" if name == "discussion" else f"Table {name}")
+        console.print_line()
+        console.print_line("Discussion" if name == "discussion" else f"Table {name}")
         _print_rows(console, rows)
-    console.line()
-    console.line(
-        f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in "
-        "tables.csv. Times:"
+    console.print_line()
+    console.print_line(
+        f"With noise: medians of {len(reproduction.noisy)} draws; ranges are in tables.csv. Times:"
     )
     _print_rows(console, [row for row in reproduction.times if row.row != printed_tables.RUN])
     laps = (
@@ -419,21 +492,23 @@ def print_reproduction(console: Console, reproduction: Reproduction) -> None:
         for row in reproduction.times
         if row.row == printed_tables.RUN
     )
-    console.line(f"{printed_tables.RUN}: {', '.join(laps)}")
-    console.line()
+    console.print_line(f"{printed_tables.RUN}: {', '.join(laps)}")
+    console.print_line()
     _print_claims(console, reproduction.claims)
 
 
 def _print_rows(console: Console, rows: Sequence[printed_tables.TableRow]) -> None:
+    """Print rows of a table with our and the published value in each cell."""
     columns = list(dict.fromkeys(row.column for row in rows))
-    table = frameless_table(("ours | published",), columns)
+    table = make_frameless_table(("ours | published",), columns)
     for title in dict.fromkeys(row.row for row in rows):
-        cells = {row.column: _cell(row) for row in rows if row.row == title}
+        cells = {row.column: _format_cell(row) for row in rows if row.row == title}
         table.add_row(Text(title), *(cells.get(column, "") for column in columns))
     console.out.print(table)
 
 
-def _cell(row: printed_tables.TableRow) -> str:
+def _format_cell(row: printed_tables.TableRow) -> str:
+    """Format our and the published value with their unit."""
     ours, published = (
         "-" if value is None else f"{value:.3g}" for value in (row.ours, row.published)
     )
@@ -441,7 +516,8 @@ def _cell(row: printed_tables.TableRow) -> str:
 
 
 def _print_claims(console: Console, claims: Sequence[Claim]) -> None:
-    table = frameless_table(("claims of the paper", "published", "ours", "verdict"))
+    """Print the claims that can be tested (with `-v`: all), and the number of each outcome."""
+    table = make_frameless_table(("claims of the paper", "published", "ours", "verdict"))
     for claim in claims:
         if claim.verdict is not ClaimOutcome.NOT_TESTABLE or console.verbose:
             table.add_row(
@@ -449,7 +525,7 @@ def _print_claims(console: Console, claims: Sequence[Claim]) -> None:
             )
     console.out.print(table)
     counts = {v: sum(claim.verdict is v for claim in claims) for v in ClaimOutcome}
-    console.line(
+    console.print_line(
         "claims of the paper: "
         + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count)
     )

@@ -1,4 +1,4 @@
-"""`gaitcal init` and `gaitcal check`, and what commands do with a folder instead of a study file."""
+"""Commands `init` and `check`, and the study of a folder or file that other commands use."""
 
 import sys
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gaitcal.cli import options
-from gaitcal.cli.console import Console, frameless_table
+from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.intake import draft_file as drafts
 from gaitcal.intake.drafting import draft_of, draft_study, rejected_forces
@@ -23,27 +23,51 @@ from gaitcal.quality.study_checks import check_file, check_study
 from gaitcal.study.study_trial import Role
 
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
+"""Allowed ranges of the options."""
+CENTIMETRES = (30.0, 260.0)
+"""Range of a height that was probably given in centimetres."""
 SEXES = ("female", "male")
 QUESTIONS = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": "female or male"}
-PLAIN_WIDTH = 170  # Columns of the table where the output is no terminal
+PLAIN_WIDTH = 170
+"""Width (columns) of tables if the output is not a terminal."""
 
 
-def options_of(
+def check_person_options(
     mass: float | None, height: float | None, sex: str | None, age: float | None
 ) -> Options:
-    """What the user says of the person; UsageError where it cannot be."""
-    _within("--mass", mass, MASS_KG, "kg")
-    hint = {True: f"; {height or 0:g} looks like centimetres: --height {(height or 0) / 100:g}"}
-    _within("--height", height, HEIGHT_M, "m", hint.get(30 <= (height or 0) <= 260, ""))
-    _within("--age", age, AGE_YEARS, "years")
+    """Check the options that describe the person.
+
+    Parameters
+    ----------
+    mass, height, age
+        kg, m, years; None: not given.
+    sex
+        `female` or `male`; None: not given.
+
+    Returns
+    -------
+    Options
+
+    Raises
+    ------
+    UsageError
+        A value is out of range.
+    """
+    _require_within("--mass", mass, MASS_KG, "kg")
+    hint = ""
+    if height is not None and CENTIMETRES[0] <= height <= CENTIMETRES[1]:
+        hint = f"; {height:g} looks like centimetres: --height {height / 100:g}"
+    _require_within("--height", height, HEIGHT_M, "m", hint)
+    _require_within("--age", age, AGE_YEARS, "years")
     if sex is not None and sex not in SEXES:
         raise UsageError(f"found '{sex[:40]}'; allowed: {' or '.join(SEXES)}", field="--sex")
     return Options(mass=mass, height=height, sex=sex, age=age)
 
 
-def _within(
+def _require_within(
     option: str, value: float | None, allowed: tuple[float, float], unit: str, hint: str = ""
 ) -> None:
+    """Raise UsageError if an option is outside of its range."""
     if value is not None and not allowed[0] <= value <= allowed[1]:
         raise UsageError(
             f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option
@@ -58,82 +82,108 @@ def draft_study_file(
     height: options.Height = None,
     sex: options.Sex = None,
     age: options.Age = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace a study file that is there.")
-    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing study file.")] = False,
 ) -> None:
-    """Draft the study file of a folder; exit code 1 where something in it is missing."""
-    options = options_of(mass, height, sex, age)
+    """Draft the study file of a folder.
+
+    Raises
+    ------
+    UsageError
+        An option is invalid.
+    InputError
+        The study file exists, no study can be drafted, or the draft is incomplete. In the last
+        case it is written.
+    """
+    options = check_person_options(mass, height, sex, age)
     target = folder / drafts.STUDY if out is None else out
     if target.suffix.lower() != ".toml":
         raise UsageError(
-            f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out"
+            f"found '{target.name}'; allowed: a file name ending in .toml", field="--out"
         )
     if not force and target.exists():
-        message = "is there already; --force replaces it, --out FILE names another"
+        message = "exists already; --force replaces it, --out FILE names another"
         raise InputError(message, source=target, code=Code.FOLDER_TAKEN)
-    with console.working() as step:
+    with console.show_progress() as step:
         step("reading the folder")
         read = read_folder(folder)
-    draft = _asked(read, options, console)
-    print_seen(console, draft)
+    draft = _complete_draft(read, options, console)
+    print_files(console, draft)
     if draft.fault:
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
     atomic.write_text_atomically(
         target, drafts.draft_text(draft, atomic.resolve_path(target).parent)
     )
-    console.line(f"study: {target}")
+    console.print_line(f"study: {target}")
     if draft.problem:
         raise InputError(f"is written, but {draft.problem}", source=target, code=Code.FOLDER)
     if draft.missing:
         give = f"write it there, or run again with --force {drafts.missing_options(draft)}"
         message = f"is written, but {drafts.missing_words(draft)}: {give}"
         raise InputError(message, source=target, code=Code.WHO_IT_IS)
-    nominal_of(drafts.study_of(draft, proposed=True))  # an error of the static trial is told now
-    if draft.choice is not None and (proposal := draft.choice.proposal) is not None:
+    # Building the nominal model raises the errors of the static trial now.
+    nominal_of(drafts.study_of(draft, proposed=True))
+    proposal = None if draft.choice is None else draft.choice.proposal
+    if proposal is not None:
         for label in sorted(proposal.asked):
-            console.line(f"asked: is {label} {proposal.rename[label]}?")
-        console.line(
-            "asked: is each marker what [markers.rename] and [markers.tracking] say? Then "
+            console.print_line(f"confirm: is {label} {proposal.rename[label]}?")
+        console.print_line(
+            "confirm: are all markers as in [markers.rename] and [markers.tracking]? Then set "
             "confirmed = true"
         )
-    console.line(
-        f"next:  look through it, then gaitcal calibrate {target} --out "
-        f"{folder.resolve().name}-result"
+    console.print_line(
+        f"next:  review it, then gaitcal calibrate {target} --out {folder.resolve().name}-result"
     )
 
 
-def study_or_draft(path: Path, options: Options, console: Console) -> Path | drafts.Draft:
-    """The study file itself, the one in a folder, or the draft of a folder without one, ready to
-    run.
+def find_or_draft_study(path: Path, options: Options, console: Console) -> Path | drafts.Draft:
+    """Find the study file of a path, or draft a study from a folder.
 
-    Raises UsageError: Options of the person beside a study file, which says it.
-    Raises InputError: A folder with several study files, or from which no study follows.
+    Parameters
+    ----------
+    path
+        Study file, or folder of recordings.
+    options
+        Options that describe the person.
+
+    Returns
+    -------
+    Path or Draft
+        The study file, or a complete draft.
+
+    Raises
+    ------
+    UsageError
+        The path is a recording, or options describe a person whom the study file describes.
+    InputError
+        The folder has several study files, or no study can be drafted from it.
     """
     if path.suffix.lower() in formats.MARKER_READERS and path.is_file():
         raise UsageError(
-            "is a recording; name its folder, with the static trial in it, or a study file",
+            "is a recording; give its folder, which must contain the static trial, or a study file",
             source=path,
         )
-    with console.working() as step:
+    with console.show_progress() as step:
         if path.is_dir():
             step("reading the folder")
         found = drafts.find_study_source(path, options)
     if isinstance(found, Path):
         if found != path:
-            console.line(f"the folder's own study is used: {found}")
+            console.print_line(f"study of the folder: {found}")
         return found
-    draft = _asked(found, options, console)
+    draft = _complete_draft(found, options, console)
     if draft.fault:
-        print_seen(console, draft)
+        print_files(console, draft)
     else:
-        tell_draft(console, draft)
+        print_draft(console, draft)
     drafts.require_runnable(draft, path)
     return draft
 
 
-def _asked(folder: Folder, options: Options, console: Console) -> drafts.Draft:
-    """The draft, after a question at the terminal for each thing that nobody tells."""
+def _complete_draft(folder: Folder, options: Options, console: Console) -> drafts.Draft:
+    """Draft a study, and ask at the terminal for values of the person that no file contains.
+
+    No question is asked if the output is quiet, or if input or output is not a terminal.
+    """
     draft = draft_of(folder, options)
     if (
         draft.fault
@@ -145,15 +195,17 @@ def _asked(folder: Folder, options: Options, console: Console) -> drafts.Draft:
         return draft
     for field in (*draft.missing, *draft.estimated):
         while True:
-            question, spare = f"no file says the {QUESTIONS[field]}", field in draft.estimated
-            question += " (Enter: estimated, with wider errors)" if spare else ""
+            question, optional = f"{QUESTIONS[field]} (in no file)", field in draft.estimated
+            question += " (Enter: estimated, with wider errors)" if optional else ""
             answer = str(
-                typer.prompt(question, default="" if spare else None, show_default=False, err=True)
+                typer.prompt(
+                    question, default="" if optional else None, show_default=False, err=True
+                )
             ).strip()
-            if spare and not answer:
+            if optional and not answer:
                 break
             try:
-                options = _answered(options, field, answer)
+                options = _add_answer(options, field, answer)
             except (UsageError, ValueError) as fault:
                 console.err.print(Text(str(fault)))
                 continue
@@ -161,17 +213,24 @@ def _asked(folder: Folder, options: Options, console: Console) -> drafts.Draft:
     return draft_study(draft.folder, options)
 
 
-def _answered(options: Options, field: str, answer: str) -> Options:
+def _add_answer(options: Options, field: str, answer: str) -> Options:
+    """Add an answer to the options; raise UsageError or ValueError if it is invalid."""
     value: object = answer.lower() if field == "sex" else float(answer.replace(",", "."))
     out = replace(options, **{field.partition("_")[0]: value})  # type: ignore[arg-type]
-    return options_of(out.mass, out.height, out.sex, out.age)
+    return check_person_options(out.mass, out.height, out.sex, out.age)
 
 
-def print_seen(console: Console, draft: drafts.Draft) -> None:
-    """A row for every file of the folder: what it is, what it shows, what it is used as, why."""
+def print_files(console: Console, draft: drafts.Draft) -> None:
+    """Print a row for every file of the folder: type, content, use in the study and reason.
+
+    Parameters
+    ----------
+    draft
+        Draft of the folder.
+    """
     if not draft.seen:
         return
-    table = frameless_table(("file", "is"), ("frames",))
+    table = make_frameless_table(("file", "type"), ("frames",))
     for head in ("labels", "shows", "used as", "reason"):
         table.add_column(head)
     for row in draft.seen:
@@ -191,10 +250,17 @@ def print_seen(console: Console, draft: drafts.Draft) -> None:
     console.out.print(table)
 
 
-def tell_draft(console: Console, draft: drafts.Draft) -> None:
-    """In some lines, what was made of a folder."""
-    if line := drafts.marker_set_line(draft):
-        console.line(line)
+def print_draft(console: Console, draft: drafts.Draft) -> None:
+    """Print the marker set, the trials by role and the doubts of a draft.
+
+    Parameters
+    ----------
+    draft
+        Draft of a folder.
+    """
+    line = drafts.marker_set_line(draft)
+    if line:
+        console.print_line(line)
     for role in Role:
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name
@@ -202,9 +268,9 @@ def tell_draft(console: Console, draft: drafts.Draft) -> None:
             if trial.role == role
         ]
         if names:
-            console.line(f"{role.value}: {', '.join(names)}")
+            console.print_line(f"{role.value}: {', '.join(names)}")
     for line in drafts.doubtful_lines(draft):
-        console.line(line)
+        console.print_line(line)
 
 
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
@@ -218,11 +284,15 @@ def check_recordings(
     sex: options.Sex = None,
     age: options.Age = None,
 ) -> None:
-    """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is
-    an error.
+    """Print the findings of a study or of a folder; exit with code 1 if there is an error.
+
+    Raises
+    ------
+    InputError
+        The study is invalid, or no study can be drafted from the folder.
     """
-    source = study_or_draft(study, options_of(mass, height, sex, age), console)
-    with console.working() as step:
+    source = find_or_draft_study(study, check_person_options(mass, height, sex, age), console)
+    with console.show_progress() as step:
         step("reading and checking the recordings")
         if isinstance(source, Path):
             findings = check_file(source)
@@ -232,18 +302,21 @@ def check_recordings(
     if shown:
         if not console.out.is_terminal:
             console.out.width = PLAIN_WIDTH
-        console.out.print(_table(shown))
+        console.out.print(_build_table(shown))
     counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
     hidden = counts[Severity.INFO] if not console.verbose else 0
-    more = f" (-v shows {hidden} more facts)" if hidden else ""
-    console.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
+    more = f" (-v shows {hidden} notes)" if hidden else ""
+    console.print_line(
+        f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}"
+    )
     if shown:
-        console.line(f"what a code means and what to do: gaitcal explain {shown[0].code.value}")
+        console.print_line(f"meaning and remedy of a code: gaitcal explain {shown[0].code.value}")
     if counts[Severity.ERROR]:
         sys.exit(1)
 
 
-def _table(findings: Sequence[Finding]) -> Table:
+def _build_table(findings: Sequence[Finding]) -> Table:
+    """Build the table of findings."""
     table = Table(show_edge=False, pad_edge=False, show_lines=True)
     for name in ("severity", "where", "about"):
         table.add_column(name)

@@ -1,11 +1,10 @@
-"""`gaitcal view`, and `gaitcal report`, the same on paper.
+"""Commands `view`, `report` and `compare`.
 
-`gaitcal compare`: two sessions of one person, or an OpenSim model beside ours.
+The page of a result is served from memory on the loopback interface only (MeshCat's server listens
+on all interfaces). The server answers requests that
 
-The page is served on the loopback interface only. MeshCat's own server listens on all interfaces.
-Ours serves a single page from memory, to requests that name this machine (a page elsewhere that
-points its own name at 127.0.0.1 gets nothing) and the token in its address (nor does another user
-of this machine), and nothing else.
+- name this machine in their Host header: a web page whose name resolves to 127.0.0.1 gets nothing;
+- have the token of the address: other users of this machine get nothing.
 """
 
 import os
@@ -25,7 +24,7 @@ import typer
 from rich.text import Text
 
 from gaitcal.cli import options
-from gaitcal.cli.console import Console, frameless_table
+from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.errors import Code, InputError, UsageError, note_of
 from gaitcal.export.opensim import motion_comparison
 from gaitcal.export.opensim.model_comparison import compare, osim_words
@@ -47,7 +46,20 @@ _THIS_MACHINE: Final = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?"
 
 
 class ViewServer(ThreadingHTTPServer):
-    """One page on 127.0.0.1, at an address that nobody can guess."""
+    """Server of one page on 127.0.0.1, at an address with a random token.
+
+    Parameters
+    ----------
+    html
+        The page.
+    port
+        Port; 0: any free one.
+
+    Raises
+    ------
+    InputError
+        The port cannot be used.
+    """
 
     daemon_threads = True
 
@@ -61,29 +73,34 @@ class ViewServer(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
-            message = f"found {port}, which cannot be listened on ({error})"
+            message = f"found {port}, which cannot be used ({error})"
             raise InputError(message, field="port", code=Code.OPTION) from error
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """Address of the page, with its token."""
         return f"http://{HOST}:{self.server_port}{self.path}"
 
 
 class _Handler(BaseHTTPRequestHandler):
+    """Answers to GET and HEAD requests for the page."""
+
     server: ViewServer
     server_version = "gaitcal"
     sys_version = ""
     timeout = 30
 
     def do_GET(self) -> None:
-        self._answer(with_body=True)
+        """Send the page."""
+        self._send_page(with_body=True)
 
     def do_HEAD(self) -> None:
-        self._answer(with_body=False)
+        """Send the headers of the page."""
+        self._send_page(with_body=False)
 
-    def _answer(self, *, with_body: bool) -> None:
-        # Any port: the far end of a tunnel may have another one than we listen on.
+    def _send_page(self, *, with_body: bool) -> None:
+        """Send the page if host and token are right, else an error."""
+        # Any port is accepted: the other end of a tunnel may have another one.
         if not _THIS_MACHINE.fullmatch(self.headers.get("Host", "")):
             self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
             return
@@ -110,7 +127,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(self.server.page)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Silent: the terminal belongs to the command."""
+        """Log nothing: the terminal shows the output of the command."""
 
 
 def serve(
@@ -124,17 +141,26 @@ def serve(
 
     Parameters
     ----------
-    port : on 127.0.0.1; 0: any free one.
-    ready : called with the address, token and all, once it answers.
+    html
+        The page.
+    port
+        Port on 127.0.0.1; 0: any free one.
+    open_browser
+        Open the browser, if there is a display.
+    ready
+        Called with the address when the server answers.
 
-    Raises InputError: The port cannot be listened on.
+    Raises
+    ------
+    InputError
+        The port cannot be used.
     """
     try:
         with ViewServer(html, port) as server:
             if ready is not None:
                 ready(server.url)
             if open_browser and _has_display():
-                # From a thread: some browsers keep this call until they are closed.
+                # In a thread: with some browsers this call returns when they are closed.
                 threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
             server.serve_forever(poll_interval=0.2)
     except KeyboardInterrupt:
@@ -142,7 +168,7 @@ def serve(
 
 
 def _has_display() -> bool:
-    """Without one, a browser for text terminals would be opened, in this very terminal."""
+    """Whether there is a display; without one, a text browser would open in this terminal."""
     return sys.platform != "linux" or bool(
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     )
@@ -158,30 +184,41 @@ def view_result(
     html: options.Html = None,
     geometry: options.Geometry = None,
 ) -> None:
-    """Show the page of a result in the browser, or write it; with another one, that of their
-    comparison.
+    """Show or write the page of a result, or of the comparison of two results.
 
-    `geometry`: bones of this folder, else the installed ones.
+    Parameters
+    ----------
+    html
+        File to write instead of showing the page.
+    geometry
+        Folder of bone surfaces; the installed ones unless given.
+
+    Raises
+    ------
+    UsageError
+        Bones are given for a comparison.
+    InputError
+        A result or the bones cannot be read.
     """
     if other is None:
         bones = None if geometry is None else bone_files.read_bone_folder(geometry)
         shown, lines = page_folder.read_result_page(result)
         for line in (*lines, *page_html.list_omissions(shown)):
-            console.line(line)
+            console.print_line(line)
         page = page_html.render_page(shown, bones)
     else:
         if geometry is not None:
             raise UsageError(
-                "found two results, whose page has no bones; allowed: with one result",
+                "found with two results, whose page has no bones; allowed: with one result",
                 field="--geometry",
             )
         page = render_comparison_html(compare_results(result, other), (result, other))
     if html is not None:
         with write_file_in_place(html) as path:
             write_text_atomically(path, page)
-        console.line(f"wrote {html}")
+        console.print_line(f"wrote {html}")
         return
-    serve(page, ready=lambda url: console.line(f"{url}  (Ctrl-C ends)"))
+    serve(page, ready=lambda url: console.print_line(f"{url}  (Ctrl-C ends)"))
 
 
 def print_report(
@@ -192,8 +229,14 @@ def print_report(
     comments: options.Comments = None,
     normal: options.Normal = None,
 ) -> None:
-    """Write the report of a result, or of two sessions, as a PDF, with the comments that somebody
-    wrote for it.
+    """Write the PDF report of a result or of two sessions, with its comments.
+
+    Raises
+    ------
+    UsageError
+        Options do not apply to two results.
+    InputError
+        A result, the comments or the normal bands cannot be read.
     """
     from gaitcal.report.figures.document import ComparisonContent, ReportContent, write_pdf
     from gaitcal.report.gait_report import read_comments, read_report_content
@@ -201,28 +244,32 @@ def print_report(
     if other is not None and pdf is None:
         raise UsageError("found two results; needed: --pdf FILE", field="--pdf")
     if other is not None and normal is not None:
-        message = "found two results, each held against its own norm; allowed: with one result"
+        message = (
+            "found with two results, each with the norm of its result; allowed: with one result"
+        )
         raise UsageError(message, field="--normal")
-    beside = result / COMMENTS
-    file = comments or (beside if other is None and beside.is_file() else None)
-    said = {} if file is None else read_comments(file)
+    default_file = result / COMMENTS
+    file = comments or (default_file if other is None and default_file.is_file() else None)
+    texts = {} if file is None else read_comments(file)
     content: ReportContent | ComparisonContent
     if other is None:
-        named = None if normal is None else (normal_bands.read_normal_bands(normal), normal.name)
-        content = read_report_content(result, named, said)
+        bands = None if normal is None else (normal_bands.read_normal_bands(normal), normal.name)
+        content = read_report_content(result, bands, texts)
     else:
-        content = build_comparison_content(compare_results(result, other), (result, other), said)
+        content = build_comparison_content(compare_results(result, other), (result, other), texts)
     target = pdf or result / REPORT
     with write_file_in_place(target) as path:
         pages = write_pdf(content, path)
-    console.line(
+    console.print_line(
         f"wrote {target}: {moments.counted(pages, 'page')}"
         + (f", comments of {file}" if file else "")
     )
 
 
-SHOWN = 30  # Rows of the table on the screen; the file has all
-WIDTH = 40  # Characters of a figure's name, at least
+MAX_PRINTED_ROWS = 30
+"""Rows of the printed table; the file has all."""
+MIN_NAME_WIDTH = 40
+"""Minimal width (characters) of the column of names."""
 
 
 def compare_sessions_or_models(
@@ -230,24 +277,32 @@ def compare_sessions_or_models(
     result: options.Result,
     other: options.OtherResult = None,
     osim: Annotated[
-        Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")
+        Path | None, typer.Option(help="OpenSim model of the same person, instead of OTHER.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")
+        Path | None, typer.Option(help="Folder for the tables. Default: none is written.")
     ] = None,
     motion: Annotated[
         bool,
         typer.Option(
-            help="With --osim: its coordinates and moments in the recordings, by OpenSim, too."
+            help="With --osim: also compare coordinates and moments, computed by OpenSim."
         ),
     ] = False,
 ) -> None:
-    """Compare two results, or one with an OpenSim model."""
+    """Compare two results, or a result with an OpenSim model.
+
+    Raises
+    ------
+    UsageError
+        Options exclude each other.
+    InputError
+        A result or the model cannot be read, or the results are not of one person.
+    """
     if osim is not None and (other is not None or out is not None):
-        message = "found a second result or --out beside it; allowed: one result and --osim FILE"
+        message = "found with a second result or --out; allowed: with one result"
         raise UsageError(message, field="--osim")
     if motion and osim is None:
-        raise UsageError("found without --osim, whose model it is for", field="--motion")
+        raise UsageError("found without --osim; allowed: with --osim", field="--motion")
     if osim is not None:
         compare_models(result, osim, console)
         if motion:
@@ -262,73 +317,82 @@ def compare_sessions_or_models(
             out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)]
         )
     comparison = compare_results(result, other)
-    tell(comparison, console)
+    print_comparison(comparison, console)
     if out is not None:
         write_comparison(comparison, out, (result, other))
-        console.line(f"wrote {out}")
+        console.print_line(f"wrote {out}")
 
 
-def tell(comparison: session_comparison.SessionComparison, console: Console) -> None:
-    """Warnings and words first, then the table of what differs most."""
+def print_comparison(comparison: session_comparison.SessionComparison, console: Console) -> None:
+    """Print warnings and summary, then a table of the largest differences."""
     for line in comparison.lines:
-        console.line(line)
+        console.print_line(line)
     if not comparison.found:
         return
-    table = frameless_table(
+    table = make_frameless_table(
         ("figure", "unit"), (*comparison.names, "difference", "missed below", "times")
     )
-    table.columns[0].min_width = WIDTH
-    for d in comparison.found[:SHOWN]:
+    table.columns[0].min_width = MIN_NAME_WIDTH
+    for d in comparison.found[:MAX_PRINTED_ROWS]:
         table.add_row(
             Text(session_difference.name_figure(d)), d.unit, *session_difference.format_numbers(d)
         )
-    console.line()
+    console.print_line()
     console.out.print(table)
-    if (rest := len(comparison.found) - SHOWN) > 0:
-        console.line(f"and {rest} more: --out FOLDER writes all")
+    remaining = len(comparison.found) - MAX_PRINTED_ROWS
+    if remaining > 0:
+        console.print_line(f"and {remaining} more: --out FOLDER writes all")
 
 
 def compare_models(result: Path, osim: Path, console: Console) -> None:
-    """Say in words what an OpenSim model differs in, then print its joint axes, masses and lengths
-    beside ours.
+    """Print how an OpenSim model differs from the result: joint axes, masses and lengths.
+
+    Raises
+    ------
+    InputError
+        The result or the model cannot be read.
     """
-    table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
+    table = make_frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
     model, read, doubts = saved_result.load_result_model(result)
     for text in (*read.remarks, *map(note_of, doubts)):
-        console.line(f"warning: {text}")
+        console.print_line(f"warning: {text}")
     rows = compare(model, osim)
     for line in osim_words(rows):
-        console.line(line)
+        console.print_line(line)
     for row in rows:
         numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))
         table.add_row(Text(row.quantity), Text(row.unit), *numbers)
-    console.line()
+    console.print_line()
     console.out.print(table)
 
 
 def compare_motions(result: Path, osim: Path, console: Console) -> None:
-    """Coordinates and moments of an OpenSim model in the recordings of a result, by OpenSim, beside
-    ours.
+    """Print how coordinates and moments of an OpenSim model, computed by OpenSim, differ from ours.
+
+    Raises
+    ------
+    InputError
+        The result or the model cannot be read, or OpenSim is not installed.
     """
-    with console.working() as step:
+    with console.show_progress() as step:
         step("inverse kinematics and dynamics in OpenSim")
         trials = load_compared_trials(result)
         found = motion_comparison.compare_motion(
             saved_result.load_result_model(result)[0], osim, trials
         )
-    table = frameless_table(
-        ("coordinate", "unit"), ("ours, range", "offset", "rest, RMS", "correlation")
+    table = make_frameless_table(
+        ("coordinate", "unit"), ("our range", "offset", "rest, RMS", "correlation")
     )
     for curve in found.curves:
         numbers = (float(np.ptp(curve.ours)), curve.offset, curve.rest)
         r = "" if np.isnan(curve.correlation) else f"{curve.correlation:.3f}"
         table.add_row(Text(curve.coordinate), curve.unit, *(f"{v:.1f}" for v in numbers), r)
-    console.line()
-    console.line(
+    console.print_line()
+    console.print_line(
         f"in {', '.join(t.name for t in trials)}, by OpenSim; theirs - ours = offset + rest:"
     )
     console.out.print(table)
     ours, theirs = (f"{1e3 * missed:.1f}" for missed in found.missed)
-    console.line(f"markers are missed by {ours} mm RMS in our model, by {theirs} in theirs")
+    console.print_line(f"marker error, RMS: {ours} mm in our model, {theirs} mm in theirs")
     for note in found.notes:
-        console.line(f"note: {note}")
+        console.print_line(f"note: {note}")

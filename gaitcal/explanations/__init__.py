@@ -43,7 +43,7 @@ class Explanation:
 
 
 @functools.cache
-def explanation_of(code: Code) -> Explanation:
+def load_explanation(code: Code) -> Explanation:
     """The page of a code."""
     page = files(__package__).joinpath("pages", f"{code.value}.md").read_text(encoding="utf-8")
     head, severity, text = page.strip().split("\n\n", 2)
@@ -51,9 +51,9 @@ def explanation_of(code: Code) -> Explanation:
     return Explanation(code=code, title=title, severity=severity.strip("*"), text=text)
 
 
-def all_explanations() -> tuple[Explanation, ...]:
+def load_all_explanations() -> tuple[Explanation, ...]:
     """The pages of all codes, in the order of their numbers."""
-    return tuple(explanation_of(code) for code in Code)
+    return tuple(load_explanation(code) for code in Code)
 
 
 @dataclass(frozen=True)
@@ -82,16 +82,16 @@ class Verbatim:
 Piece: TypeAlias = Paragraph | Bullets | Verbatim
 
 
-def parts_of(text: str) -> tuple[tuple[str, tuple[Piece, ...]], ...]:
+def split_parts(text: str) -> tuple[tuple[str, tuple[Piece, ...]], ...]:
     """Headings of the second level, each with what stands below it."""
     out = []
     for part in f"\n{text}".split("\n## ")[1:]:
         heading, _, body = part.partition("\n")
-        out.append((heading.strip(), tuple(_pieces(body))))
+        out.append((heading.strip(), tuple(_parse_pieces(body))))
     return tuple(out)
 
 
-def _pieces(body: str) -> Iterator[Piece]:
+def _parse_pieces(body: str) -> Iterator[Piece]:
     for block in body.strip().split("\n\n"):
         lines = block.strip("\n").split("\n")
         if lines[0].startswith("```"):

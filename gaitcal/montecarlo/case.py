@@ -34,7 +34,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.study import Study
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_gait
 from gaitcal.tracking.spline import build_spline_basis
 
 SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
@@ -85,7 +85,7 @@ def nominal_case() -> MonteCarloCase:
     """The built-in subject of the reproduction: one gait cycle, 208 frames, ground reactions
     without residual.
     """
-    model, motion = published_model(), gait_motion()
+    model, motion = published_model(), simulate_gait()
     return MonteCarloCase(
         name="nominal subject",
         subject=model.subject,
@@ -93,7 +93,7 @@ def nominal_case() -> MonteCarloCase:
         markers=model.markers,
         time=motion.basis.time,
         coefficients=motion.coefficients,
-        wrench=residual_free_wrench(model.parameters, motion),
+        wrench=compute_residual_free_wrench(model.parameters, motion),
         valid=np.ones(len(motion.basis.time), dtype=bool),
     )
 

@@ -41,7 +41,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.protocol import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.synthetic.synthetic_motion import marker_noise, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import compute_synthetic_markers, draw_marker_noise
 from gaitcal.tracking import banded, descent, motion, spline
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
@@ -182,7 +182,7 @@ def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
         markers=case.markers,
     )
     q = spline.build_spline_basis(case.time, len(case.coefficients)).evaluate(case.coefficients)
-    markers = synthetic_markers(case.parameters, case.markers, q)
+    markers = compute_synthetic_markers(case.parameters, case.markers, q)
     recording = Recording(
         source=case.name, time=case.time, labels=case.markers.labels, markers=markers
     )
@@ -217,7 +217,7 @@ def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int)
         inertial = part * settings.inertial_percent / 100.0 * rng.uniform(-1.0, 1.0, len(names))
     if varied is Varied.NOISE:
         time, markers = context.case.time, len(context.data.segment)
-        waves = marker_noise(
+        waves = draw_marker_noise(
             time - time[0], markers, rng, amplitude=part * 1e-3 * settings.noise_mm
         )
         noise = np.ascontiguousarray(waves.transpose(1, 2, 0))

@@ -101,7 +101,9 @@ def analyse_trial(
                 f"found '{side}'; allowed: r, l or none", field="plates", code=Code.ARGUMENT
             )
     file, table = Path(recording), None if forces is None else Path(forces)
-    trial = trial_table(file, table, role=role, plates=plates or {}, time=time, filter_hz=filter_hz)
+    trial = make_trial_table(
+        file, table, role=role, plates=plates or {}, time=time, filter_hz=filter_hz
+    )
     inputs = [file, *([table] if table else []), *find_event_tables(file)]
     if out is not None:
         check_output_folder(Path(out), ResultKind.DYNAMICS, inputs)
@@ -112,7 +114,7 @@ def analyse_trial(
     return done
 
 
-def trial_table(file: Path, forces: Path | None, **given: object) -> TrialTable:
+def make_trial_table(file: Path, forces: Path | None, **given: object) -> TrialTable:
     """Describe a further recording as a study file would, under the name of its file, which may be
     any.
     """
@@ -142,7 +144,7 @@ def analyse_trials(
     evidence = []
     for table in tables:
         progress(f"{table.file.name}: reading and checking")
-        evidence.append(_evidence(read_trial(table, saved.rename, saved.marker_set), saved))
+        evidence.append(_preprocess(read_trial(table, saved.rename, saved.marker_set), saved))
     checked = [finding for one in evidence for finding in check_further(one)]
     findings = [*saved.doubts, *checked]
     if errors := stopping(findings, [one.name for one in evidence]):
@@ -156,8 +158,8 @@ def analyse_trials(
         )
     late = [trial.name for trial in done if not trial.calibrated.converged]
     findings += [
-        *_edited(saved, done),
-        *map(_not_tracked, late),
+        *_report_edited_files(saved, done),
+        *map(_report_untracked, late),
         *(f for t in done for f in t.findings),
     ]
     verdict = judge(without_consequences(findings), [trial.name for trial in done])
@@ -165,7 +167,7 @@ def analyse_trials(
     return FurtherTrials(trials=trials, verdict=verdict, not_converged=tuple(late))
 
 
-def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
+def _report_edited_files(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
     """Files of the result that somebody changed since it was written, said of every trial made with
     them.
     """
@@ -184,7 +186,7 @@ def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
     ]
 
 
-def _not_tracked(name: str) -> Finding:
+def _report_untracked(name: str) -> Finding:
     return Finding(
         severity=Severity.ERROR,
         topic="convergence",
@@ -196,7 +198,7 @@ def _not_tracked(name: str) -> Finding:
     )
 
 
-def _evidence(trial: Trial, saved: SavedResult) -> TrialEvidence:
+def _preprocess(trial: Trial, saved: SavedResult) -> TrialEvidence:
     labels = saved.model.markers.labels
     if not set(labels) & set(trial.recording.labels):
         message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"

@@ -121,9 +121,9 @@ def true_model() -> SubjectModel:
 def true_motion(problem: str) -> motions.TrueMotion:
     """Return the true motion of one of `PROBLEMS`; isolated trials have 1200 frames."""
     return (
-        motions.gait_motion()
+        motions.simulate_gait()
         if problem == "full leg"
-        else motions.isolated_motion(f"{problem}_{SIDE}")
+        else motions.simulate_isolated_trial(f"{problem}_{SIDE}")
     )
 
 
@@ -139,9 +139,9 @@ def free_parameters(problem: str) -> tuple[str, ...]:
 def synthetic_problem(problem: str, noise: np.random.Generator | None) -> MotionProblem:
     """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
     model, motion = true_model(), true_motion(problem)
-    markers = motions.synthetic_markers(model.parameters, model.markers, motion.q)
+    markers = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
-        markers = markers + motions.marker_noise(
+        markers = markers + motions.draw_marker_noise(
             motion.basis.time, len(model.markers.labels), noise
         )
     recording = Recording(
@@ -285,7 +285,7 @@ class ThirdStep:
 @cache
 def true_wrench() -> Array:
     """(208, 2, 6) ground reactions on the feet that leave the true model no residual."""
-    return motions.residual_free_wrench(true_model().parameters, true_motion("full leg"))
+    return motions.compute_residual_free_wrench(true_model().parameters, true_motion("full leg"))
 
 
 def gait_equations(

@@ -10,7 +10,7 @@ from gaitcal.io.result_folder import read_json_object
 from gaitcal.results.saved_result import list_moving_trials, load_trial
 from gaitcal.results.summary import SUMMARY, get_table
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.synthetic_motion import synthetic_markers
+from gaitcal.synthetic.synthetic_motion import compute_synthetic_markers
 
 
 def load_compared_trials(folder: Path) -> list[OurMotion]:
@@ -40,7 +40,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
         compared = [
             m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0
         ]
-        modelled = synthetic_markers(saved.model.parameters, placed, q)[:, compared]
+        modelled = compute_synthetic_markers(saved.model.parameters, placed, q)[:, compared]
         differences = (
             saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
         )

@@ -25,9 +25,9 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic import walk
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
+    fit_to_nominal_markers,
     is_nominal,
-    looking_like_nominal,
-    standing_pose,
+    make_standing_pose,
 )
 from gaitcal.tracking.spline import DEGREE, build_spline_basis, convert_to_bspline
 
@@ -46,27 +46,23 @@ RATE_HZ = 100.0
 FAST, FAST_SPAN, SLOW_SPAN = (Activity.RUN, Activity.JUMP), 4, 10
 """Frames between the knots of the spline of a movement."""
 FLIGHT_FORCE = 0.005  # Body weights, that a flying body may be pushed by
-SPREAD = (
+POSTURE_SPREAD = (
     4.0  # How much further from its postures such a movement may be than a walk from its curves
 )
-STANDING, BALL = 0.45, 0.75
+STANDING_PART, BALL_PART = 0.45, 0.75
 """Part of the way from heel to tip under which a foot bears its load: that stands, and whose heel
 is off the ground.
 """
-SEAT_SHARE, SEAT_BELOW = 0.8, np.array([-0.05, -0.10, 0.0])
+SEAT_SHARE, SEAT_OFFSET_M = 0.8, np.array([-0.05, -0.10, 0.0])
 """Of body weight on a seat, and where it pushes, m from the pelvis."""
-ENDS = 4  # Spans of the spline at either end that are left out
-SWAYING = (
-    ("pelvis_tz", 0.008, 0.4),
-    ("pelvis_rotation", 0.03, 0.55),
-    ("lumbar_bending", 0.02, 0.3),
-)
+END_SPANS = 4  # Spans of the spline at either end that are left out
+SWAY = (("pelvis_tz", 0.008, 0.4), ("pelvis_rotation", 0.03, 0.55), ("lumbar_bending", 0.02, 0.3))
 """Coordinate, m or rad, Hz: nobody stands like a drawing."""
 SWAY_S = 0.2  # s, in whose middle a foot's next foothold takes the place of its last
-RESTS = {True: ((0.03, 0.5), (0.12, 0.86)), False: ((0.1, 0.9), (-0.08, 1.08))}
+REST_PHASES = {True: ((0.03, 0.5), (0.12, 0.86)), False: ((0.1, 0.9), (-0.08, 1.08))}
 """Part of a contact between which heel and ball do not move: of strides, and of a foot that stands.
 """
-RESTS_WITHIN = 0.08  # Part of a contact, to come to rest and to leave
+REST_RAMP = 0.08  # Part of a contact, to come to rest and to leave
 
 
 @dataclass(frozen=True)
@@ -114,7 +110,10 @@ _BODY: Mapping[Activity, str] = {
 }
 """The same moments; degrees of pelvis tilt, lumbar extension, shoulder flexion."""
 STRIDE_S = {Activity.RUN: 0.72, Activity.STAIRS: 1.4}
-STANCES = {Activity.RUN: 0.34, Activity.STAIRS: 0.62}  # Share of a stride in which a foot stands
+STANCE_SHARES = {
+    Activity.RUN: 0.34,
+    Activity.STAIRS: 0.62,
+}  # Share of a stride in which a foot stands
 STEP_M = {Activity.RUN: (1.05, 0.0, 0.05), Activity.STAIRS: (0.29, 0.17, 0.09)}
 """m: length, rise, and from the middle line."""
 STANCE_WIDTH = 0.12  # m from the middle line to a foot that stands
@@ -122,16 +121,16 @@ STRIDES = (0.15, 2.7)  # Of a run or a climb, since a right strike
 REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1}
 
 
-def _table(text: str) -> tuple[Array, Array]:
+def _parse_table(text: str) -> tuple[Array, Array]:
     rows = np.array([[float(x) for x in row.split()] for row in text.split("|")])
     return rows[:, 0], rows[:, 1:]
 
 
-def _postures(activity: Activity, time: Array, phase: Array | None) -> Array:
+def _build_postures(activity: Activity, time: Array, phase: Array | None) -> Array:
     """(nf, nq) angles alone; `phase`: (nf,) strides, of movements that are strides."""
-    q = np.tile(standing_pose(), (len(time), 1))
-    moments, body = _table(_BODY[activity])
-    _, legs = _table(_LEGS[activity])
+    q = np.tile(make_standing_pose(), (len(time), 1))
+    moments, body = _parse_table(_BODY[activity])
+    _, legs = _parse_table(_LEGS[activity])
     if phase is None:  # from posture to posture, at rest in each
         last = moments[-1]
         at = np.mod(time, last)
@@ -141,14 +140,14 @@ def _postures(activity: Activity, time: Array, phase: Array | None) -> Array:
         def along(values: Array, shift: float) -> Array:
             out = np.tile(values[0], (len(at), 1))
             for k in range(len(moments) - 1):
-                out += walk.ramp((at - moments[k]) / (moments[k + 1] - moments[k]))[:, None] * (
-                    values[k + 1] - values[k]
-                )
+                out += walk.compute_ramp((at - moments[k]) / (moments[k + 1] - moments[k]))[
+                    :, None
+                ] * (values[k + 1] - values[k])
             return out
     else:
 
         def along(values: Array, shift: float) -> Array:
-            own = _table(_LEGS[activity])[0] if len(values) == len(legs) else moments
+            own = _parse_table(_LEGS[activity])[0] if len(values) == len(legs) else moments
             values = np.vstack([values[:-1], values[:1]])
             out: Array = CubicSpline(own, values, bc_type="periodic")(np.mod(phase - shift, 1.0))
             return out
@@ -167,14 +166,14 @@ def _postures(activity: Activity, time: Array, phase: Array | None) -> Array:
     return q
 
 
-def _contacts(activity: Activity, ends: tuple[float, float]) -> tuple[Contact, ...]:
+def _build_contacts(activity: Activity, ends: tuple[float, float]) -> tuple[Contact, ...]:
     if activity in STRIDE_S:
         stride, (length, rise, aside) = STRIDE_S[activity], STEP_M[activity]
         steps = range(int(2 * STRIDES[0]) - 2, int(2 * STRIDES[1]) + 1)
         out = []
         for level, k in enumerate(steps):
             start = (0.5 * k - STRIDES[0]) * stride
-            stop = start + STANCES[activity] * stride
+            stop = start + STANCE_SHARES[activity] * stride
             if stop > ends[0] and start < ends[1]:
                 z = aside if k % 2 == 0 else -aside
                 out.append(
@@ -183,7 +182,7 @@ def _contacts(activity: Activity, ends: tuple[float, float]) -> tuple[Contact, .
                         start,
                         stop,
                         (length * k, rise * level, z),
-                        shared=STANCES[activity] > 0.5,
+                        shared=STANCE_SHARES[activity] > 0.5,
                     )
                 )
         return tuple(out)
@@ -200,14 +199,14 @@ TAKE_OFF_S, FLIGHT_S = 1.18, 0.34  # s, of the jump: its landing is the push-off
 
 
 @with_one_blas_thread
-def movement(activity: Activity, parameters: Parameters) -> SyntheticMovement:
+def simulate_movement(activity: Activity, parameters: Parameters) -> SyntheticMovement:
     """What a person with these parameters does; the ground's forces: `ground_on_feet`."""
     if activity in STRIDE_S:
         lasts = (STRIDES[1] - STRIDES[0]) * STRIDE_S[activity]
     elif activity is Activity.JUMP:
         lasts = 2 * TAKE_OFF_S + FLIGHT_S
     else:
-        lasts = REPEATS[activity] * _table(_LEGS[activity])[0][-1]
+        lasts = REPEATS[activity] * _parse_table(_LEGS[activity])[0][-1]
     per_span = FAST_SPAN if activity in FAST else SLOW_SPAN
     spans = round(lasts * RATE_HZ / per_span)
     time = np.arange(spans * per_span + 1) / RATE_HZ
@@ -215,33 +214,37 @@ def movement(activity: Activity, parameters: Parameters) -> SyntheticMovement:
     mirrored = (
         np.minimum(time, 2 * TAKE_OFF_S + FLIGHT_S - time) if activity is Activity.JUMP else time
     )
-    contacts = _contacts(activity, (0.0, float(time[-1])))
-    q = _postures(activity, mirrored, phase)
+    contacts = _build_contacts(activity, (0.0, float(time[-1])))
+    q = _build_postures(activity, mirrored, phase)
     on = _Feet(contacts, time, strides=phase is not None)
     q[:, :3] = on.carry(q)
-    for name, size, hz in SWAYING:
+    for name, size, hz in SWAY:
         q[:, COORDINATE_INDEX[name]] += size * np.sin(2 * np.pi * hz * time + 1.0)
     basis = build_spline_basis(time, spans + DEGREE)
     if not is_nominal(parameters):
-        q = basis.evaluate(looking_like_nominal(parameters, basis, q))
-    ground = on.ground(q, _seat_share(activity, time))
+        q = basis.evaluate(fit_to_nominal_markers(parameters, basis, q))
+    ground = on.ground(q, _compute_seat_share(activity, time))
     fitted = basis.fit(q)
-    meant = walk.Meant(basis.evaluate(fitted), basis.evaluate(fitted, 2), spread=SPREAD)
-    moved = convert_to_bspline(basis, walk.carried_nodes(parameters, basis, ground, meant))
-    cut = ENDS * per_span  # at an end nothing holds accelerations
+    meant = walk.TargetMotion(
+        basis.evaluate(fitted), basis.evaluate(fitted, 2), spread=POSTURE_SPREAD
+    )
+    moved = convert_to_bspline(basis, walk.fit_carried_motion(parameters, basis, ground, meant))
+    cut = END_SPANS * per_span  # at an end nothing holds accelerations
     inner = slice(cut, len(time) - cut)
-    kept = build_spline_basis(time[inner], basis.nodes - 2 * ENDS)
+    kept = build_spline_basis(time[inner], basis.nodes - 2 * END_SPANS)
     ground = walk.Ground(**{f.name: getattr(ground, f.name)[inner] for f in fields(walk.Ground)})
     motion = TrueMotion(kept, kept.fit(moved(time[inner])), ground=ground)
     return SyntheticMovement(motion=motion, contacts=contacts, belt=activity is Activity.RUN)
 
 
-def _seat_share(activity: Activity, time: Array) -> Array:
+def _compute_seat_share(activity: Activity, time: Array) -> Array:
     """(nf,) of the weight on a seat."""
     if activity is not Activity.SIT_TO_STAND:
         return np.zeros(len(time))
     at = np.mod(time, 5.2)
-    return SEAT_SHARE * (1.0 - walk.ramp((at - 0.8) / 0.5) + walk.ramp((at - 4.0) / 0.5))
+    return SEAT_SHARE * (
+        1.0 - walk.compute_ramp((at - 0.8) / 0.5) + walk.compute_ramp((at - 4.0) / 0.5)
+    )
 
 
 class _Feet:
@@ -249,7 +252,7 @@ class _Feet:
 
     def __init__(self, contacts: tuple[Contact, ...], time: Array, *, strides: bool) -> None:
         nf = len(time)
-        flat = walk.feet_of(published_model().parameters, standing_pose()[None]).points[0]
+        flat = walk.compute_feet(published_model().parameters, make_standing_pose()[None]).points[0]
         flat = (
             flat
             - [0.0, flat[..., 1].min() - walk.CLEARANCE, 0.0]
@@ -262,7 +265,7 @@ class _Feet:
         )
         self.load, self.part, self.level = (
             np.zeros((nf, 2)),
-            np.full((nf, 2), STANDING),
+            np.full((nf, 2), STANDING_PART),
             np.zeros((nf, 2)),
         )
         for c in contacts:
@@ -274,18 +277,21 @@ class _Feet:
             if strides:
                 self.part[inside, foot] = PchipInterpolator(*walk.ROLL)(own[inside])
             else:
-                off = (c.stop < time[-1]) * walk.ramp((own - 0.8) / 0.15) + (
+                off = (c.stop < time[-1]) * walk.compute_ramp((own - 0.8) / 0.15) + (
                     c.start > time[0]
-                ) * walk.ramp((0.2 - own) / 0.15)
-                self.part[inside, foot] += (BALL - STANDING) * off[inside]
-            for points, (begin, end) in zip(([0], [2, 3]), RESTS[strides], strict=True):
-                comes = walk.ramp((own - begin) / RESTS_WITHIN) if c.start > time[0] else 1.0
-                goes = walk.ramp((end - own) / RESTS_WITHIN) if c.stop < time[-1] else 1.0
+                ) * walk.compute_ramp((0.2 - own) / 0.15)
+                self.part[inside, foot] += (BALL_PART - STANDING_PART) * off[inside]
+            for points, (begin, end) in zip(([0], [2, 3]), REST_PHASES[strides], strict=True):
+                comes = walk.compute_ramp((own - begin) / REST_RAMP) if c.start > time[0] else 1.0
+                goes = walk.compute_ramp((end - own) / REST_RAMP) if c.stop < time[-1] else 1.0
                 self.rest[:, foot, points] += (inside * comes * goes)[:, None]
             overlap = walk.DOUBLE_SUPPORT / walk.STANCE * (c.stop - c.start) if c.shared else 0.0
             self.load[:, foot] += (
                 inside
-                * (walk.ramp((time - c.start) / overlap) * walk.ramp((c.stop - time) / overlap))
+                * (
+                    walk.compute_ramp((time - c.start) / overlap)
+                    * walk.compute_ramp((c.stop - time) / overlap)
+                )
                 if overlap
                 else inside
             )
@@ -297,7 +303,7 @@ class _Feet:
         """(nf, 3) m, the pelvis where resting feet want it, thrown in between."""
         away = q.copy()
         away[:, :3] = 0.0
-        points = walk.feet_of(published_model().parameters, away).points
+        points = walk.compute_feet(published_model().parameters, away).points
         weight = (self.rest * self.load[:, :, None])[..., None]
         wanted = ((self.footsteps - points) * weight).sum(axis=(1, 2)) / np.maximum(
             weight.sum(axis=(1, 2)), 1e-9
@@ -324,7 +330,7 @@ class _Feet:
             share=self.load * (1.0 - seat)[:, None],
             part=self.part,
             level=self.level,
-            seat=q[:, :3] + SEAT_BELOW,
+            seat=q[:, :3] + SEAT_OFFSET_M,
             force=force,
             spread=spread,
         )

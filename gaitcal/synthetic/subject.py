@@ -34,7 +34,7 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.synthetic import synthetic_motion as motions
-from gaitcal.synthetic.movements import Activity, Contact, SyntheticMovement, movement
+from gaitcal.synthetic.movements import Activity, Contact, SyntheticMovement, simulate_movement
 from gaitcal.synthetic.synthetic_truth import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
@@ -52,17 +52,17 @@ EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clo
 """Synthetic ground reactions are those that the motion asks for."""
 
 
-def synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
+def make_synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
     """The nominal subject with its static-only markers, or one drawn within the published bounds
     around it.
     """
     nominal = published_model(static_only=True)
-    parameters = _perturbed(nominal.parameters, rng) if perturb else nominal.parameters
+    parameters = _perturb(nominal.parameters, rng) if perturb else nominal.parameters
     subject = Subject("synthetic", parameters.mass, nominal.subject.height, nominal.subject.sex)
     return replace(nominal, subject=subject, parameters=parameters)
 
 
-def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
+def _perturb(nominal: Parameters, rng: np.random.Generator) -> Parameters:
     reach = np.array(
         [
             POSITION_BOUND if p.kind is ParameterKind.POSITION else ORIENTATION_BOUND
@@ -111,43 +111,52 @@ def synthesize(
         The folder cannot be written, or holds files that are not ours; `also` names no such
         movement.
     """
-    activities = [_activity(name) for name in also]
+    activities = [_parse_activity(name) for name in also]
     folder = Path(out)
-    person, noise_waves = _generators(seed)
-    model, tracking = synthetic_model(person, perturb=perturb), published_model().markers.labels
-    pose = motions.standing_pose(model.parameters)
+    person, noise_waves = _make_generators(seed)
+    model, tracking = (
+        make_synthetic_model(person, perturb=perturb),
+        published_model().markers.labels,
+    )
+    pose = motions.make_standing_pose(model.parameters)
     trials = {
-        "static": motions.static_motion(standing=pose),
-        **{j: motions.isolated_motion(j, pose) for j in ISOLATED_JOINTS},
+        "static": motions.simulate_static_trial(standing=pose),
+        **{j: motions.simulate_isolated_trial(j, pose) for j in ISOLATED_JOINTS},
     }
-    trials["gait"] = motions.two_strides(model.parameters)
-    movements = {activity.value: movement(activity, model.parameters) for activity in activities}
+    trials["gait"] = motions.simulate_two_strides(model.parameters)
+    movements = {
+        activity.value: simulate_movement(activity, model.parameters) for activity in activities
+    }
     trials |= {name: found.motion for name, found in movements.items()}
     with result_folder.write_result_folder(folder, result_folder.ResultKind.SYNTHETIC) as target:
         entries = []
         curves: dict[str, tuple[motions.TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
-            placed = on_the_floor(model, motion)
+            placed = place_on_floor(model, motion)
             ground = (
-                None if placed.ground is None else motions.ground_on_feet(model.parameters, placed)
+                None
+                if placed.ground is None
+                else motions.compute_ground_on_feet(model.parameters, placed)
             )
             plates = (
                 ()
                 if ground is None
-                else footholds(movements.get(name, SyntheticMovement(motion=placed)), ground.wrench)
+                else place_foothold_plates(
+                    movements.get(name, SyntheticMovement(motion=placed)), ground.wrench
+                )
             )
-            recording = recording_of(name, placed, model, labels, plates)
+            recording = record_motion(name, placed, model, labels, plates)
             if name != "static":
                 curves[name] = placed, None if ground is None else ground.wrench
             if noise and name != "static":
-                moved = recording.markers + motions.marker_noise(
+                moved = recording.markers + motions.draw_marker_noise(
                     recording.time, len(labels), noise_waves
                 )
                 recording = replace(recording, markers=moved)
             write_c3d(target / f"{name}.c3d", recording)
-            entries.append(_entry(name))
-        study = _study_file(model.subject, tuple(entries))
+            entries.append(_make_trial_entry(name))
+        study = _make_study_file(model.subject, tuple(entries))
         (target / "study.toml").write_text(study.to_toml(), encoding="utf-8")
         write_truth(target, model, curves)
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
@@ -158,7 +167,7 @@ def synthesize(
     return folder / "study.toml"
 
 
-def _activity(name: str) -> Activity:
+def _parse_activity(name: str) -> Activity:
     try:
         return Activity(name.replace("-", "_"))
     except ValueError:
@@ -166,33 +175,33 @@ def _activity(name: str) -> Activity:
         raise UsageError(f"found '{name}'; allowed: {allowed}", field="--movement") from None
 
 
-def true_gait(seed: int) -> tuple[Parameters, motions.TrueMotion]:
+def make_true_gait(seed: int) -> tuple[Parameters, motions.TrueMotion]:
     """Parameters and gait of the perturbed person that `synthesize` writes with this seed."""
-    model = synthetic_model(_generators(seed)[0], perturb=True)
-    return model.parameters, motions.two_strides(model.parameters)
+    model = make_synthetic_model(_make_generators(seed)[0], perturb=True)
+    return model.parameters, motions.simulate_two_strides(model.parameters)
 
 
-def _generators(seed: int) -> list[np.random.Generator]:
+def _make_generators(seed: int) -> list[np.random.Generator]:
     """Where randomness enters: one generator for the person's parameters, one for the noise of the
     markers.
     """
     return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2)]
 
 
-def on_the_floor(model: SubjectModel, motion: motions.TrueMotion) -> motions.TrueMotion:
+def place_on_floor(model: SubjectModel, motion: motions.TrueMotion) -> motions.TrueMotion:
     """The same motion, raised or lowered so that the lowest foot marker stays just above the floor,
     where a gait is.
     """
     if motion.ground is not None:
         return motion
-    heights = motions.synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
+    heights = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
     feet = [s.startswith("foot") for s in model.markers.segments]
     coefficients = motion.coefficients.copy()
     coefficients[:, COORDINATE_INDEX["pelvis_ty"]] -= heights[:, feet].min() - CLEARANCE
     return motions.TrueMotion(motion.basis, coefficients)
 
 
-def recording_of(
+def record_motion(
     name: str,
     motion: motions.TrueMotion,
     model: SubjectModel,
@@ -200,28 +209,29 @@ def recording_of(
     plates: tuple[ForcePlate, ...] = (),
 ) -> Recording:
     """What markers with these labels show of a motion over plates."""
-    every = motions.synthetic_markers(model.parameters, model.markers, motion.q)
+    every = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
     return Recording(
         source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates
     )
 
 
-def plates_under(motion: motions.TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
+def place_long_plates(motion: motions.TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
     """One long plate under each foot, with wrenches (nf, 2, 6) N, N·m about the laboratory origin."""
     halves = ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
     return tuple(
-        _plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0) for k, z in enumerate(halves)
+        _make_plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0)
+        for k, z in enumerate(halves)
     )
 
 
-def footholds(found: SyntheticMovement, wrench: Array) -> tuple[ForcePlate, ...]:
+def place_foothold_plates(found: SyntheticMovement, wrench: Array) -> tuple[ForcePlate, ...]:
     """One plate under each foothold, for runners one for all; two long ones under a walk."""
     time = found.motion.basis.time
     if not found.contacts:
-        return plates_under(found.motion, wrench)
+        return place_long_plates(found.motion, wrench)
     if found.belt:
-        return (_plate(0, time, wrench.sum(axis=1), BELT_X, (-PLATE_Z, PLATE_Z), 0.0),)
+        return (_make_plate(0, time, wrench.sum(axis=1), BELT_X, (-PLATE_Z, PLATE_Z), 0.0),)
     of_place: dict[tuple[int, tuple[float, float, float]], list[Contact]] = {}
     for contact in found.contacts:
         of_place.setdefault((contact.foot, contact.place), []).append(contact)
@@ -231,12 +241,12 @@ def footholds(found: SyntheticMovement, wrench: Array) -> tuple[ForcePlate, ...]
         sides = (0.0, PLATE_Z) if z > 0 else (-PLATE_Z, 0.0)
         ends = (ahead - FOOTHOLD_X, ahead + FOOTHOLD_X)
         plates.append(
-            _plate(k, time, np.where(there[:, None], wrench[:, foot], 0.0), ends, sides, y)
+            _make_plate(k, time, np.where(there[:, None], wrench[:, foot], 0.0), ends, sides, y)
         )
     return tuple(plates)
 
 
-def _plate(
+def _make_plate(
     k: int,
     time: Array,
     wrench: Array,
@@ -262,7 +272,7 @@ def _plate(
     )
 
 
-def _entry(name: str) -> TrialTable:
+def _make_trial_entry(name: str) -> TrialTable:
     file = Path(f"{name}.c3d")
     if name == "static":
         return TrialTable(name=name, role="static", file=file)
@@ -273,7 +283,7 @@ def _entry(name: str) -> TrialTable:
     return TrialTable(name=name, role="motion", file=file)
 
 
-def _study_file(subject: Subject, trials: tuple[TrialTable, ...]) -> StudyFile:
+def _make_study_file(subject: Subject, trials: tuple[TrialTable, ...]) -> StudyFile:
     return StudyFile(
         subject=SubjectTable(
             name=subject.name,

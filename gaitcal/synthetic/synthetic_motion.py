@@ -41,11 +41,11 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.walk import (
     GAIT_CYCLE,
     Ground,
-    Meant,
-    carried_nodes,
-    feet_of,
-    nominal_curves,
-    walking_ground,
+    TargetMotion,
+    compute_feet,
+    compute_nominal_curves,
+    fit_carried_motion,
+    make_walking_ground,
 )
 from gaitcal.tracking.marker_residual import PlacedMarkers, compute_marker_positions
 from gaitcal.tracking.motion import track_motion
@@ -64,24 +64,24 @@ WALK_NODES = 35
 """Of a walk of two strides: knots as far apart as in the published gait. The splines of a published
 trial are among those of so many nodes."""
 
-HIP_TURNS = ((20.0, 30.0), (-15.0, 20.0))
+HIP_ROTATIONS_DEG = ((20.0, 30.0), (-15.0, 20.0))
 """Mean and amplitude, degrees, of hip flexion in the first and adduction in the second half of the
 hip trial.
 """
-KNEE_TURN = (45.0, 40.0)
-ANKLE_TURN = (-8.0, 24.0)
-SUBTALAR_AMPLITUDE = 18.0
+KNEE_ROTATION_DEG = (45.0, 40.0)
+ANKLE_ROTATION_DEG = (-8.0, 24.0)
+SUBTALAR_AMPLITUDE_DEG = 18.0
 ISOLATED_HZ = {"hip": 2.0 / 3.0, "knee": 0.5, "ankle": 0.5}
 NOISE_AMPLITUDE = 0.010  # m
 NOISE_OMEGA = 25.0  # rad/s
-ON_THE_FLOOR = (
+FOOT_MARKER_WEIGHT = (
     4.0  # Weight of the feet's markers: legs of unequal length stand on one floor all the same
 )
 MEETING_HEIGHT = 0.7  # Of body height: where the lines of both forces meet
 
 
 @with_one_blas_thread
-def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
+def compute_synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
     """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of
     `markers.labels`.
     """
@@ -95,7 +95,7 @@ def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array
     return out
 
 
-def marker_noise(
+def draw_marker_noise(
     time: Array, markers: int, rng: np.random.Generator, amplitude: float = NOISE_AMPLITUDE
 ) -> Array:
     """(nf, nm, 3) m of continuous noise: one sinusoid per marker coordinate."""
@@ -111,16 +111,18 @@ def is_nominal(parameters: Parameters) -> bool:
     return bool(np.array_equal(parameters.joint, published_model().parameters.joint))
 
 
-def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
+def fit_to_nominal_markers(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
     """(nn, nq) coefficients: in this motion a person's markers are nearest to the nominal person's
     at q (nf, nq).
     """
     nominal = published_model(static_only=True)
-    seen = synthetic_markers(nominal.parameters, nominal.markers, q)
+    seen = compute_synthetic_markers(nominal.parameters, nominal.markers, q)
     recording = Recording(
         source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen
     )
-    weight = np.where([s.startswith("foot") for s in nominal.markers.segments], ON_THE_FLOOR, 1.0)
+    weight = np.where(
+        [s.startswith("foot") for s in nominal.markers.segments], FOOT_MARKER_WEIGHT, 1.0
+    )
     person = replace(
         nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight)
     )
@@ -146,7 +148,7 @@ class TrueMotion:
 
 @cache
 @with_one_blas_thread
-def gait_motion() -> TrueMotion:
+def simulate_gait() -> TrueMotion:
     """The published gait of the nominal subject: one stride, right heel strike first, 208 frames at
     200 Hz.
 
@@ -154,48 +156,50 @@ def gait_motion() -> TrueMotion:
     accelerations.
     """
     parameters = published_model().parameters
-    time, longer = np.arange(GAIT_FRAMES) / RATE, two_strides(parameters)
+    time, longer = np.arange(GAIT_FRAMES) / RATE, simulate_two_strides(parameters)
     spline, stride = (
         convert_to_bspline(longer.basis, longer.coefficients),
         time - WALK_STRIDES[0] * GAIT_CYCLE,
     )
-    return _walk(parameters, time, 0.0, NODES, Meant(spline(stride), spline(stride, 2), spread=0.2))
+    return _simulate_walk(
+        parameters, time, 0.0, NODES, TargetMotion(spline(stride), spline(stride, 2), spread=0.2)
+    )
 
 
 @with_one_blas_thread
-def two_strides(parameters: Parameters) -> TrueMotion:
+def simulate_two_strides(parameters: Parameters) -> TrueMotion:
     """A walk of a person with these parameters in which both feet have a whole stride: 415 frames
     at 200 Hz.
     """
     begin, end = WALK_STRIDES
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
-    curves = nominal_curves(begin + time / GAIT_CYCLE)
+    curves = compute_nominal_curves(begin + time / GAIT_CYCLE)
     if not is_nominal(parameters):
         basis = build_spline_basis(time, WALK_NODES)
-        coefficients = looking_like_nominal(parameters, basis, curves.q)
-        curves = Meant(basis.evaluate(coefficients), basis.evaluate(coefficients, 2))
-    return _walk(parameters, time, begin, WALK_NODES, curves)
+        coefficients = fit_to_nominal_markers(parameters, basis, curves.q)
+        curves = TargetMotion(basis.evaluate(coefficients), basis.evaluate(coefficients, 2))
+    return _simulate_walk(parameters, time, begin, WALK_NODES, curves)
 
 
-def _walk(
-    parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant
+def _simulate_walk(
+    parameters: Parameters, time: Array, begin: float, nodes: int, meant: TargetMotion
 ) -> TrueMotion:
     """A walk of a person with these parameters like another; `begin`: its phase, in strides, at
     time 0.
     """
     basis, phase = build_spline_basis(time, nodes), begin + time / GAIT_CYCLE
-    ground = walking_ground(phase)
-    return TrueMotion(basis, carried_nodes(parameters, basis, ground, meant), phase, ground)
+    ground = make_walking_ground(phase)
+    return TrueMotion(basis, fit_carried_motion(parameters, basis, ground, meant), phase, ground)
 
 
 @with_one_blas_thread
-def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
+def simulate_isolated_trial(joint: str, standing: Array | None = None) -> TrueMotion:
     """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body
     nearly still.
     """
     kind, side = joint.split("_")
     time = np.arange(ISOLATED_FRAMES) / RATE
-    q = np.tile(standing_pose() if standing is None else standing, (ISOLATED_FRAMES, 1))
+    q = np.tile(make_standing_pose() if standing is None else standing, (ISOLATED_FRAMES, 1))
     cycle = 2 * np.pi * ISOLATED_HZ[kind] * time
 
     def put(name: str, degrees: Array) -> None:
@@ -207,23 +211,23 @@ def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
             np.sin(np.pi * np.clip((time - start) / half, 0.0, 1.0)) ** 2 for start in (0.0, half)
         )
         for name, (mean, amplitude), window in zip(
-            ("hip_flexion", "hip_adduction"), HIP_TURNS, windows, strict=True
+            ("hip_flexion", "hip_adduction"), HIP_ROTATIONS_DEG, windows, strict=True
         ):
             put(name, window * (mean + amplitude * np.sin(cycle)))
     elif kind == "knee":
-        put("knee_angle", KNEE_TURN[0] + KNEE_TURN[1] * np.sin(cycle))
+        put("knee_angle", KNEE_ROTATION_DEG[0] + KNEE_ROTATION_DEG[1] * np.sin(cycle))
         put("hip_flexion", np.full(len(time), 30.0))
     else:
-        put("ankle_angle", ANKLE_TURN[0] + ANKLE_TURN[1] * np.sin(cycle))
-        put("subtalar_angle", SUBTALAR_AMPLITUDE * np.cos(cycle))
+        put("ankle_angle", ANKLE_ROTATION_DEG[0] + ANKLE_ROTATION_DEG[1] * np.sin(cycle))
+        put("subtalar_angle", SUBTALAR_AMPLITUDE_DEG * np.cos(cycle))
     sway = 0.004 * np.sin(2 * np.pi * 0.3 * time)
     q[:, COORDINATE_INDEX["pelvis_tx"]] += sway
     q[:, COORDINATE_INDEX["pelvis_tz"]] += 0.5 * sway
     q[:, COORDINATE_INDEX["pelvis_tilt"]] += np.deg2rad(1.0) * np.sin(2 * np.pi * 0.25 * time)
-    return _in_spline_space(time, q)
+    return _fit_spline(time, q)
 
 
-def standing_pose(parameters: Parameters | None = None) -> Array:
+def make_standing_pose(parameters: Parameters | None = None) -> Array:
     """(nq,) upright, arms slightly away from the body; of a person with other joint parameters,
     what looks so.
     """
@@ -235,22 +239,22 @@ def standing_pose(parameters: Parameters | None = None) -> Array:
     if parameters is None or is_nominal(parameters):
         return q
     basis = build_spline_basis(np.arange(12) / 200.0, 6)
-    mean: Array = basis.evaluate(looking_like_nominal(parameters, basis, np.tile(q, (12, 1)))).mean(
-        axis=0
-    )
+    mean: Array = basis.evaluate(
+        fit_to_nominal_markers(parameters, basis, np.tile(q, (12, 1)))
+    ).mean(axis=0)
     return mean
 
 
 @with_one_blas_thread
-def static_motion(frames: int = 100, standing: Array | None = None) -> TrueMotion:
+def simulate_static_trial(frames: int = 100, standing: Array | None = None) -> TrueMotion:
     """Quiet standing."""
     time = np.arange(frames) / RATE
-    return _in_spline_space(
-        time, np.tile(standing_pose() if standing is None else standing, (frames, 1))
+    return _fit_spline(
+        time, np.tile(make_standing_pose() if standing is None else standing, (frames, 1))
     )
 
 
-def _in_spline_space(time: Array, q: Array) -> TrueMotion:
+def _fit_spline(time: Array, q: Array) -> TrueMotion:
     basis = build_spline_basis(time, NODES)
     return TrueMotion(basis, basis.fit(q))
 
@@ -268,15 +272,15 @@ class GroundOnFeet:
 
 
 @with_one_blas_thread
-def residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
+def compute_residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
     """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis
     residual in gait.
     """
-    return ground_on_feet(parameters, motion).wrench
+    return compute_ground_on_feet(parameters, motion).wrench
 
 
 @with_one_blas_thread
-def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
+def compute_ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     """The ground reactions of a motion of a person with these parameters; a seat bears what no foot
     does.
 
@@ -297,7 +301,7 @@ def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     )  # no tipping moment there
     free = moment[:, 1] - np.cross(middle, force)[:, 1]
     # shares of the load and centres of pressure, whose weighted mean is the middle
-    share, rolling = ground.share, feet_of(parameters, q).along(ground.part, ground.level)[0]
+    share, rolling = ground.share, compute_feet(parameters, q).along(ground.part, ground.level)[0]
     seated = 1.0 - share.sum(axis=1)
     height = np.einsum("fk,fk->f", share, ground.level) + seated * ground.seat[:, 1]
     middle += height[:, None] * force / up[:, None]

@@ -58,7 +58,11 @@ from gaitcal.study.declared_truth import (
     format_motion,
 )
 from gaitcal.study.study_file import TruthTable
-from gaitcal.synthetic.synthetic_motion import TrueMotion, standing_pose, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    TrueMotion,
+    compute_synthetic_markers,
+    make_standing_pose,
+)
 from gaitcal.tracking.spline import convert_to_bspline
 
 
@@ -72,15 +76,17 @@ class StaticFrames:
     frames: Mapping[str, Frame]  # Segment -> its frame in the laboratory while standing; no talus
 
 
-def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> StaticFrames:
+def compute_static_frames(
+    model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL
+) -> StaticFrames:
     """Express the linkage of a model with its static markers in the frames that quiet standing
     gives a calibration.
 
     `hip_centre`: the regression that this calibration places hips with, from which its thighs
     begin.
     """
-    true, pose = model.parameters, standing_pose(model.parameters)
-    markers = synthetic_markers(true, model.markers, pose[None])
+    true, pose = model.parameters, make_standing_pose(model.parameters)
+    markers = compute_synthetic_markers(true, model.markers, pose[None])
     still = Recording(
         source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers
     )
@@ -88,24 +94,28 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
     posture = landmarks.measure_static_posture(still, marker_set, slice(0, 1))
     legs = measure_lower_body(posture, model.subject.height, hip_centre)
     frames = legs.frames | trunk.measure_upper_body(posture, marker_set, legs, model.subject).frames
-    inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
+    inertial = convert_inertial_parameters(
+        true.inertial, compute_segment_frames(true, pose), frames
+    )
     in_frames = params.Parameters(
-        joint_parameters_in(true, pose, frames), inertial, true.zero_angles
+        convert_joint_parameters(true, pose, frames), inertial, true.zero_angles
     )
     return StaticFrames(in_frames, posture, legs, frames)
 
 
-def segment_frames(parameters: params.Parameters, q: Array) -> dict[str, Frame]:
+def compute_segment_frames(parameters: params.Parameters, q: Array) -> dict[str, Frame]:
     """Pose of every segment frame of a linkage at coordinates (nq,)."""
     axes, origins = compute_body_poses(parameters, q[None])
     return {name: Frame(axes[name][..., 0].T, origins[name][..., 0]) for name in axes}
 
 
-def joint_parameters_in(parameters: params.Parameters, q: Array, frames: dict[str, Frame]) -> Array:
+def convert_joint_parameters(
+    parameters: params.Parameters, q: Array, frames: dict[str, Frame]
+) -> Array:
     """(np,) joint parameters of the linkage, at pose q (nq,), in the segment `frames` of the same
     pose (no talus).
     """
-    lines = _joint_lines(parameters, q)
+    lines = _compute_joint_lines(parameters, q)
     points: dict[str, Array] = {}
     z_axes: dict[str, Array] = {}
     x_axes: dict[str, Array] = {}
@@ -135,7 +145,7 @@ def joint_parameters_in(parameters: params.Parameters, q: Array, frames: dict[st
             mirrored * lines[f"subtalar_angle_{side}"][0],
             lines[f"subtalar_angle_{side}"][1],
         )
-        talus_origin, foot_point = common_perpendicular(z, point_of_z, x, point_of_x)
+        talus_origin, foot_point = compute_common_perpendicular(z, point_of_z, x, point_of_x)
         up = np.cross(z, x) / np.linalg.norm(np.cross(z, x))
         by_name[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(np.clip(z @ x, -1, 1)))
         by_name[f"subtalar_{side}.talus.sup"] = float((foot_point - talus_origin) @ up)
@@ -169,7 +179,7 @@ def joint_parameters_in(parameters: params.Parameters, q: Array, frames: dict[st
     return out
 
 
-def inertial_parameters_in(
+def convert_inertial_parameters(
     inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]
 ) -> Array:
     """(ni,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
@@ -181,7 +191,7 @@ def inertial_parameters_in(
     return out.ravel()
 
 
-def _joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
+def _compute_joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
     """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
     chain = get_chain()
     axes, points = compute_coordinate_axes(chain.body(parameters), q[None])
@@ -190,7 +200,7 @@ def _joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Arr
     return {name: (axes[0, k], points[0, k]) for name, k in at.items()}
 
 
-def common_perpendicular(
+def compute_common_perpendicular(
     a: Array, point_of_a: Array, b: Array, point_of_b: Array
 ) -> tuple[Array, Array]:
     """Nearest points of two lines, each given by its direction and one of its points."""
@@ -199,7 +209,7 @@ def common_perpendicular(
     return point_of_a + s * a, point_of_b + t * b
 
 
-def truth_table(truth: params.Parameters) -> str:
+def format_truth_table(truth: params.Parameters) -> str:
     """The content of `truth.csv`: name, unit, value."""
     lines = ["name,unit,value"]
     for name, p, value in zip(params.JP_NAMES, params.JOINT_PARAMETERS, truth.joint, strict=True):
@@ -212,16 +222,16 @@ def truth_table(truth: params.Parameters) -> str:
 
 
 DEGREE = 5
-REACH = 0.1  # m from a segment's origin to its corners
+CORNER_M = 0.1  # m from a segment's origin to its corners
 STEPS, TOLERANCE = 30, 1e-8
 """Gauss-Newton steps, and the step (m, rad) that ends them: its square, the next one, is rounding.
 """
 # Instants a frame at which a motion is told, so that accelerations are right at its ends, too
-FINER = 3
+SAMPLES_PER_FRAME = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToldMotion:
+class ExpectedTrial:
     """One trial of the truth, as a calibration without error would tell it."""
 
     time: Array  # (nf,) s
@@ -234,16 +244,16 @@ class ToldMotion:
     """
 
 
-class Teller:
+class TruthConverter:
     """Tells motions of one person: its linkage in the static trial's frames, found once."""
 
     def __init__(
         self, model: SubjectModel, static: StaticFrames, zero_rule: AnkleZero = AnkleZero.MARKERS
     ) -> None:
-        self._true, still = model.parameters, standing_pose(model.parameters)
-        own = segment_frames(self._true, still)
+        self._true, still = model.parameters, make_standing_pose(model.parameters)
+        own = compute_segment_frames(self._true, still)
         massive = [s for s in own if s in static.frames]
-        self._offset = {s: _in(own[s], static.frames[s]) for s in massive}
+        self._offset = {s: _express_frame(own[s], static.frames[s]) for s in massive}
         posture = measure_standing_ankles(static.posture, static.legs, {}, zero_rule).dorsiflexion
         told, pose = static.parameters, self._coordinates(static.parameters, still[None])[0]
         zero = told.zero_angles.copy()
@@ -259,13 +269,15 @@ class Teller:
         """Of the linkage in static frames, its ankle angles counted from the static posture."""
         self._standing_off = self._coordinates(self.parameters, still[None])[0] - still
 
-    def tell(self, motion: TrueMotion, wrench: Array | None = None) -> ToldMotion:
+    def tell(self, motion: TrueMotion, wrench: Array | None = None) -> ExpectedTrial:
         """A motion of the true linkage, with its forces where wrenches (nf, 2, 6) on the feet are
         given.
         """
         time = motion.basis.time
         finer = np.interp(
-            np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time
+            np.arange(SAMPLES_PER_FRAME * (len(time) - 1) + 1) / SAMPLES_PER_FRAME,
+            np.arange(len(time)),
+            time,
         )
         true = convert_to_bspline(motion.basis, motion.coefficients)(finer)
         spline = make_interp_spline(
@@ -284,7 +296,7 @@ class Teller:
             forces = Dynamics(self.parameters, bodies=bodies).compute_forces(
                 q, velocity, acceleration, wrench
             )
-        return ToldMotion(
+        return ExpectedTrial(
             time=time, q=q, velocity=velocity, acceleration=acceleration, forces=forces
         )
 
@@ -293,12 +305,14 @@ class Teller:
         at q (nf, nq), sought from `start`.
         """
         chain = get_chain()
-        wanted = _corners(Kinematics(chain.body(self._true), q, columns=False), self._offset)
+        wanted = _compute_corners(
+            Kinematics(chain.body(self._true), q, columns=False), self._offset
+        )
         body, out = chain.body(told), (q if start is None else start).copy()
         moves = np.stack([chain.support[:, chain.segments.index(s)] for s in self._offset])
         for _ in range(STEPS):
             placed = Kinematics(body, out)
-            points, columns = _corners(placed), placed.columns_by_frame
+            points, columns = _compute_corners(placed), placed.columns_by_frame
             turned = np.cross(columns[:, :, None, None, 3:], points[:, None])
             rows = (columns[:, :, None, None, :3] + turned) * moves.T[None, :, :, None, None]
             rows = rows.reshape(*rows.shape[:2], -1)
@@ -310,17 +324,17 @@ class Teller:
         return out
 
 
-def _in(frame: Frame, other: Frame) -> Frame:
+def _express_frame(frame: Frame, other: Frame) -> Frame:
     """`other` as seen from `frame`."""
     return Frame(frame.rotation.T @ other.rotation, frame.local(other.origin))
 
 
-def _corners(placed: Kinematics, offset: dict[str, Frame] | None = None) -> Array:
+def _compute_corners(placed: Kinematics, offset: dict[str, Frame] | None = None) -> Array:
     """(nf, ns, 4, 3) m: origin and three corners of the frames that `offset` places in segments, or
     of their own.
     """
     axes, origins = placed.axes, placed.origins
-    local = np.concatenate([np.zeros((1, 3)), REACH * np.eye(3)])
+    local = np.concatenate([np.zeros((1, 3)), CORNER_M * np.eye(3)])
     out = []
     for k, segment in enumerate(placed.chain.segments):
         if segment not in MARKED_SEGMENTS:  # the talus has no frame of its own
@@ -356,11 +370,11 @@ def write_truth(
     and the wrenches (nf, 2, 6) on right and left foot about the laboratory origin that it was
     given; None without plates.
     """
-    frames = static_frames(model, HipCentre(TRUTH.hip_centre))
-    (folder / PARAMETERS).write_text(truth_table(frames.parameters), encoding="utf-8")
+    frames = compute_static_frames(model, HipCentre(TRUTH.hip_centre))
+    (folder / PARAMETERS).write_text(format_truth_table(frames.parameters), encoding="utf-8")
     (folder / CURVES).mkdir()
     (folder / LANDMARKS).write_text(format_landmarks(frames.posture.landmarks), encoding="utf-8")
-    teller = Teller(model, frames, AnkleZero(TRUTH.ankle_zero))
+    teller = TruthConverter(model, frames, AnkleZero(TRUTH.ankle_zero))
     for name, (motion, wrench) in trials.items():
         told = teller.tell(motion, wrench)
         derivatives = () if wrench is None else (told.velocity, told.acceleration)

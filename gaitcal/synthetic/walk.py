@@ -60,12 +60,14 @@ HEEL_RESTS, BALL_RESTS, SETTLING = (0.01, 0.35), (0.1, 0.54), 0.06
 """Phases of the foot's own stride between which heel and ball do not move, and the time to come to
 rest and leave.
 """
-CENTRE_M = 0.006
+CENTRE_OF_PRESSURE_M = 0.006
 """m, of the centre of pressure from where the load rolls; times body weight, of every moment about
 that point.
 """
-FORCE = np.array([0.10, 0.03, 0.01])  # Body weights, of the total force from that of walking people
-LATER = (
+FORCE_SPREAD = np.array(
+    [0.10, 0.03, 0.01]
+)  # Body weights, of the total force from that of walking people
+FORCE_PHASE_LAG = (
     0.076 - 0.5 * DOUBLE_SUPPORT
 )  # Strides by which the usual force comes later in the recording that it is from
 ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
@@ -77,7 +79,7 @@ FOOT_PLACE_M = 0.02
 FOOT_SPEED = 0.03  # m/s, of a resting point
 CLEARANCE = 0.02  # m between the floor and the lowest foot marker of the nominal person
 SMALLEST_STEP = 1e-3  # m or rad, largest change of a node in the last step
-MOST_STEPS = 30
+MAX_STEPS = 30
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ class FeetOnGround:
 
         `level`: (nf, 2) m, height of the ground.
         """
-        share = (part * _tip_beyond_marker())[..., None]
+        share = (part * _compute_foot_length_ratio())[..., None]
         of = [(1.0 - share) * self.points[:, :, 0] + share * self.points[:, :, 1]]
         share = share[..., None]
         of.append((1.0 - share) * self.slopes[:, :, 0] + share * self.slopes[:, :, 1])
@@ -101,7 +103,7 @@ class FeetOnGround:
         return of[0], of[1]
 
 
-def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
+def compute_feet(parameters: Parameters, q: Array) -> FeetOnGround:
     """Where the points of the feet are at coordinates (nf, nq)."""
     chain = get_chain()
     placed = Kinematics(chain.body(parameters), q)
@@ -112,7 +114,7 @@ def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
     for foot, segment in enumerate(inverse_dynamics.FEET):
         k = chain.segments.index(segment)
         moved = np.flatnonzero(chain.support[:, k])
-        for n, local in enumerate(_local_points()[foot]):
+        for n, local in enumerate(_get_local_points()[foot]):
             place = np.einsum("j,jif->fi", local, axes[k]) + origins[k].T
             turned = np.cross(columns[:, 3:, moved], place[:, :, None], axis=1)
             points[:, foot, n] = place
@@ -120,37 +122,41 @@ def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
     return FeetOnGround(points, slopes)
 
 
-def stride_of(phase: Array) -> Array:
+def compute_foot_phases(phase: Array) -> Array:
     """(nf, 2) phase of the right and the left foot's own stride, 0 to 1 from its strike on."""
     return np.stack([phase % 1.0, (phase - 0.5) % 1.0], axis=1)
 
 
-def rolled(phase: Array) -> Array:
+def compute_rolled_part(phase: Array) -> Array:
     """(nf, 2) part of the way from heel to tip to which the load of each foot has rolled; in swing
     it stays.
     """
-    part: Array = PchipInterpolator(*ROLL)(np.minimum(stride_of(phase) / STANCE, 1.0))
+    part: Array = PchipInterpolator(*ROLL)(np.minimum(compute_foot_phases(phase) / STANCE, 1.0))
     return part
 
 
-def right_share(phase: Array) -> Array:
+def compute_right_share(phase: Array) -> Array:
     """(nf,) share of the right foot in the vertical load over the gait cycle (0: right heel
     strike).
     """
     own = phase % 1.0
-    rise, fall = ramp(own / DOUBLE_SUPPORT), 1.0 - ramp((own - 0.5) / DOUBLE_SUPPORT)
+    rise, fall = (
+        compute_ramp(own / DOUBLE_SUPPORT),
+        1.0 - compute_ramp((own - 0.5) / DOUBLE_SUPPORT),
+    )
     return np.where(
         own < DOUBLE_SUPPORT, rise, np.where(own < 0.5, 1.0, np.where(own < STANCE, fall, 0.0))
     )
 
 
-def resting(phase: Array) -> Array:
+def compute_rest_weights(phase: Array) -> Array:
     """(nf, 2, 4) how much of the points of the feet stands still on the ground: 0 to 1, smooth in
     time.
     """
-    own = stride_of(phase)
+    own = compute_foot_phases(phase)
     heel, ball = (
-        ramp((own - begin) / SETTLING) * (1.0 - ramp((own - end + SETTLING) / SETTLING))
+        compute_ramp((own - begin) / SETTLING)
+        * (1.0 - compute_ramp((own - end + SETTLING) / SETTLING))
         for begin, end in (HEEL_RESTS, BALL_RESTS)
     )
     out = np.zeros((len(phase), len(inverse_dynamics.FEET), len(POINTS)))
@@ -159,7 +165,7 @@ def resting(phase: Array) -> Array:
 
 
 @cache
-def _local_points() -> Array:
+def _get_local_points() -> Array:
     """(2, 4, 3) m, points of the right and the left foot in their segments: those of every built-in
     person.
     """
@@ -170,16 +176,16 @@ def _local_points() -> Array:
 
 
 @cache
-def _tip_beyond_marker() -> float:
+def _compute_foot_length_ratio() -> float:
     """The length of a foot, as a part of the distance from its heel to its toe marker."""
-    heel, toe = _local_points()[0, :2]
+    heel, toe = _get_local_points()[0, :2]
     marked = float(np.linalg.norm(toe - heel))
     return max(
         1.0, measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height / marked
     )
 
 
-def ramp(x: Array) -> Array:
+def compute_ramp(x: Array) -> Array:
     """From 0 at x = 0 to 1 at x = 1, with no velocity nor acceleration at the ends."""
     x = np.clip(x, 0.0, 1.0)
     out: Array = x**3 * (10.0 + x * (-15.0 + 6.0 * x))
@@ -187,7 +193,7 @@ def ramp(x: Array) -> Array:
 
 
 @cache
-def _nominal_gait() -> dict[str, Any]:
+def _load_nominal_gait() -> dict[str, Any]:
     content = json.loads(
         (find_models_folder() / "nominal_subject.json").read_text(encoding="utf-8")
     )
@@ -195,11 +201,11 @@ def _nominal_gait() -> dict[str, Any]:
     return gait
 
 
-def gait_curves(phase: Array) -> tuple[Array, Array]:
+def compute_gait_curves(phase: Array) -> tuple[Array, Array]:
     """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their
     accelerations.
     """
-    data = _nominal_gait()
+    data = _load_nominal_gait()
     q, acceleration = np.empty((2, len(phase), len(COORDINATES)))
     for i, name in enumerate(COORDINATES):
         harmonics = data["curves"][coordinates.split_side(name)[0]]
@@ -221,7 +227,7 @@ _Rows = tuple[Array, dict[int, Array]]
 
 
 @dataclass(frozen=True)
-class Meant:
+class TargetMotion:
     """The motion that a walk is to be like."""
 
     q: Array  # (nf, nq) m, rad
@@ -249,41 +255,41 @@ class Ground:
     spread: Array
 
 
-def walking_ground(phase: Array) -> Ground:
+def make_walking_ground(phase: Array) -> Ground:
     """The floor under a walk, where the nominal person's feet go; `phase`: (nf,) strides since a
     right heel strike.
     """
     footsteps, right = (
-        feet_of(nominal.published_model().parameters, nominal_curves(phase).q).points,
-        right_share(phase),
+        compute_feet(nominal.published_model().parameters, compute_nominal_curves(phase).q).points,
+        compute_right_share(phase),
     )
     nf = len(phase)
     return Ground(
         footsteps=footsteps,
         held=np.ones((nf, len(inverse_dynamics.FEET), len(POINTS))),
-        resting=resting(phase),
+        resting=compute_rest_weights(phase),
         share=np.stack([right, 1.0 - right], axis=1),
-        part=rolled(phase),
+        part=compute_rolled_part(phase),
         level=np.zeros((nf, len(inverse_dynamics.FEET))),
         seat=np.zeros((nf, 3)),
-        force=_usual_force(phase),
-        spread=np.tile(FORCE, (nf, 1)),
+        force=_compute_typical_force(phase),
+        spread=np.tile(FORCE_SPREAD, (nf, 1)),
     )
 
 
-def carried_nodes(
-    parameters: Parameters, basis: SplineBasis, ground: Ground, meant: Meant
+def fit_carried_motion(
+    parameters: Parameters, basis: SplineBasis, ground: Ground, meant: TargetMotion
 ) -> Array:
     """(nn, nq) m, rad: nodes of a motion of the person with these parameters that the ground
     carries.
     """
     coefficients = basis.fit(meant.q)
-    for _ in range(MOST_STEPS):
-        step = _step(
+    for _ in range(MAX_STEPS):
+        step = _solve_step(
             basis,
             [
-                *_carried(parameters, basis, coefficients, ground),
-                *_near(basis, coefficients, meant),
+                *_build_ground_rows(parameters, basis, coefficients, ground),
+                *_build_target_rows(basis, coefficients, meant),
             ],
         )
         coefficients += step
@@ -292,29 +298,29 @@ def carried_nodes(
     return coefficients
 
 
-def nominal_curves(phase: Array) -> Meant:
+def compute_nominal_curves(phase: Array) -> TargetMotion:
     """The nominal gait with the nominal person's feet on the floor, y = 0."""
-    q, acceleration = gait_curves(phase)
-    q[:, COORDINATES.index("pelvis_ty")] += _floor_shift()
-    return Meant(q, acceleration)
+    q, acceleration = compute_gait_curves(phase)
+    q[:, COORDINATES.index("pelvis_ty")] += _compute_floor_shift()
+    return TargetMotion(q, acceleration)
 
 
 @cache
-def _floor_shift() -> float:
-    heights = feet_of(
-        nominal.published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))[0]
+def _compute_floor_shift() -> float:
+    heights = compute_feet(
+        nominal.published_model().parameters, compute_gait_curves(np.arange(0.0, 1.0, 0.005))[0]
     ).points[..., 1]
     return CLEARANCE - float(heights.min())
 
 
-def _carried(
+def _build_ground_rows(
     parameters: Parameters, basis: SplineBasis, coefficients: Array, ground: Ground
 ) -> list[_Rows]:
     """What the ground asks for: balance, a force like that of people, feet that stand where they
     stand.
     """
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
-    feet, (nf, nq) = feet_of(parameters, q), q.shape
+    feet, (nf, nq) = compute_feet(parameters, q), q.shape
     still, held = ground.resting[..., None] / FOOT_SPEED, ground.held[..., None]
     speed = np.einsum("fknic,fc->fkni", feet.slopes, v)
     places = (
@@ -324,13 +330,13 @@ def _carried(
     # how the slopes change with the posture is left out: resting points hardly move
     rests = (speed * still).reshape(nf, -1), (feet.slopes * still[..., None]).reshape(nf, -1, nq)
     return [
-        *_forces(parameters, (q, v, a), ground, feet),
+        *_build_force_rows(parameters, (q, v, a), ground, feet),
         (places[0], {0: places[1]}),
         (rests[0], {1: rests[1]}),
     ]
 
 
-def _forces(
+def _build_force_rows(
     parameters: Parameters, state: tuple[Array, Array, Array], ground: Ground, feet: FeetOnGround
 ) -> list[_Rows]:
     """The total ground reaction: its moment about where the load rolls, and its force."""
@@ -348,17 +354,17 @@ def _forces(
     tipping, pushing = {}, {}
     for order, by in enumerate((total.by_position, total.by_velocity, total.by_acceleration)):
         tipping[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (
-            CENTRE_M * weight
+            CENTRE_OF_PRESSURE_M * weight
         )
         pushing[order] = by[:, :3] / (ground.spread * weight)[:, :, None]
-    tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_M * weight)
+    tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_OF_PRESSURE_M * weight)
     return [
-        ((moment + np.cross(arm, force)) / (CENTRE_M * weight), tipping),
+        ((moment + np.cross(arm, force)) / (CENTRE_OF_PRESSURE_M * weight), tipping),
         ((force / weight - ground.force) / ground.spread, pushing),
     ]
 
 
-def _usual_force(phase: Array) -> Array:
+def _compute_typical_force(phase: Array) -> Array:
     """(nf, 3) body weights, what the ground does to both feet of a walking person in all.
 
     The first two harmonics that symmetry leaves of OpenSim's `subject01` (the recording from which
@@ -366,7 +372,7 @@ def _usual_force(phase: Array) -> Array:
     Its load passes from one foot to the other at 0.076 of a stride, here it does in the middle of
     double support.
     """
-    step, stride = 4 * np.pi * (phase + LATER), 2 * np.pi * (phase + LATER)
+    step, stride = 4 * np.pi * (phase + FORCE_PHASE_LAG), 2 * np.pi * (phase + FORCE_PHASE_LAG)
     return np.stack(
         [
             0.109 * np.cos(step)
@@ -380,7 +386,7 @@ def _usual_force(phase: Array) -> Array:
     )
 
 
-def _near(basis: SplineBasis, coefficients: Array, meant: Meant) -> list[_Rows]:
+def _build_target_rows(basis: SplineBasis, coefficients: Array, meant: TargetMotion) -> list[_Rows]:
     """Coordinates and accelerations as meant."""
     slides = np.array([is_translation(name) for name in COORDINATES])
     arms = np.array([coordinates.group_of(name) == "arm" for name in COORDINATES])
@@ -393,7 +399,7 @@ def _near(basis: SplineBasis, coefficients: Array, meant: Meant) -> list[_Rows]:
     return rows
 
 
-def _step(basis: SplineBasis, rows: list[_Rows]) -> Array:
+def _solve_step(basis: SplineBasis, rows: list[_Rows]) -> Array:
     """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations
     are a band.
     """

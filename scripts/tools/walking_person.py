@@ -40,8 +40,8 @@ from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.force_plate import split_wrench
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.nominal import published_model
-from gaitcal.synthetic.subject import true_gait
-from gaitcal.synthetic.synthetic_motion import residual_free_wrench, two_strides
+from gaitcal.synthetic.subject import make_true_gait
+from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_two_strides
 from gaitcal.tracking.motion import Motion
 
 LOADED_N = 20.0
@@ -105,10 +105,12 @@ def true_walk(seed: int | None = None) -> Walk:
     """
     model = published_model()
     parameters, motion = (
-        (model.parameters, two_strides(model.parameters)) if seed is None else true_gait(seed)
+        (model.parameters, simulate_two_strides(model.parameters))
+        if seed is None
+        else make_true_gait(seed)
     )
     model = replace(model, parameters=parameters)
-    wrench = residual_free_wrench(model.parameters, motion)
+    wrench = compute_residual_free_wrench(model.parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     forces = Dynamics(model.parameters).compute_forces(q, v, a, wrench)
     moments = {

@@ -47,17 +47,17 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.synthetic.subject import (
     EXACT_PLATES,
-    on_the_floor,
-    plates_under,
-    recording_of,
-    synthetic_model,
+    make_synthetic_model,
+    place_long_plates,
+    place_on_floor,
+    record_motion,
 )
 from gaitcal.synthetic.synthetic_motion import (
-    marker_noise,
-    residual_free_wrench,
-    standing_pose,
-    static_motion,
-    two_strides,
+    compute_residual_free_wrench,
+    draw_marker_noise,
+    make_standing_pose,
+    simulate_static_trial,
+    simulate_two_strides,
 )
 from scripts.validation.harness import judged, option, say
 from scripts.validation.recordings import write_folder
@@ -77,12 +77,14 @@ SESSION = 1
 
 @cache
 def body(number: int) -> tuple[SubjectModel, Recording, Recording]:
-    model = synthetic_model(np.random.default_rng(number), perturb=True)
-    standing = on_the_floor(model, static_motion(STANDING, standing_pose(model.parameters)))
-    motion = two_strides(model.parameters)
-    plates = plates_under(motion, residual_free_wrench(model.parameters, motion))
-    walk = recording_of("gait", motion, model, published_model().markers.labels, plates)
-    return model, recording_of("static", standing, model, model.markers.labels), _thinned(walk)
+    model = make_synthetic_model(np.random.default_rng(number), perturb=True)
+    standing = place_on_floor(
+        model, simulate_static_trial(STANDING, make_standing_pose(model.parameters))
+    )
+    motion = simulate_two_strides(model.parameters)
+    plates = place_long_plates(motion, compute_residual_free_wrench(model.parameters, motion))
+    walk = record_motion("gait", motion, model, published_model().markers.labels, plates)
+    return model, record_motion("static", standing, model, model.markers.labels), _thinned(walk)
 
 
 def _thinned(walk: Recording) -> Recording:
@@ -101,7 +103,7 @@ def _thinned(walk: Recording) -> Recording:
 def write_person(folder: Path, number: int, bodies: int) -> None:
     model, standing, walk = body(number % bodies)
     rng = np.random.default_rng([number, SESSION])
-    noisy = walk.markers + marker_noise(walk.time, len(walk.labels), rng, NOISE_M)
+    noisy = walk.markers + draw_marker_noise(walk.time, len(walk.labels), rng, NOISE_M)
     who = (f"P{number:04d}", round(model.subject.mass, 3), model.subject.height, model.subject.sex)
     settings = CalibrationSettings(force_filter_hz="none", plate_error=EXACT_PLATES)
     walked = replace(walk, markers=noisy)

@@ -48,8 +48,8 @@ from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.segment_frames import fit_rigid_motions
-from gaitcal.synthetic.subject import plates_under, true_gait
-from gaitcal.synthetic.synthetic_motion import residual_free_wrench
+from gaitcal.synthetic.subject import make_true_gait, place_long_plates
+from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench
 from scripts.validation.harness import option, rms, say
 from scripts.validation.recordings import SIMULATED, data
 from scripts.validation.truth.check import whole_turn
@@ -245,9 +245,9 @@ class Walk:
 
 def made_up(seed: int, folder: Path) -> Walk:
     """A made-up person's, with forces in the folder."""
-    parameters, motion = true_gait(seed)
-    wrench = residual_free_wrench(parameters, motion)
-    write_forces_csv(folder / "walk_forces.csv", plates_under(motion, wrench))
+    parameters, motion = make_true_gait(seed)
+    wrench = compute_residual_free_wrench(parameters, motion)
+    write_forces_csv(folder / "walk_forces.csv", place_long_plates(motion, wrench))
     forces = 'forces = "walk_forces.csv"\nplates = { 1 = "r", 2 = "l" }'
     state = [motion.basis.evaluate(motion.coefficients, derivative) for derivative in range(3)]
     torques = dict(zip(FORCES, Dynamics(parameters).compute_forces(*state, wrench).T, strict=True))

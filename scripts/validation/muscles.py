@@ -58,7 +58,7 @@ from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.results.saved_result import select_moving_frames
-from gaitcal.synthetic.synthetic_motion import marker_noise
+from gaitcal.synthetic.synthetic_motion import draw_marker_noise
 from scripts.validation.harness import judged, matching, option, rms, say, side_by_side
 from scripts.validation.people.simulated import prior_about_truth
 from scripts.validation.recordings import only
@@ -273,7 +273,9 @@ def draw(
     if seed is not None:
         recordings = [t.recording for t in study.trials]
         noisy = [
-            replace(r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, noise))
+            replace(
+                r, markers=r.markers + draw_marker_noise(r.time, r.markers.shape[1], rng, noise)
+            )
             for r in recordings
         ]
         study = replace(

@@ -54,14 +54,14 @@ from gaitcal.study.cohort_prior import (
 from gaitcal.study.study import build_cohort_prior
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
-    isolated_motion,
-    marker_noise,
-    standing_pose,
-    static_motion,
-    synthetic_markers,
-    two_strides,
+    compute_synthetic_markers,
+    draw_marker_noise,
+    make_standing_pose,
+    simulate_isolated_trial,
+    simulate_static_trial,
+    simulate_two_strides,
 )
-from gaitcal.synthetic.synthetic_truth import static_frames
+from gaitcal.synthetic.synthetic_truth import compute_static_frames
 from scripts.validation.harness import option, rms, say, shares
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import only, write_folder
@@ -171,10 +171,13 @@ def recorded(
         + deviation / at_size
     )
     parameters = replace(published.parameters, joint=joint)
-    pose = standing_pose(parameters)
-    motions = {"static": static_motion(standing=pose), "gait": two_strides(parameters)}
+    pose = make_standing_pose(parameters)
+    motions = {
+        "static": simulate_static_trial(standing=pose),
+        "gait": simulate_two_strides(parameters),
+    }
     if isolated:
-        motions |= {name: isolated_motion(name, pose) for name in ISOLATED_JOINTS}
+        motions |= {name: simulate_isolated_trial(name, pose) for name in ISOLATED_JOINTS}
     tall = replace(
         published,
         parameters=replace(parameters, joint=joint * at_size),
@@ -187,7 +190,7 @@ def recorded(
         study = Study.load(
             write_folder(Path(name), recordings, ("made up", 70.0, person.height, person.sex))
         )
-    truth = static_frames(tall, HipCentre(study.settings.hip_rule)).parameters.joint
+    truth = compute_static_frames(tall, HipCentre(study.settings.hip_rule)).parameters.joint
     return MadePerson(study=study, truth=truth, nominal=nominal_of(study), person=person)
 
 
@@ -224,13 +227,13 @@ def recording(
     """
     q = motion.q.copy()
     q[:, TRANSLATIONS] *= size
-    every = synthetic_markers(model.parameters, model.markers, q)
+    every = compute_synthetic_markers(model.parameters, model.markers, q)
     every[:, :, 1] += ABOVE_FLOOR - every[:, :, 1].min()
     labels = model.markers.labels if trial == "static" else published_model().markers.labels
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
     time = motion.basis.time
     if trial != "static":
-        chosen = chosen + marker_noise(time, len(labels), rng)
+        chosen = chosen + draw_marker_noise(time, len(labels), rng)
     step = EVERY.get(trial, EVERY_ISOLATED)
     return Recording(source="made up", time=time[::step], labels=labels, markers=chosen[::step])
 

@@ -52,10 +52,10 @@ from gaitcal.model.nominal import published_model
 from gaitcal.quality.study_checks import check_file
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic.synthetic_motion import (
-    gait_motion,
-    residual_free_wrench,
-    static_motion,
-    synthetic_markers,
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    simulate_gait,
+    simulate_static_trial,
 )
 from scripts.validation.harness import option, side_by_side
 
@@ -209,7 +209,9 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     yield Kind("study .toml", study, ".toml", load_study_file, 600)
     yield Kind("checked study .toml", study, ".toml", check_file, 600)
     standing = published_model(static_only=True)
-    markers = synthetic_markers(standing.parameters, standing.markers, static_motion(30).q)
+    markers = compute_synthetic_markers(
+        standing.parameters, standing.markers, simulate_static_trial(30).q
+    )
     still = Recording(
         source="made up",
         time=np.arange(30) / 100.0,
@@ -306,8 +308,8 @@ def real_kinds() -> Iterator[Kind]:
 @cache
 def small_recording() -> Recording:
     """Some frames of the published subject's walk, with two plates."""
-    model, motion = published_model(), gait_motion()
-    wrench = residual_free_wrench(model.parameters, motion)[:FRAMES]
+    model, motion = published_model(), simulate_gait()
+    wrench = compute_residual_free_wrench(model.parameters, motion)[:FRAMES]
     time_ = motion.basis.time[:FRAMES]
     up, origin = np.array([0.0, 1.0, 0.0]), np.zeros(3)
     corners = np.array([[0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5]])
@@ -317,7 +319,7 @@ def small_recording() -> Recording:
         )
         for k in range(2)
     )
-    markers = synthetic_markers(model.parameters, model.markers, motion.q[:FRAMES])
+    markers = compute_synthetic_markers(model.parameters, model.markers, motion.q[:FRAMES])
     return Recording(
         source="made up",
         time=time_,

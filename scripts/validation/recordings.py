@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 from gaitcal import Study, synthesize
 from gaitcal.cli.console import Console
-from gaitcal.cli.study_folder import options_of, study_or_draft
+from gaitcal.cli.study_folder import check_person_options, find_or_draft_study
 from gaitcal.intake.draft_file import study_of
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
@@ -190,8 +190,8 @@ def study_of_person(name: str) -> Study:
     if not person.drafted:
         return Study.load(person.recorded()(folder))
     person.copy(folder)
-    options = options_of(person.mass, person.height, person.sex, None)
-    draft = study_or_draft(folder, options, Console(quiet=True, verbose=False))
+    options = check_person_options(person.mass, person.height, person.sex, None)
+    draft = find_or_draft_study(folder, options, Console(quiet=True, verbose=False))
     return Study.load(draft) if isinstance(draft, Path) else study_of(draft)
 
 

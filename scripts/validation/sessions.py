@@ -53,14 +53,14 @@ from gaitcal.results.stride_sets import (
     collect_stride_sets,
     find_common,
 )
-from gaitcal.synthetic.subject import recording_of, synthetic_model
+from gaitcal.synthetic.subject import make_synthetic_model, record_motion
 from gaitcal.synthetic.synthetic_motion import (
-    marker_noise,
-    standing_pose,
-    static_motion,
-    two_strides,
+    draw_marker_noise,
+    make_standing_pose,
+    simulate_static_trial,
+    simulate_two_strides,
 )
-from gaitcal.synthetic.synthetic_truth import static_frames
+from gaitcal.synthetic.synthetic_truth import compute_static_frames
 from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import only, study_of_person, write_folder
@@ -110,7 +110,7 @@ class Outcome:
 def two_sessions(seed: int) -> tuple[SubjectModel, list[np.random.Generator]]:
     """A made-up person, and what draws each session."""
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
-    return synthetic_model(streams[0], perturb=True), streams[1:]
+    return make_synthetic_model(streams[0], perturb=True), streams[1:]
 
 
 def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path) -> SubjectModel:
@@ -120,12 +120,12 @@ def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path)
     moved = person.markers.local + rng.normal(0.0, PLACED, person.markers.local.shape)
     worn = replace(person, markers=replace(person.markers, local=moved))
 
-    standing = static_motion(standing=standing_pose(person.parameters))
-    static = recording_of("made up", standing, worn, worn.markers.labels)
-    walk = recording_of(
-        "made up", two_strides(person.parameters), worn, published_model().markers.labels
+    standing = simulate_static_trial(standing=make_standing_pose(person.parameters))
+    static = record_motion("made up", standing, worn, worn.markers.labels)
+    walk = record_motion(
+        "made up", simulate_two_strides(person.parameters), worn, published_model().markers.labels
     )
-    noise = marker_noise(walk.time, len(walk.labels), rng)
+    noise = draw_marker_noise(walk.time, len(walk.labels), rng)
     static = replace(static, markers=static.markers + ABOVE_FLOOR)
     walk = replace(walk, markers=walk.markers + ABOVE_FLOOR + noise)
     write_folder(folder, {"static": static, "walk": walk}, ("made up", 69.4, 1.70, "male"))
@@ -137,7 +137,7 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
     truth, found = (
-        static_frames(worn, HipCentre(study.settings.hip_rule)).parameters.joint,
+        compute_static_frames(worn, HipCentre(study.settings.hip_rule)).parameters.joint,
         fitted("made up", study),
     )
     return MadeSession(

@@ -19,7 +19,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.synthetic_motion import marker_noise
+from gaitcal.synthetic.synthetic_motion import draw_marker_noise
 from tests.commands import gaitcal
 from tests.quality.spoilt import sound_study
 from tests.synthetic_studies import write_synthetic_study
@@ -35,7 +35,7 @@ def study() -> Study:
     for trial in sound.trials:
         markers = trial.recording.markers.copy()
         if trial.role is not Role.STATIC:
-            markers += marker_noise(trial.recording.time, markers.shape[1], rng, 0.002)
+            markers += draw_marker_noise(trial.recording.time, markers.shape[1], rng, 0.002)
         if trial.role is Role.JOINT:
             markers[:, shank] += [0.012, 0.0, 0.0]
         trials.append(replace(trial, recording=replace(trial.recording, markers=markers)))

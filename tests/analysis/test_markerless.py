@@ -23,7 +23,7 @@ from gaitcal.model.model_file import save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.study.study import Study
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from scripts.validation.harness import results
 from scripts.validation.markerless import (
     TORQUES,
@@ -76,7 +76,7 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
     """One walk of key points alone: a standing person is made of it, and nothing is said to be
     wrong.
     """
-    person, walk = published_model().parameters, gait_motion()
+    person, walk = published_model().parameters, simulate_gait()
     exact = Errors(place=0.0, turn=0.0)
     write_markers_csv(
         tmp_path / "walk.csv",
@@ -109,7 +109,7 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
 
 def test_augmented_markers_beside_key_points_are_the_set() -> None:
     """OpenCap leaves the key points in the file of the markers that it makes of them."""
-    walk = gait_motion()
+    walk = simulate_gait()
     poses = body_poses(published_model().parameters, walk.q)
     points = points_recording(0, Errors(place=0.0, turn=0.0), poses, walk.basis.time)
     augmented = load_marker_set("opencap").labels
@@ -132,7 +132,7 @@ def test_another_person_without_markers(
     made: Callable[..., Recording], marker_set: str, errors: Errors
 ) -> None:
     """Corners of a pose keep their distances whoever moves; bones tell, beyond what they err by."""
-    walk, known = gait_motion(), load_marker_set(marker_set)
+    walk, known = simulate_gait(), load_marker_set(marker_set)
     poses = body_poses(published_model().parameters, walk.q)
     child = {name: (axes, 0.8 * origin) for name, (axes, origin) in poses.items()}
     recordings = [

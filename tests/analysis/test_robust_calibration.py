@@ -13,7 +13,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.synthetic_motion import marker_noise
+from gaitcal.synthetic.synthetic_motion import draw_marker_noise
 from tests.kept import kept_person
 from tests.quality.spoilt import gone, swapped, with_trial
 
@@ -92,7 +92,7 @@ def study(kept: Path) -> Study:
         knee,
         "knee_r",
         lambda r: replace(
-            r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, 0.003)
+            r, markers=r.markers + draw_marker_noise(r.time, r.markers.shape[1], rng, 0.003)
         ),
     )
 

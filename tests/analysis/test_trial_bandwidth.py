@@ -21,7 +21,7 @@ from gaitcal.results.summary import summarise_calibration, summarise_trial
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
-from gaitcal.synthetic.synthetic_motion import gait_motion, isolated_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait, simulate_isolated_trial
 from gaitcal.tracking.bandwidth import DenseMotion
 from gaitcal.tracking.motion import Motion, track_motion
 from tests.messages import check_finding, check_text, refuses
@@ -36,7 +36,7 @@ def noisy(recording: Recording, deviation: float) -> Recording:
 
 
 def walk(deviation: float = 0.001, plates: Sequence[ForcePlate] = ()) -> Trial:
-    recording = replace(noisy(made_recording(gait_motion()), deviation), plates=tuple(plates))
+    recording = replace(noisy(made_recording(simulate_gait()), deviation), plates=tuple(plates))
     return Trial(name="walk", role=Role.GAIT, recording=recording)
 
 
@@ -57,7 +57,7 @@ def cutoffs(trial: MovingTrial) -> list[float | None]:
 
 
 def test_markers_choose_without_plates() -> None:
-    recording = noisy(made_recording(isolated_motion("knee_r")), 0.001)
+    recording = noisy(made_recording(simulate_isolated_trial("knee_r")), 0.001)
     for trial in (
         walk(),
         Trial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording),
@@ -83,7 +83,7 @@ def test_the_frame_rate_is_named_where_it_sets_the_limit() -> None:
 
 
 def test_plates_bring_motion_and_forces_together() -> None:
-    plates = made_plates(gait_motion())
+    plates = made_plates(simulate_gait())
     found = prepared(walk(0.002, plates))
     told, markers = found.bandwidth, prepared(walk(0.002)).bandwidth
     assert told.chosen_by is ChosenBy.PLATES and told.motion_hz != markers.motion_hz
@@ -106,7 +106,7 @@ def test_plates_that_do_not_tell_have_no_say() -> None:
     """Where a plate reads 300 N too much, that is what F is made of, and no cut-off changes much of
     it.
     """
-    plates = made_plates(gait_motion())
+    plates = made_plates(simulate_gait())
     for force in (lambda f: f + [0.0, 300.0, 0.0] * (f[:, 1:2] > 20.0), np.zeros_like):
         trial = prepared(
             walk(0.002, [replace(plate, force=force(plate.force)) for plate in plates])
@@ -119,7 +119,7 @@ def test_plates_that_would_go_far_have_no_say() -> None:
     """All markers shake at 10 Hz, which they cannot tell from motion; with F alone 6.5 Hz would
     remain of 16.
     """
-    trial = walk(0.0003, made_plates(gait_motion()))
+    trial = walk(0.0003, made_plates(simulate_gait()))
     shaken = trial.recording.markers.copy()
     shaken[:, :, 1] += 0.001 * np.sin(2 * np.pi * 10.0 * trial.recording.time)[:, None]
     told = prepared(replace(trial, recording=replace(trial.recording, markers=shaken))).bandwidth
@@ -155,7 +155,7 @@ def test_a_slow_plate_is_not_filtered(rate: float, hz: float, words: str) -> Non
     step, parts = round(200.0 / rate), ("time", "force", "point", "moment")
     plates = [
         replace(p, **{name: getattr(p, name)[::step] for name in parts})
-        for p in made_plates(gait_motion())
+        for p in made_plates(simulate_gait())
     ]
     _, ground = reactions(prepared(walk(0.0, plates)), hz)
     assert ground.valid.any()
@@ -170,7 +170,7 @@ def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
     assert matched == pytest.approx(0.863 * trial.bandwidth.motion_hz, rel=1e-3)
 
     def first_valid(hz: float) -> float:
-        own, ground = reactions(prepared(walk(0.0, made_plates(gait_motion())), bandwidth_hz=hz))
+        own, ground = reactions(prepared(walk(0.0, made_plates(simulate_gait())), bandwidth_hz=hz))
         return float(own.time[ground.valid][0])
 
     assert first_valid(2.5) == pytest.approx(0.2, abs=0.01) and first_valid(10.0) < 0.11

@@ -31,10 +31,10 @@ from gaitcal.model.parameters import (
 )
 from gaitcal.model.subject_model import Subject
 from gaitcal.synthetic.synthetic_motion import (
-    gait_motion,
-    marker_noise,
-    residual_free_wrench,
-    synthetic_markers,
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    draw_marker_noise,
+    simulate_gait,
 )
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.motion import track_nodes
@@ -45,8 +45,8 @@ from tests.derivatives import Array, started
 from tests.messages import check_text
 from tests.real_studies import load_study
 
-MODEL, MOTION = published_model(), gait_motion()
-WRENCH = residual_free_wrench(MODEL.parameters, MOTION)
+MODEL, MOTION = published_model(), simulate_gait()
+WRENCH = compute_residual_free_wrench(MODEL.parameters, MOTION)
 EVERY = np.ones(len(MOTION.basis.time), dtype=bool)
 SHARE = 0.02
 SPREAD = ConsistentSettings(mass_spread=0.02, centre_spread=0.004, moment_spread=0.05)
@@ -58,8 +58,8 @@ far nearer.
 
 
 def noisy_walk(seed: int, *size: float) -> MotionProblem:
-    markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
-    noisy = markers + marker_noise(
+    markers = compute_synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
+    noisy = markers + draw_marker_noise(
         MOTION.basis.time, markers.shape[1], np.random.default_rng(seed), *size
     )
     recording = Recording(
@@ -74,7 +74,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     model, motion, problem = MODEL, MOTION, noisy_walk(71, 0.003)
     heavier = model.parameters.inertial.copy()
     heavier[[0, 7]] *= (1.1, 0.95)
-    wrench = residual_free_wrench(model.parameters.with_inertial(heavier), motion)
+    wrench = compute_residual_free_wrench(model.parameters.with_inertial(heavier), motion)
     body, start = started(problem, model.parameters)
     coefficients = track_nodes(problem, body, start).x
     valid = np.arange(len(motion.basis.time)) % 3 != 0

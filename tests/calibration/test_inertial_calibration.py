@@ -25,10 +25,10 @@ from gaitcal.model.parameters import (
     make_symmetric_set,
     view_as_table,
 )
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from tests.derivatives import Array, assert_derivative
 
-MODEL, MOTION = published_model(), gait_motion()
+MODEL, MOTION = published_model(), simulate_gait()
 WEIGHT, LENGTH = MODEL.subject.weight, MODEL.subject.height
 SETS = pytest.mark.parametrize("which", [make_symmetric_set(), make_full_set()], ids=["36", "84"])
 

@@ -42,7 +42,7 @@ from gaitcal.model.parameters import (
     make_symmetric_set,
     view_as_table,
 )
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_gait
 from gaitcal.tracking.motion import track_motion
 from gaitcal.tracking.spline import NodeRule, build_spline_basis, compute_frame_rate
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
@@ -50,7 +50,7 @@ from tests.derivatives import noisy
 from tests.messages import check_text
 from tests.synthetic_studies import made_recording
 
-MODEL, MOTION = published_model(), gait_motion()
+MODEL, MOTION = published_model(), simulate_gait()
 SUBJECT, TRUE = MODEL.subject, MODEL.parameters
 SETTINGS = ConsistentSettings()
 WHICH = make_symmetric_set()
@@ -67,7 +67,7 @@ def problem_of(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> MotionPro
 
 def reactions() -> GroundReactions:
     """That leave no residual with the true inertial parameters, valid but for the ends."""
-    wrench = residual_free_wrench(TRUE, MOTION)
+    wrench = compute_residual_free_wrench(TRUE, MOTION)
     inside = np.zeros(len(wrench), dtype=bool)
     inside[10:-10] = True
     down = np.ones((len(wrench), 2), dtype=bool)

@@ -23,7 +23,11 @@ from gaitcal.model.parameters import (
     list_isolated_parameters,
     read_published_parameters,
 )
-from gaitcal.synthetic.synthetic_motion import gait_motion, marker_noise, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    compute_synthetic_markers,
+    draw_marker_noise,
+    simulate_gait,
+)
 from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.soft_tissue import SegmentTissue, SoftTissue, build_rigid_pattern
@@ -328,9 +332,11 @@ def test_a_refused_step_leads_nowhere() -> None:
     so that steps are long and some refused. The motions they folded must not be where the next ones
     start.
     """
-    model, motion = published_model(), gait_motion()
-    markers = synthetic_markers(model.parameters, model.markers, motion.q)
-    noisy = markers + marker_noise(motion.basis.time, markers.shape[1], np.random.default_rng(1))
+    model, motion = published_model(), simulate_gait()
+    markers = compute_synthetic_markers(model.parameters, model.markers, motion.q)
+    noisy = markers + draw_marker_noise(
+        motion.basis.time, markers.shape[1], np.random.default_rng(1)
+    )
     recording = Recording(
         source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy
     )

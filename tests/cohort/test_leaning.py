@@ -269,11 +269,11 @@ def test_priors_of_a_cohort_file_are_those_of_everyone_and_no_setting(
 
     monkeypatch.setattr(command, "read_cohort_priors", lambda path: None)
     said = CalibrationSettings(ip="none", priors=tmp_path / "p.json")
-    priors, settings = command._priors(None, said, learn_priors=False)
+    priors, settings = command._choose_priors(None, said, learn_priors=False)
     assert priors == (tmp_path / "p.json").resolve()
     assert CommonSettings(calibration=settings, priors=priors).said == {"ip": "none"}
     with refuses(Code.OPTION, "cohort.toml", field="--priors"):
-        command._priors(tmp_path / "q.json", said, learn_priors=False)
+        command._choose_priors(tmp_path / "q.json", said, learn_priors=False)
 
 
 def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.cli.cohort_command import _teller, duration
+from gaitcal.cli.cohort_command import _make_progress_printer, format_duration
 from gaitcal.cli.console import Console
 from gaitcal.cohort.cohort_page import MEASURES, NO_STRIDE
 from gaitcal.cohort.cohort_people import people_in
@@ -212,7 +212,7 @@ def test_usage(tmp_path: Path) -> None:
 
 
 def test_durations() -> None:
-    assert [duration(s) for s in (12, 200, 7500)] == ["12 s", "3 min", "2 h 05 min"]
+    assert [format_duration(s) for s in (12, 200, 7500)] == ["12 s", "3 min", "2 h 05 min"]
 
 
 def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path:
 def test_lines_name_people_without_a_session(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tell = _teller(Console(quiet=False, verbose=True), lambda text: None, 2)
+    tell = _make_progress_printer(Console(quiet=False, verbose=True), lambda text: None, 2)
     for session in ("", "pre"):
         one = replace(Kept(name="P1", session=session).outcome, computed=False)
         tell(one, 1, None)

@@ -25,7 +25,7 @@ from gaitcal.model.parameters import (
     list_gait_parameters,
     list_leg_parameters,
 )
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
 
@@ -164,7 +164,7 @@ def test_moments_are_the_forces_by_name() -> None:
     """Of the model's own parameters, not its nominal ones; figures over valid frames alone, by
     hand.
     """
-    true = gait_motion()
+    true = simulate_gait()
     model = replace(published_model(), parameters=perturbed_parameters(RNG))
     nf = len(true.basis.time)
     errors = MarkerErrors((), (), np.empty(0), np.empty((nf, 0)))

@@ -29,7 +29,7 @@ from gaitcal.errors import Code, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.preprocess.plate_contacts import Feet
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from tests.dynamics.test_ground_contact import STANCE, TIME, found, right_foot, square
 from tests.messages import check_finding, check_text, refuses
 from tests.quality.test_foot_on_plate import HEIGHT, divided_walk, evidence
@@ -43,7 +43,7 @@ calibration.
 
 @pytest.fixture(scope="module")
 def walk() -> Recording:
-    motion = gait_motion()
+    motion = simulate_gait()
     return replace(made_recording(motion), plates=made_plates(motion))
 
 

@@ -31,7 +31,7 @@ from gaitcal.quality import plate_checks
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.settings import PlateErrorTable
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_gait
 from gaitcal.tracking.motion import track_motion
 from tests.derivatives import Array, perturbed_parameters
 
@@ -42,9 +42,14 @@ SECOND_ORDER = 0.02
 
 
 def walk() -> tuple[Dynamics, tuple[Array, Array, Array], Array, Array]:
-    parameters, motion = perturbed_parameters(np.random.default_rng(61)), gait_motion()
+    parameters, motion = perturbed_parameters(np.random.default_rng(61)), simulate_gait()
     state = tuple(motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    return Dynamics(parameters), state, residual_free_wrench(parameters, motion), motion.basis.time  # type: ignore[return-value]
+    return (
+        Dynamics(parameters),
+        state,
+        compute_residual_free_wrench(parameters, motion),
+        motion.basis.time,
+    )  # type: ignore[return-value]
 
 
 def turned(wrench: Array, angle: float) -> Array:

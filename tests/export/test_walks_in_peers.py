@@ -21,7 +21,7 @@ from gaitcal.analysis.calibrate import calibrate
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.study.study import Study
-from gaitcal.synthetic.synthetic_motion import synthetic_markers
+from gaitcal.synthetic.synthetic_motion import compute_synthetic_markers
 from tests.export.mechanics import (
     FORCE_TOLERANCE,
     IK_TOLERANCE,
@@ -95,7 +95,7 @@ def calibrated_walk(study: Path, out: Path) -> Walk:
         body.time,
         tuple(State(*frame) for frame in zip(q, v, a, wrenches, strict=True)),
         walk.loads.final.tau,
-        synthetic_markers(model.parameters, model.markers, q),
+        compute_synthetic_markers(model.parameters, model.markers, q),
         walk.recording.markers[:, [seen.index(label) for label in model.markers.labels]],
     )
 
@@ -169,7 +169,7 @@ def test_inverse_kinematics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
         optimum(model, x, s.q)
         for x, s in zip(walk.measured[frames], walk.states[frames], strict=True)
     ]
-    best = synthetic_markers(model.parameters, model.markers, np.array(ours))
+    best = compute_synthetic_markers(model.parameters, model.markers, np.array(ours))
     weight = model.markers.weight
     heaviest = weight == weight.max()
     for accuracy, counted, allowed in (
@@ -179,7 +179,7 @@ def test_inverse_kinematics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
         theirs = run_inverse_kinematics(
             osim, walk.folder / "model.osim", trc, model.markers, walk.time, accuracy
         )
-        apart = synthetic_markers(model.parameters, model.markers, theirs[frames]) - best
+        apart = compute_synthetic_markers(model.parameters, model.markers, theirs[frames]) - best
         rms = np.sqrt(np.mean(np.sum(apart[:, counted] ** 2, axis=2)))
         LOG.info(
             "accuracy %s, %d markers: %.4f mm RMS",

@@ -14,7 +14,7 @@ from gaitcal.analysis.trial_result import _check_crouches
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import FootEvents
 from gaitcal.gait.events import GaitEvents, alternate, crouches, repetitions
-from gaitcal.synthetic.walk import ramp
+from gaitcal.synthetic.walk import compute_ramp
 
 RATE = 100.0
 BOUNDS_S = 0.4
@@ -30,7 +30,7 @@ def path(*stops: tuple[float, float]) -> tuple[Array, Array]:
     time = np.arange(round(stops[-1][0] * RATE) + 1) / RATE
     height = np.full(len(time), stops[0][1])
     for (a, low), (b, high) in itertools.pairwise(stops):
-        height += ramp((time - a) / (b - a)) * (high - low)
+        height += compute_ramp((time - a) / (b - a)) * (high - low)
     return time, height + 0.001 * np.sin(3.0 * time)
 
 

@@ -11,7 +11,11 @@ from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv
 from gaitcal.io.recording import Recording
-from gaitcal.synthetic.synthetic_motion import gait_motion, isolated_motion, static_motion
+from gaitcal.synthetic.synthetic_motion import (
+    simulate_gait,
+    simulate_isolated_trial,
+    simulate_static_trial,
+)
 from tests.synthetic_studies import made_plates, made_recording
 
 JOINTS = ("hip_r", "hip_l", "knee_r", "knee_l", "ankle_r", "ankle_l")
@@ -21,10 +25,10 @@ SAID = Options(mass=69.4, height=1.70, sex="male")
 def recordings(*joints: str) -> dict[str, Recording]:
     """Standing, walking, and one joint moving alone, of one person."""
     out = {
-        "static": made_recording(static_motion(), static=True),
-        "walk": made_recording(gait_motion()),
+        "static": made_recording(simulate_static_trial(), static=True),
+        "walk": made_recording(simulate_gait()),
     }
-    return out | {joint: made_recording(isolated_motion(joint)) for joint in joints}
+    return out | {joint: made_recording(simulate_isolated_trial(joint)) for joint in joints}
 
 
 def write(folder: Path, files: dict[str, Recording], *, forces: str = "") -> Path:
@@ -33,7 +37,7 @@ def write(folder: Path, files: dict[str, Recording], *, forces: str = "") -> Pat
     for name, recording in files.items():
         write_markers_csv(folder / f"{name}.csv", recording)
     if forces:
-        write_forces_csv(folder / f"{forces}.csv", made_plates(gait_motion()))
+        write_forces_csv(folder / f"{forces}.csv", made_plates(simulate_gait()))
     return folder
 
 

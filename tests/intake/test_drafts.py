@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.cli.console import Console
-from gaitcal.cli.study_folder import study_or_draft
+from gaitcal.cli.study_folder import find_or_draft_study
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.intake.draft_file import draft_notes, draft_text, missing_words, study_of
 from gaitcal.intake.drafting import draft_study, faulty_trials, rejected_forces
@@ -24,7 +24,7 @@ from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.study.study import Study
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from tests.intake.folders import (
     JOINTS,
     SAID,
@@ -282,9 +282,11 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     made = draft(folder, Options())
     check_text(made.problem, "walk.csv")
     with refuses(Code.FOLDER, "walk.csv", source="person"):
-        study_or_draft(folder, Options(), Console(quiet=True, verbose=False))
+        find_or_draft_study(folder, Options(), Console(quiet=True, verbose=False))
     with refuses(Code.OPTION, source="static.csv"):
-        study_or_draft(next(folder.glob("*.csv")), Options(), Console(quiet=True, verbose=False))
+        find_or_draft_study(
+            next(folder.glob("*.csv")), Options(), Console(quiet=True, verbose=False)
+        )
     check_text(missing_words(made), "subject.mass_kg")
 
 
@@ -391,7 +393,7 @@ def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
     walk = recordings()["walk"]
     labels = tuple({"R.": "L.", "L.": "R."}.get(m[:2], m[:2]) + m[2:] for m in walk.labels)
     there = replace(walk, labels=labels, markers=walk.markers[::-1] * [1.0, 1.0, -1.0] + FAR)
-    made = draft(with_forces(tmp_path, made_plates(gait_motion()), "walk2_grf.csv", walk2=there))
+    made = draft(with_forces(tmp_path, made_plates(simulate_gait()), "walk2_grf.csv", walk2=there))
     forces = {t.name: t.forces for t in made.trials if t.role == "gait"}
     own = forces["walk"]
     assert own is not None and own.file.name == "walk2_grf.csv"
@@ -402,7 +404,7 @@ def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
 
 def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
     folder = with_forces(
-        tmp_path, [replace(p, point=p.point + FAR) for p in made_plates(gait_motion())]
+        tmp_path, [replace(p, point=p.point + FAR) for p in made_plates(simulate_gait())]
     )
     made = draft(folder)
     assert all(t.forces is None for t in made.trials)
@@ -418,7 +420,7 @@ def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kept", [slice(40, None), slice(40, 110)])
 def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept: slice) -> None:
     """Most of the walk, and less than half of it; the drafted study reads the whole walk."""
-    plates = made_plates(gait_motion())
+    plates = made_plates(simulate_gait())
     part = [
         replace(p, **{k: getattr(p, k)[kept] for k in ("time", "force", "point", "moment")})
         for p in plates
@@ -438,7 +440,7 @@ def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept:
 def test_centres_of_pressure_in_another_unit_are_told_by_it(
     tmp_path: Path, unit: str, factor: float
 ) -> None:
-    plates = [replace(p, point=factor * p.point) for p in made_plates(gait_motion())]
+    plates = [replace(p, point=factor * p.point) for p in made_plates(simulate_gait())]
     (row,) = (
         row for row in draft(with_forces(tmp_path, plates)).left_out if row.name == "walk_grf.csv"
     )
@@ -447,7 +449,7 @@ def test_centres_of_pressure_in_another_unit_are_told_by_it(
 
 def test_forces_called_after_the_static_trial_are_not_those_of_a_walk(tmp_path: Path) -> None:
     """Even where a walk passes over the same place; and the walk is not said to lack them."""
-    made = draft(with_forces(tmp_path, made_plates(gait_motion()), "static_forces.csv"))
+    made = draft(with_forces(tmp_path, made_plates(simulate_gait()), "static_forces.csv"))
     (row,) = (row for row in made.left_out if row.name == "static_forces.csv")
     assert made.trials[-1].forces is None
     check_text(row.reason, "static.csv")
@@ -456,7 +458,7 @@ def test_forces_called_after_the_static_trial_are_not_those_of_a_walk(tmp_path: 
 
 def test_forces_with_their_time_in_milliseconds_are_refused(tmp_path: Path) -> None:
     path = write_synthetic_study(tmp_path / "study")
-    plates = [replace(p, time=1e3 * p.time) for p in made_plates(gait_motion())]
+    plates = [replace(p, time=1e3 * p.time) for p in made_plates(simulate_gait())]
     write_forces_csv(path.parent / "walk_forces.csv", plates)
     with refuses(Code.PART_OF_TRIAL, field="plate 1", source="walk_forces.csv"):
         Study.load(path)

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.cli.console import Console
-from gaitcal.cli.study_folder import draft_study_file, study_or_draft
+from gaitcal.cli.study_folder import draft_study_file, find_or_draft_study
 from gaitcal.errors import Code
 from gaitcal.intake.draft_file import doubtful_lines, study_of
 from gaitcal.intake.drafting import draft_of
@@ -171,7 +171,7 @@ def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> 
     files, old = nameless(recordings())
     folder = write(tmp_path / "person", files)
     with refuses(Code.UNKNOWN_LABEL, source="person"):
-        study_or_draft(folder, SAID, QUIET)
+        find_or_draft_study(folder, SAID, QUIET)
     with refuses(Code.UNKNOWN_LABEL, source="person"):
         study_of(draft(folder))
     draft_study_file(QUIET, folder, mass=SAID.mass, height=SAID.height, sex=SAID.sex)

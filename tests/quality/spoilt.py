@@ -22,7 +22,11 @@ from gaitcal.quality.study_checks import check_study
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
-from gaitcal.synthetic.synthetic_motion import gait_motion, isolated_motion, static_motion
+from gaitcal.synthetic.synthetic_motion import (
+    simulate_gait,
+    simulate_isolated_trial,
+    simulate_static_trial,
+)
 from tests.synthetic_studies import made_plates, made_recording, only
 
 Array = NDArray[np.float64]
@@ -35,12 +39,12 @@ CORNERS = np.array([[10.0, 0.0, -10.0], [-10.0, 0.0, -10.0], [-10.0, 0.0, 10.0],
 @cache
 def sound_study() -> Study:
     """Standing, walking over two plates, a moving knee: nothing to find."""
-    walk = gait_motion()
+    walk = simulate_gait()
     plates = made_plates(walk)
     recordings = {
-        "static": made_recording(static_motion(), static=True),
+        "static": made_recording(simulate_static_trial(), static=True),
         "walk": replace(made_recording(walk), plates=plates),
-        "knee_r": made_recording(isolated_motion("knee_r")),
+        "knee_r": made_recording(simulate_isolated_trial("knee_r")),
     }
     trials = (
         Trial(name="static", role=Role.STATIC, recording=recordings["static"]),

@@ -23,7 +23,7 @@ from gaitcal.quality.after_fit import (
     marker_findings,
 )
 from gaitcal.quality.verdict import Judgement, judge
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from tests.messages import check_finding
 
@@ -33,7 +33,7 @@ WEIGHT, HEIGHT = 700.0, 1.75
 
 
 def walking() -> Motion:
-    true = gait_motion()
+    true = simulate_gait()
     errors = MarkerErrors(
         ("R.Heel",), ("foot_r",), np.ones(1), np.full((len(true.basis.time), 1), 0.01)
     )

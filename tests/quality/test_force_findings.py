@@ -24,7 +24,7 @@ from gaitcal.quality.force_choice import ForceFit, choose
 from gaitcal.quality.force_diagnosis import force_findings, torque_change
 from gaitcal.quality.force_evidence import FORCE_UNITS
 from gaitcal.study.study import Study
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from tests.messages import check_finding, check_text, numbers
 from tests.quality.spoilt import plates, times
 from tests.quality.walks import Walk, exact_walk, tracked
@@ -138,7 +138,7 @@ def test_the_torques_that_a_fault_moves_are_those_of_inverse_dynamics() -> None:
     (named,), *_ = choose([evidence])
     torque, change = torque_change([evidence], named.fits[0])
     frames = np.searchsorted(walk.motion.time, evidence.time - 1e-9)
-    foot = np.stack([plate.wrench()[frames] for plate in made_plates(gait_motion())], axis=1)
+    foot = np.stack([plate.wrench()[frames] for plate in made_plates(simulate_gait())], axis=1)
     dynamics = Dynamics(evidence.parameters)
     tau = dynamics.compute_ground_forces(dynamics.place(evidence.q), foot[..., None])[:, :, 0]
     largest = np.sqrt((tau[:, 6:] ** 2).mean(axis=0)).max() / evidence.bwh
@@ -153,7 +153,7 @@ def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_pat
     clean = calibrate(Study.load(path))
     assert clean.inertial is not None and clean.warnings == ()
     write_forces_csv(
-        tmp_path / "study" / "walk_forces.csv", [later(p) for p in made_plates(gait_motion())]
+        tmp_path / "study" / "walk_forces.csv", [later(p) for p in made_plates(simulate_gait())]
     )
     study = Study.load(path)
     done = calibrate(study)

@@ -12,7 +12,7 @@ from gaitcal.errors import Code, Severity
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.quality.sampling import HALF_WINDOW, seams
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from tests.quality.spoilt import findings, sound_study, with_trial
 from tests.synthetic_studies import made_recording
 
@@ -32,7 +32,7 @@ CAMERAS_M = 0.0005
 @lru_cache(maxsize=1)
 def walk() -> Array:
     """(nf, nm, 3) m, with the noise of cameras."""
-    markers = made_recording(gait_motion()).markers
+    markers = made_recording(simulate_gait()).markers
     return np.asarray(markers + np.random.default_rng(5).normal(0.0, CAMERAS_M, markers.shape))
 
 

@@ -34,8 +34,12 @@ from gaitcal.quality.static_landmarks import (
 )
 from gaitcal.quality.trial_role import standing_legs, standing_straight
 from gaitcal.study.study import Study
-from gaitcal.synthetic.subject import on_the_floor, recording_of, synthetic_model
-from gaitcal.synthetic.synthetic_motion import standing_pose, static_motion, synthetic_markers
+from gaitcal.synthetic.subject import make_synthetic_model, place_on_floor, record_motion
+from gaitcal.synthetic.synthetic_motion import (
+    compute_synthetic_markers,
+    make_standing_pose,
+    simulate_static_trial,
+)
 from tests.quality.spoilt import (
     Array,
     Change,
@@ -233,7 +237,7 @@ def bent(knee: float, other: float) -> Recording:
     """The synthetic person standing with right and left knee bent by so many degrees, hips and
     ankles following.
     """
-    motion = static_motion()
+    motion = simulate_static_trial()
     model = published_model(static_only=True)
     q = motion.q.copy()
     names = list(COORDINATES)
@@ -241,7 +245,7 @@ def bent(knee: float, other: float) -> Recording:
         q[:, names.index(f"hip_flexion_{side}")] += 0.5 * angle
         q[:, names.index(f"knee_angle_{side}")] += angle
         q[:, names.index(f"ankle_angle_{side}")] += 0.5 * angle
-    markers = synthetic_markers(model.parameters, model.markers, q)
+    markers = compute_synthetic_markers(model.parameters, model.markers, q)
     return Recording(
         source="bent", time=motion.basis.time, labels=model.markers.labels, markers=markers
     )
@@ -290,12 +294,14 @@ def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Pat
     """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of
     its segments.
     """
-    model = synthetic_model(
+    model = make_synthetic_model(
         np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0]), perturb=True
     )
-    standing = on_the_floor(model, static_motion(standing=standing_pose(model.parameters)))
+    standing = place_on_floor(
+        model, simulate_static_trial(standing=make_standing_pose(model.parameters))
+    )
     write_c3d(
-        tmp_path / "static.c3d", recording_of("static", standing, model, model.markers.labels)
+        tmp_path / "static.c3d", record_motion("static", standing, model, model.markers.labels)
     )
     (tmp_path / "study.toml").write_text(STANDS.format(mass=model.subject.mass), encoding="utf-8")
     study = Study.load(tmp_path / "study.toml")

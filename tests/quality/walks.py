@@ -12,7 +12,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.force_evidence import ForceEvidence, force_evidence
 from gaitcal.study.study_trial import Role, Trial
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.spline import NodeRule
 from gaitcal.tracking.trial_problem import build_trial_problem
@@ -54,7 +54,7 @@ def exact_walk() -> Walk:
     """Markers and plates of one motion and one body; the plates lie side by side, 4 m long and 1 m
     wide.
     """
-    model, true = published_model(), gait_motion()
+    model, true = published_model(), simulate_gait()
     plates = [
         replace(
             plate,

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.analysis.result import Calibration
-from gaitcal.cli.calibrate_command import _residuals
+from gaitcal.cli.calibrate_command import _format_residuals
 from gaitcal.errors import Severity
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.events import joined_events
@@ -233,7 +233,7 @@ def test_the_rms_of_a_residual_has_one_definition_in_every_place(whole: Calibrat
         assert told[stage.key]["force_N"] == size.rms_force == moments.residual_rms(valid)[0]
         assert size.rms_force == pytest.approx(by_hand)
         assert told[stage.key]["torque_Nm"] == size.rms_moment
-    line = _residuals("walk", trial.loads)
+    line = _format_residuals("walk", trial.loads)
     last = trial.loads.residuals[-1]
     assert f"{last.rms_force:.1f} N, {last.rms_moment:.1f} N·m" in line
 

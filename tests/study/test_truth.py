@@ -26,7 +26,7 @@ from gaitcal.study.declared_truth import (
 )
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import TruthTable, load_study_file
-from gaitcal.synthetic.synthetic_motion import static_motion
+from gaitcal.synthetic.synthetic_motion import simulate_static_trial
 from tests.messages import check_text, refuses
 from tests.refusal import refusal
 from tests.synthetic_studies import made_recording
@@ -202,7 +202,10 @@ def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
     """The same posture elsewhere in the room is the same; another posture, a moved landmark, or
     another set is not.
     """
-    marker_set, static = load_marker_set("published"), made_recording(static_motion(), static=True)
+    marker_set, static = (
+        load_marker_set("published"),
+        made_recording(simulate_static_trial(), static=True),
+    )
     told = measure_static_posture(static, marker_set, slice(0, 10)).landmarks
     assert describe_landmark_mismatch(told, static, marker_set) is None
     quarter = static.markers[:, :, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.3, 0.02, -2.0]

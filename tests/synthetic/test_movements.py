@@ -20,9 +20,18 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic import subject
 from gaitcal.synthetic.movements import Activity, SyntheticMovement
-from gaitcal.synthetic.movements import movement as made_up
-from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, synthetic_model
-from gaitcal.synthetic.synthetic_motion import ground_on_feet, standing_pose, static_motion
+from gaitcal.synthetic.movements import simulate_movement as made_up
+from gaitcal.synthetic.subject import (
+    make_synthetic_model,
+    place_foothold_plates,
+    place_on_floor,
+    record_motion,
+)
+from gaitcal.synthetic.synthetic_motion import (
+    compute_ground_on_feet,
+    make_standing_pose,
+    simulate_static_trial,
+)
 from gaitcal.tracking.motion import track
 from tests.commands import gaitcal
 
@@ -47,9 +56,9 @@ LEFT_ON_SEAT = 0.1
 def test_command_writes_a_trial_of_each_movement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stands = static_motion(standing=standing_pose())
+    stands = simulate_static_trial(standing=make_standing_pose())
     monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
-    monkeypatch.setattr("gaitcal.synthetic.synthetic_motion.two_strides", lambda _: stands)
+    monkeypatch.setattr("gaitcal.synthetic.synthetic_motion.simulate_two_strides", lambda _: stands)
     monkeypatch.setattr(subject, "movement", lambda *_: SyntheticMovement(motion=stands))
     words = (
         "synthesize",
@@ -78,9 +87,9 @@ def test_command_writes_a_trial_of_each_movement(
 @pytest.mark.slow
 @pytest.mark.parametrize("activity", Activity)
 def test_torques_of_an_activity(activity: Activity) -> None:
-    model = synthetic_model(np.random.default_rng(), perturb=False)
+    model = make_synthetic_model(np.random.default_rng(), perturb=False)
     found = made_up(activity, model.parameters)
-    motion, ground = found.motion, ground_on_feet(model.parameters, found.motion)
+    motion, ground = found.motion, compute_ground_on_feet(model.parameters, found.motion)
     state = [motion.basis.evaluate(motion.coefficients, k) for k in range(3)]
     truth = Dynamics(model.parameters).compute_forces(*state, ground.wrench)
     up, share = ground.wrench[:, :, 1], ground.load_share.sum(axis=1)
@@ -90,12 +99,16 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     assert residual[flies].max(initial=0.0) < FLYING_N and residual[~flies & ~sits].max() < 1e-6
     assert sits.any() == (activity is Activity.SIT_TO_STAND)
 
-    recording = recording_of(
-        activity.value, motion, model, model.markers.labels, footholds(found, ground.wrench)
+    recording = record_motion(
+        activity.value,
+        motion,
+        model,
+        model.markers.labels,
+        place_foothold_plates(found, ground.wrench),
     )
     marker_set = load_marker_set("published")
-    still = on_the_floor(model, static_motion(standing=standing_pose()))
-    posture, _ = standing(recording_of("static", still, model, model.markers.labels), marker_set)
+    still = place_on_floor(model, simulate_static_trial(standing=make_standing_pose()))
+    posture, _ = standing(record_motion("static", still, model, model.markers.labels), marker_set)
     assert posture is not None
     shown = movement(recording, posture.worn, None, posture.stance)
     assert shown.shows is Shows.MOVES and shown.certain

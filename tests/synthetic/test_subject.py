@@ -25,19 +25,19 @@ from gaitcal.model.parameters import (
 )
 from gaitcal.model.segment_frames import Frame, HipCentre
 from gaitcal.study.study import Study
-from gaitcal.synthetic.subject import synthesize, synthetic_model
+from gaitcal.synthetic.subject import make_synthetic_model, synthesize
 from gaitcal.synthetic.synthetic_motion import (
     NOISE_AMPLITUDE,
     NOISE_OMEGA,
-    marker_noise,
-    standing_pose,
-    synthetic_markers,
+    compute_synthetic_markers,
+    draw_marker_noise,
+    make_standing_pose,
 )
 from gaitcal.synthetic.synthetic_truth import (
-    inertial_parameters_in,
-    joint_parameters_in,
-    segment_frames,
-    static_frames,
+    compute_segment_frames,
+    compute_static_frames,
+    convert_inertial_parameters,
+    convert_joint_parameters,
 )
 from gaitcal.synthetic.walk import GAIT_CYCLE
 from tests.derivatives import perturbed_parameters
@@ -48,7 +48,7 @@ def test_a_linkage_told_in_its_own_frames_is_itself() -> None:
     rng = np.random.default_rng(1)
     parameters = perturbed_parameters(rng)
     q = rng.normal(0, 0.3, len(COORDINATES))
-    told = joint_parameters_in(parameters, q, segment_frames(parameters, q))
+    told = convert_joint_parameters(parameters, q, compute_segment_frames(parameters, q))
     np.testing.assert_allclose(told, parameters.joint, atol=1e-12)
 
 
@@ -65,7 +65,7 @@ def test_bodies_told_in_other_frames_are_the_same_bodies() -> None:
     one, other = frames(), frames()
     before, after = (
         view_as_table(inertial),
-        view_as_table(inertial_parameters_in(inertial, one, other)),
+        view_as_table(convert_inertial_parameters(inertial, one, other)),
     )
     for k, segment in enumerate(MASSIVE_SEGMENTS):
         assert after[k, 0] == before[k, 0]
@@ -79,7 +79,7 @@ def test_bodies_told_in_other_frames_are_the_same_bodies() -> None:
 
 def test_a_drawn_person_is_within_the_published_bounds() -> None:
     nominal = read_published_parameters()
-    people = [synthetic_model(np.random.default_rng(seed), perturb=True) for seed in range(20)]
+    people = [make_synthetic_model(np.random.default_rng(seed), perturb=True) for seed in range(20)]
     joint = np.array([(p.parameters.joint - nominal.joint) / JP_TO_SI for p in people])
     positions = np.array([p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS])
     for change in (joint[:, positions], joint[:, ~positions]):
@@ -115,11 +115,13 @@ def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
         study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre.BELL
     )
     nominal = found.parameters.joint
-    model = synthetic_model(np.random.default_rng(0), perturb=False)
-    truth = static_frames(model, HipCentre.BELL).parameters.joint / JP_TO_SI
+    model = make_synthetic_model(np.random.default_rng(0), perturb=False)
+    truth = compute_static_frames(model, HipCentre.BELL).parameters.joint / JP_TO_SI
     told = pd.read_csv(file.parent / "truth.csv")["value"].to_numpy()[: len(JP_NAMES)]
     np.testing.assert_allclose(
-        told, static_frames(model, HipCentre(study.settings.hip_rule)).parameters.joint / JP_TO_SI
+        told,
+        compute_static_frames(model, HipCentre(study.settings.hip_rule)).parameters.joint
+        / JP_TO_SI,
     )
     legs = slice(0, 54)
     # the published hip centre is printed as 88.0 mm for 87.955, the knee and ankle angles follow
@@ -159,13 +161,13 @@ def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
 
 
 def test_markers_are_points_of_their_segments_in_the_order_of_the_labels() -> None:
-    model, pose = published_model(static_only=True), standing_pose()
-    frames = segment_frames(model.parameters, pose)
+    model, pose = published_model(static_only=True), make_standing_pose()
+    frames = compute_segment_frames(model.parameters, pose)
     expected = [
         frames[s].point(local)
         for s, local in zip(model.markers.segments, model.markers.local, strict=True)
     ]
-    markers = synthetic_markers(model.parameters, model.markers, pose[None])
+    markers = compute_synthetic_markers(model.parameters, model.markers, pose[None])
     np.testing.assert_allclose(markers[0], expected, atol=1e-14)
 
 
@@ -181,7 +183,7 @@ def test_noise_is_one_sinusoid_for_each_coordinate() -> None:
     in every frame.
     """
     step = 0.005
-    noise = marker_noise(step * np.arange(400), 200, np.random.default_rng(0)).reshape(400, -1)
+    noise = draw_marker_noise(step * np.arange(400), 200, np.random.default_rng(0)).reshape(400, -1)
     assert 0.99 * NOISE_AMPLITUDE < np.abs(noise).max() <= NOISE_AMPLITUDE
     curvature = (noise[:-2] - 2 * noise[1:-1] + noise[2:]) / step**2
     squared = -(curvature * noise[1:-1]).sum(axis=0) / (noise[1:-1] ** 2).sum(axis=0)

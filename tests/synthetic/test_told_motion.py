@@ -8,14 +8,19 @@ import pytest
 from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
-from gaitcal.synthetic.subject import synthetic_model, true_gait
+from gaitcal.synthetic.subject import make_synthetic_model, make_true_gait
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
-    residual_free_wrench,
-    standing_pose,
-    synthetic_markers,
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    make_standing_pose,
 )
-from gaitcal.synthetic.synthetic_truth import Teller, ToldMotion, segment_frames, static_frames
+from gaitcal.synthetic.synthetic_truth import (
+    ExpectedTrial,
+    TruthConverter,
+    compute_segment_frames,
+    compute_static_frames,
+)
 from gaitcal.tracking.spline import build_spline_basis
 
 SEED = 11
@@ -24,23 +29,23 @@ SPLINE = 5e-3
 
 
 def person() -> SubjectModel:
-    """Whose gait `true_gait` tells."""
-    model = synthetic_model(
+    """Whose gait `make_true_gait` simulates."""
+    model = make_synthetic_model(
         np.random.default_rng(np.random.SeedSequence(SEED).spawn(2)[0]), perturb=True
     )
-    np.testing.assert_array_equal(model.parameters.joint, true_gait(SEED)[0].joint)
+    np.testing.assert_array_equal(model.parameters.joint, make_true_gait(SEED)[0].joint)
     return model
 
 
 pytestmark = pytest.mark.slow
-Told = tuple[Teller, TrueMotion, np.ndarray, ToldMotion]
+Told = tuple[TruthConverter, TrueMotion, np.ndarray, ExpectedTrial]
 
 
 @pytest.fixture(scope="module")
 def told() -> Told:
-    model, motion = person(), true_gait(SEED)[1]
-    wrench = residual_free_wrench(model.parameters, motion)
-    teller = Teller(model, static_frames(model))
+    model, motion = person(), make_true_gait(SEED)[1]
+    wrench = compute_residual_free_wrench(model.parameters, motion)
+    teller = TruthConverter(model, compute_static_frames(model))
     return teller, motion, wrench, teller.tell(motion, wrench)
 
 
@@ -48,8 +53,8 @@ def test_markers_are_where_they_were(told: Told) -> None:
     teller, motion, _, result = told
     model = person()
     own, static = (
-        segment_frames(model.parameters, standing_pose(model.parameters)),
-        static_frames(model).frames,
+        compute_segment_frames(model.parameters, make_standing_pose(model.parameters)),
+        compute_static_frames(model).frames,
     )
     m = model.markers
     there = np.array(
@@ -58,8 +63,8 @@ def test_markers_are_where_they_were(told: Told) -> None:
     placed = MarkerPlacement(
         model.markers.labels, model.markers.segments, there, model.markers.weight
     )
-    before = synthetic_markers(model.parameters, model.markers, motion.q)
-    after = synthetic_markers(teller.parameters, placed, result.q)
+    before = compute_synthetic_markers(model.parameters, model.markers, motion.q)
+    after = compute_synthetic_markers(teller.parameters, placed, result.q)
     np.testing.assert_allclose(after, before, atol=1e-12)
     assert np.abs(result.q - motion.q).max() > np.deg2rad(
         1.0
@@ -85,16 +90,16 @@ def test_the_same_work_and_nothing_left_at_the_pelvis(told: Told) -> None:
 def test_ankles_are_counted_from_the_static_posture() -> None:
     """Standing, the feet have the dorsiflexion of their heel and toe markers, and no inversion."""
     model = person()
-    teller = Teller(model, static_frames(model))
-    placed = synthetic_markers(
-        model.parameters, model.markers, standing_pose(model.parameters)[None]
+    teller = TruthConverter(model, compute_static_frames(model))
+    placed = compute_synthetic_markers(
+        model.parameters, model.markers, make_standing_pose(model.parameters)[None]
     )[0]
     marker = dict(zip(model.markers.labels, placed, strict=True))
-    still = np.tile(standing_pose(model.parameters), (6, 1))
+    still = np.tile(make_standing_pose(model.parameters), (6, 1))
     pose = teller.tell(TrueMotion(build_spline_basis(np.arange(20) / 100.0, 6), still)).q[0]
     for side in "rl":
         sole = marker[f"{side.upper()}.Toe.Tip"] - marker[f"{side.upper()}.Heel"]
-        shank = static_frames(model).frames[f"shank_{side}"].rotation[:, 1]
+        shank = compute_static_frames(model).frames[f"shank_{side}"].rotation[:, 1]
         up = np.arcsin(sole @ shank / np.linalg.norm(sole))
         assert pose[COORDINATE_INDEX[f"ankle_angle_{side}"]] == pytest.approx(up, abs=1e-9)
         assert pose[COORDINATE_INDEX[f"subtalar_angle_{side}"]] == pytest.approx(0.0, abs=1e-9)

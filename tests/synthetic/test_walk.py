@@ -11,25 +11,25 @@ from gaitcal.io.recording import find_runs
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.synthetic.subject import synthetic_model
+from gaitcal.synthetic.subject import make_synthetic_model
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
-    gait_motion,
-    ground_on_feet,
-    isolated_motion,
-    two_strides,
+    compute_ground_on_feet,
+    simulate_gait,
+    simulate_isolated_trial,
+    simulate_two_strides,
 )
 from gaitcal.synthetic.walk import (
     DOUBLE_SUPPORT,
     GAIT_CYCLE,
     STANCE,
-    _carried,
+    _build_ground_rows,
     _Rows,
-    feet_of,
-    gait_curves,
-    nominal_curves,
-    stride_of,
-    walking_ground,
+    compute_feet,
+    compute_foot_phases,
+    compute_gait_curves,
+    compute_nominal_curves,
+    make_walking_ground,
 )
 from gaitcal.tracking.spline import build_spline_basis
 
@@ -50,8 +50,8 @@ def walk(person: str) -> tuple[Parameters, TrueMotion]:
     """The published study's person, the nominal one, or a perturbed one by its seed."""
     if person not in WALKS:
         seed = int(person) if person.isdigit() else None
-        model = synthetic_model(np.random.default_rng(seed), perturb=seed is not None)
-        motion = gait_motion() if person == "study" else two_strides(model.parameters)
+        model = make_synthetic_model(np.random.default_rng(seed), perturb=seed is not None)
+        motion = simulate_gait() if person == "study" else simulate_two_strides(model.parameters)
         WALKS[person] = model.parameters, motion
     return WALKS[person]
 
@@ -60,7 +60,7 @@ def in_the_sole(parameters: Parameters, motion: TrueMotion, centre: Array) -> Bo
     """(nf, 2) centres (nf, 2, 3) m that lie on the soles, told by the heel and toe markers and by
     nothing else.
     """
-    points = feet_of(parameters, motion.q).points
+    points = compute_feet(parameters, motion.q).points
     height = published_model().subject.height
     out = np.zeros((len(centre), 2), dtype=bool)
     for foot in range(2):
@@ -85,7 +85,7 @@ def test_the_ground_carries_the_walk(person: str) -> None:
     where it rolls and does not spring.
     """
     parameters, motion = walk(person)
-    ground = ground_on_feet(parameters, motion)
+    ground = compute_ground_on_feet(parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     residual = compute_pelvis_residual(
         q, Dynamics(parameters).compute_forces(q, v, a, ground.wrench)
@@ -100,7 +100,7 @@ def test_the_ground_carries_the_walk(person: str) -> None:
     heavy = force[:, 1] > 1.0  # of less, rounding makes the quotient
     np.testing.assert_allclose(centre[heavy], ground.centre[loaded][heavy][:, [0, 2]], atol=1e-9)
     assert motion.phase is not None
-    own = stride_of(motion.phase)
+    own = compute_foot_phases(motion.phase)
     assert not up[(own <= 0) | (own >= STANCE)].any()
     assert loaded[(own > 0.01) & (own < STANCE - 0.01)].all()
     assert loaded[(own[:, 0] > 0.01) & (own[:, 0] < DOUBLE_SUPPORT - 0.01)].all()
@@ -115,8 +115,8 @@ def test_the_ground_carries_the_walk(person: str) -> None:
 def test_resting_feet_do_not_slide() -> None:
     parameters, motion = walk("nominal")
     assert motion.phase is not None
-    own = stride_of(motion.phase)
-    points = feet_of(parameters, motion.q).points
+    own = compute_foot_phases(motion.phase)
+    points = compute_feet(parameters, motion.q).points
     for foot in range(2):
         for begin, end, point in ((0.08, 0.28, 0), (0.18, 0.46, 2)):
             for still in find_runs((own[:, foot] > begin) & (own[:, foot] < end)):
@@ -134,30 +134,30 @@ def test_two_strides_have_a_whole_stride_of_each_foot() -> None:
 def test_accelerations_are_those_of_the_curves() -> None:
     step = 1e-4
     phase = np.linspace(0.0, 1.0, 7)
-    before, now, after = (gait_curves(phase + k * step / GAIT_CYCLE)[0] for k in (-1, 0, 1))
+    before, now, after = (compute_gait_curves(phase + k * step / GAIT_CYCLE)[0] for k in (-1, 0, 1))
     np.testing.assert_allclose(
-        gait_curves(phase)[1], (before - 2 * now + after) / step**2, rtol=1e-6, atol=1e-4
+        compute_gait_curves(phase)[1], (before - 2 * now + after) / step**2, rtol=1e-6, atol=1e-4
     )
 
 
 def test_no_ground_no_forces() -> None:
     with pytest.raises(ValueError, match="nothing is said"):
-        ground_on_feet(published_model().parameters, isolated_motion("knee_r"))
+        compute_ground_on_feet(published_model().parameters, simulate_isolated_trial("knee_r"))
 
 
 def test_slopes_are_those_of_the_residuals() -> None:
     """Central differences along random directions; the feet's rows by velocity leave out how their
     slopes turn.
     """
-    parameters = synthetic_model(np.random.default_rng(5), perturb=True).parameters
+    parameters = make_synthetic_model(np.random.default_rng(5), perturb=True).parameters
     time = np.arange(40) / 200.0
     basis, phase = build_spline_basis(time, 12), 0.4 + time / GAIT_CYCLE
-    meant = nominal_curves(phase)
+    meant = compute_nominal_curves(phase)
     coefficients, rng, size = basis.fit(meant.q), np.random.default_rng(6), 1e-6
     direction = rng.normal(size=coefficients.shape)
 
     def rows(at: Array) -> list[_Rows]:
-        return _carried(parameters, basis, at, walking_ground(phase))
+        return _build_ground_rows(parameters, basis, at, make_walking_ground(phase))
 
     for k, (low, here, high) in enumerate(
         zip(

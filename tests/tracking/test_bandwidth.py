@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
-from gaitcal.synthetic.synthetic_motion import gait_motion, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import compute_synthetic_markers, simulate_gait
 from gaitcal.tracking.bandwidth import (
     LOWEST_HZ,
     MAX_SEARCH_S,
@@ -48,9 +48,9 @@ from tests.derivatives import (
 )
 
 MODEL = published_model()
-GAIT = gait_motion()
+GAIT = simulate_gait()
 TIME, TRUE = GAIT.basis.time, GAIT.q
-MARKERS = synthetic_markers(MODEL.parameters, MODEL.markers, TRUE)
+MARKERS = compute_synthetic_markers(MODEL.parameters, MODEL.markers, TRUE)
 SEGMENTS = np.array(MODEL.markers.segments)
 
 

@@ -18,7 +18,7 @@ from gaitcal.model.linkage import LUMBAR, MARKED_SEGMENTS, list_joint_coordinate
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.model.rotations import make_axis_rotation
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from gaitcal.tracking.coordinate_prior import (
     JOINT_LIMITS_DEG,
     PRIOR_DEVIATION_DEG,
@@ -125,7 +125,7 @@ def test_a_part_keeps_what_is_known_of_its_own_coordinates() -> None:
 
 
 def test_inside_the_walls_not_a_digit_changes() -> None:
-    problem = build_trial_problem("walk", MODEL, made_recording(gait_motion()), NodeRule())
+    problem = build_trial_problem("walk", MODEL, made_recording(simulate_gait()), NodeRule())
     assert set(problem.priors[0].names) == set(JOINT_LIMITS_DEG)
     problem = noisy(problem, np.random.default_rng(44), 0.003)
     with_walls, without = (
@@ -139,7 +139,7 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
     """A foot marker on the wrong side, and a start a whole turn away: the joint ends near its wall,
     not at 370 deg.
     """
-    walk = made_recording(gait_motion())
+    walk = made_recording(simulate_gait())
     problem = build_trial_problem(
         "walk", MODEL, walk, NodeRule(), root="shank_r", segments=("shank_r", "talus_r", "foot_r")
     )
@@ -186,7 +186,7 @@ ROUNDING = 1e-9
 
 @pytest.fixture(scope="module")
 def walk() -> Recording:
-    return made_recording(gait_motion())
+    return made_recording(simulate_gait())
 
 
 def hidden(recording: Recording, *labels: str, share: float = 1.0) -> Recording:
@@ -228,7 +228,7 @@ def test_one_marker_on_the_sternum_leaves_its_turn_about_the_line_to_the_hips_op
     assert {"lumbar_bending", "lumbar_rotation"} <= set(found.guessed) and sternum in found.labels
     motion = track_motion(found, MODEL.parameters)
     k = motion.coordinates.index("lumbar_extension")
-    assert np.abs(motion.q - gait_motion().q)[:, k].max() < FOLLOWED_RAD
+    assert np.abs(motion.q - simulate_gait().q)[:, k].max() < FOLLOWED_RAD
 
 
 @pytest.mark.parametrize("kept", [1, 0])

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.model.nominal import published_model
-from gaitcal.synthetic.synthetic_motion import isolated_motion
+from gaitcal.synthetic.synthetic_motion import simulate_isolated_trial
 from gaitcal.tracking.motion import (
     MIN_SCALE_M,
     Loss,
@@ -27,7 +27,7 @@ SPIKE_M = 0.1
 @pytest.fixture(scope="module")
 def clean() -> MotionProblem:
     """A knee trial with 1 mm of noise, every fourth frame."""
-    recording = made_recording(isolated_motion("knee_r"))
+    recording = made_recording(simulate_isolated_trial("knee_r"))
     rng = np.random.default_rng(0)
     markers = recording.markers + rng.normal(0, NOISE_M, recording.markers.shape)
     recording = replace(recording, time=recording.time[::4], markers=markers[::4])

@@ -22,8 +22,12 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, list_leg_parameters
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.subject import synthetic_model, true_gait
-from gaitcal.synthetic.synthetic_truth import _joint_lines, segment_frames, static_frames
+from gaitcal.synthetic.subject import make_synthetic_model, make_true_gait
+from gaitcal.synthetic.synthetic_truth import (
+    _compute_joint_lines,
+    compute_segment_frames,
+    compute_static_frames,
+)
 from scripts.validation import harness
 from scripts.validation.harness import results
 from scripts.validation.truth import check, made_up, people, report, skin
@@ -77,11 +81,11 @@ def test_sara_finds_a_hinge() -> None:
 
 
 def test_true_parameters_of_a_known_linkage() -> None:
-    parameters = synthetic_model(np.random.default_rng(9), perturb=True).parameters
+    parameters = make_synthetic_model(np.random.default_rng(9), perturb=True).parameters
     pose = np.zeros(len(COORDINATES))
     pose[6:] = np.random.default_rng(10).normal(size=len(pose) - 6) * 0.1
-    frames = segment_frames(parameters, pose)
-    known = _joint_lines(parameters, pose)
+    frames = compute_segment_frames(parameters, pose)
+    known = _compute_joint_lines(parameters, pose)
     for side in "rl":
         coordinates = {"knee": "knee_angle", "ankle": "ankle_angle", "subtalar": "subtalar_angle"}
         axes = {
@@ -317,9 +321,9 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
         trials=tuple(trial for trial in study.trials if trial.role is not Role.JOINT),
     )
     nominal = parameter_table(calibrate(study)).set_index("name")["nominal"]
-    person = replace(published_model(static_only=True), parameters=true_gait(3)[0])
+    person = replace(published_model(static_only=True), parameters=make_true_gait(3)[0])
     truth = dict(
-        zip(JP_NAMES, static_frames(person, rule).parameters.joint / JP_TO_SI, strict=True)
+        zip(JP_NAMES, compute_static_frames(person, rule).parameters.joint / JP_TO_SI, strict=True)
     )
     # one hip joins two frames: its true place in the thigh, which begins at the nominal hip, is
     # where it misses that

@@ -32,7 +32,7 @@ from gaitcal.io.toml import Table, read_validated, require_known
 from gaitcal.model.linkage import COORDINATE_INDEX, NEEDED_JOINTS, SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
 from gaitcal.model.rotations import make_axis_rotation
-from gaitcal.synthetic.walk import gait_curves
+from gaitcal.synthetic.walk import compute_gait_curves
 
 COORDINATE_OF = {
     "hip": "hip_flexion",
@@ -182,7 +182,7 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
     if name in recorded:
         stride = np.quantile(recorded[name], (np.arange(POSTURES) + 0.5) / POSTURES)
     else:
-        stride = gait_curves(np.arange(POSTURES) / POSTURES)[0][:, COORDINATE_INDEX[name]]
+        stride = compute_gait_curves(np.arange(POSTURES) / POSTURES)[0][:, COORDINATE_INDEX[name]]
     stride = stride if kind != "knee" or c.high >= -c.low else -stride
     poses = [peer.joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
     ends = poses[int(np.argmin(stride))], poses[int(np.argmax(stride))]

@@ -22,7 +22,7 @@ import numpy as np
 
 from gaitcal.analysis.result import Calibration, TrialResult
 from gaitcal.errors import Code, InputError
-from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
+from gaitcal.explanations import Bullets, Paragraph, load_explanation, split_parts
 from gaitcal.gait import moments, peaks, profile_score, spatiotemporal
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import CurveKind, GaitCycle, coordinate_of, kind_of
@@ -339,9 +339,9 @@ def format_verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
 
 def explain_code(code: Code) -> dict[str, Any]:
     """Return `code`, `title` and `page` of a reason: the text of `gaitcal explain` as blocks."""
-    explanation = explanation_of(code)
+    explanation = load_explanation(code)
     blocks: list[plain_data.Block] = []
-    for part, pieces in parts_of(explanation.text):
+    for part, pieces in split_parts(explanation.text):
         blocks.append(plain_data.make_heading(part, 3))
         for piece in pieces:
             if isinstance(piece, Paragraph):

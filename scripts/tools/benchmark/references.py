@@ -38,10 +38,10 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import list_gait_parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.synthetic.synthetic_motion import (
-    gait_motion,
-    isolated_motion,
-    marker_noise,
-    synthetic_markers,
+    compute_synthetic_markers,
+    draw_marker_noise,
+    simulate_gait,
+    simulate_isolated_trial,
 )
 from gaitcal.tracking.banded import NormalEquations
 from gaitcal.tracking.motion import track, track_nodes
@@ -90,16 +90,16 @@ def recording(trial: str, frames: int | None = None, seed: int = 1) -> Recording
     """Noisy markers of the published subject, the first frames; a trial longer than recorded goes
     back and forth.
     """
-    motion = gait_motion() if trial == "gait" else isolated_motion(trial)
+    motion = simulate_gait() if trial == "gait" else simulate_isolated_trial(trial)
     model = subject()
-    markers = synthetic_markers(model.parameters, model.markers, motion.q)
+    markers = compute_synthetic_markers(model.parameters, model.markers, motion.q)
     time = motion.basis.time
     if frames is not None and frames > len(time):
         markers = np.resize(
             np.concatenate([markers, markers[-2:0:-1]]), (frames, *markers.shape[1:])
         )
         time = np.arange(frames) / 200.0
-    markers = markers + marker_noise(time, markers.shape[1], np.random.default_rng(seed))
+    markers = markers + draw_marker_noise(time, markers.shape[1], np.random.default_rng(seed))
     return Recording(
         source=trial, time=time[:frames], labels=model.markers.labels, markers=markers[:frames]
     )
@@ -167,7 +167,7 @@ def lower_bound(matrices: int, gradients: int) -> Callable[[], object]:
     """
     model = build_model(subject().parameters)
     data = model.createData()
-    q = gait_motion().q
+    q = simulate_gait().q
 
     def run() -> None:
         for k in range(matrices + gradients):

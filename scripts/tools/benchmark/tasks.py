@@ -46,7 +46,11 @@ from gaitcal.montecarlo.protocol import Plan
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    simulate_gait,
+)
 from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.bandwidth import DenseMotion, apply_bandwidth
 from gaitcal.tracking.motion import build_motion, track, track_motion
@@ -118,10 +122,10 @@ def _memory() -> list[Figure]:
 
 def long_recording(frames: int, rate: float) -> Recording:
     """Walking without end: every cycle goes on where the last one ended."""
-    model, motion = published_model(), gait_motion()
+    model, motion = published_model(), simulate_gait()
     q = motion.q[:: max(1, round(200.0 / rate))]
     cycles = -(-frames // len(q))
-    markers = synthetic_markers(model.parameters, model.markers, q)
+    markers = compute_synthetic_markers(model.parameters, model.markers, q)
     way = np.arange(cycles) * float(q[-1, 0] - q[0, 0])
     out = np.tile(markers, (cycles, 1, 1))[:frames]
     out[..., 0] += np.repeat(way, len(q))[:frames, None]
@@ -303,8 +307,8 @@ def _isolated(joint: str) -> Callable[[], list[Figure]]:
 
 def section_ip() -> list[Figure]:
     """36 inertial parameters from a noisy gait trial."""
-    model, motion = subject(), gait_motion()
-    wrench = residual_free_wrench(model.parameters, motion)
+    model, motion = subject(), simulate_gait()
+    wrench = compute_residual_free_wrench(model.parameters, motion)
     t = track(model, recording("gait"), rule=NODES)
     valid = np.ones(len(t.time), bool)
     loaded = LoadedMotion(state=(t.q, t.velocity, t.acceleration), wrench=wrench, valid=valid)
@@ -345,9 +349,9 @@ def section_bandwidth() -> list[Figure]:
 
 def section_inverse_dynamics() -> list[Figure]:
     """Generalised forces of 208 frames."""
-    model, motion = subject(), gait_motion()
+    model, motion = subject(), simulate_gait()
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    wrench = residual_free_wrench(model.parameters, motion)
+    wrench = compute_residual_free_wrench(model.parameters, motion)
     bare = build_model(model.parameters)
     data = bare.createData()
 

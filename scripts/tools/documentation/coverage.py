@@ -15,7 +15,7 @@ from typing import Final
 
 import gaitcal
 from gaitcal.cohort.one_person import COLUMNS
-from gaitcal.explanations import all_explanations
+from gaitcal.explanations import load_all_explanations
 from gaitcal.io.toml import tomllib
 from gaitcal.model.marker_set import list_built_in_sets
 from scripts.tools.documentation import tables
@@ -114,7 +114,7 @@ def items() -> Iterator[Item]:
         yield from (
             Item("column", f"{table}: {name}", f"columns: {table}", text) for name, text in told
         )
-    yield from (Item("finding", e.code.value, "findings", e.text) for e in all_explanations())
+    yield from (Item("finding", e.code.value, "findings", e.text) for e in load_all_explanations())
     for name in gaitcal.__all__:
         group = next((group for group, names in GROUPS.items() if name in names), "none")
         said = "data" if name == "COORDINATES" else (getattr(gaitcal, name).__doc__ or "")

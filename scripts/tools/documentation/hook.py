@@ -20,7 +20,7 @@ from typing import Any, Final
 import griffe
 from mkdocs.structure.files import File, Files, InclusionLevel
 
-from gaitcal.explanations import all_explanations
+from gaitcal.explanations import load_all_explanations
 from scripts.tools.documentation import coverage, tables
 
 SECTION = re.compile(r"^(Parameters|Returns|Raises)\n-+\n((?:.*\n?)*?)(?=^\w[^\n]*\n-+\n|\Z)", re.M)
@@ -59,7 +59,7 @@ PLACE = re.compile(r"^\{\{ ([a-z-]+)(?:: ([\w-]+))? \}\}$", re.M)
 def findings() -> str:
     rows = (
         (f"[{e.code.value}](findings/{e.code.value}.md)", e.title, e.severity.lower())
-        for e in all_explanations()
+        for e in load_all_explanations()
     )
     return tables.table_of(("code", "is about", "can be"), rows)
 
@@ -115,7 +115,7 @@ def on_post_page(output: str, **_: Any) -> str:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    for e in all_explanations():
+    for e in load_all_explanations():
         page = File.generated(config, f"reference/findings/{e.code.value}.md", content=e.markdown)
         page.inclusion = InclusionLevel.NOT_IN_NAV
         files.append(page)

@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
-from gaitcal.cli.application import COMMANDS, HELP, declared
+from gaitcal.cli.application import COMMANDS, HELP, build_command_function
 from gaitcal.cohort.cohort_people import CohortFile, ListedPerson
 from gaitcal.cohort.one_person import COLUMNS
 from gaitcal.io.examples import load_examples
@@ -98,7 +98,7 @@ def _parameter(name: str, annotation: Any, default: object) -> Parameter:
 def commands() -> tuple[Command, ...]:
     out = []
     for name, (_, example) in COMMANDS.items():
-        given = inspect.signature(declared(name)).parameters.values()
+        given = inspect.signature(build_command_function(name)).parameters.values()
         parameters = tuple(_parameter(p.name, p.annotation, p.default) for p in given)
         out.append(Command(name, HELP[name], example, parameters))
     return tuple(out)

@@ -67,14 +67,14 @@ from gaitcal.model.parameters import (
     list_isolated_parameters,
 )
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.subject import synthesize, true_gait
+from gaitcal.synthetic.subject import make_true_gait, synthesize
 from gaitcal.synthetic.synthetic_motion import (
     NODES,
-    gait_motion,
-    isolated_motion,
-    marker_noise,
-    residual_free_wrench,
-    synthetic_markers,
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    draw_marker_noise,
+    simulate_gait,
+    simulate_isolated_trial,
 )
 from gaitcal.tracking.spline import NodeRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
@@ -97,12 +97,12 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     """One walk with 34 joint parameters free: these, and in frames (nf,) the 23 joint torques and
     knee reactions, 28 joint powers, 63 components of moment vectors and 27 coordinates.
     """
-    motion, truth = gait_motion(), published_model().parameters
+    motion, truth = simulate_gait(), published_model().parameters
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
     fit, influence = estimated(
         problem, truth, tuple(name for side in "rl" for name in list_gait_parameters(side))
     )
-    wrench = residual_free_wrench(truth, motion)
+    wrench = compute_residual_free_wrench(truth, motion)
     moves = compute_motion_sensitivity(problem, fit.coefficients[0], fit.parameters, influence)
     spread = ForceErrors(
         problem, fit.coefficients[0], fit.parameters, wrench, influence, None, moves
@@ -132,7 +132,7 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
 
 
 def knee_draw(seed: int, noise_m: float) -> Draw:
-    truth, motion = published_model().parameters, isolated_motion("knee_r")
+    truth, motion = published_model().parameters, simulate_isolated_trial("knee_r")
     problem = noisy_problem(
         motion.q, motion.basis.time, seed, noise_m, list_joint_segments("knee_r")
     )
@@ -145,8 +145,8 @@ def noisy_problem(
 ) -> MotionProblem:
     """Markers of a motion with noise, as a least-squares problem of 20 nodes."""
     model = published_model()
-    markers = synthetic_markers(model.parameters, model.markers, q)
-    markers += marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
+    markers = compute_synthetic_markers(model.parameters, model.markers, q)
+    markers += draw_marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
     recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers)
     return build_trial_problem(
         "trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments
@@ -268,7 +268,7 @@ def synthetic_person(
 
 def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
     """What a `SyntheticPerson` holds of the gait trial's torques, powers and moment vectors."""
-    parameters, motion = true_gait(seed)
+    parameters, motion = make_true_gait(seed)
     loads = calibration.trial("gait").loads
     if (
         loads is None
@@ -279,7 +279,7 @@ def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
         raise RuntimeError("the gait trial has no torques and powers with standard errors")
     state, wrench = (
         [motion.basis.evaluate(motion.coefficients, k) for k in range(3)],
-        residual_free_wrench(parameters, motion),
+        compute_residual_free_wrench(parameters, motion),
     )
     true = Dynamics(parameters).compute_forces(*state, wrench)
     power, moment = compute_kinetic_values(parameters, *state, wrench)

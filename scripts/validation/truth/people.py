@@ -41,7 +41,7 @@ from gaitcal.export.opensim.peer_model import Axis, displacement_axis
 from gaitcal.io.opensim_files import read_table, write_trc
 from gaitcal.model.segment_frames import Frame, fit_rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
-from gaitcal.synthetic.synthetic_truth import common_perpendicular
+from gaitcal.synthetic.synthetic_truth import compute_common_perpendicular
 
 RATE, SECONDS, STANDING = 200.0, 6.0, 1.0
 HERTZ = 0.6
@@ -469,7 +469,7 @@ def leg_parameters(person: KnownJoints, frames: Mapping[str, Frame], side: str) 
     z = line_in(shank, person.proximal[f"ankle_{side}"]).pointing(2)
     # the subtalar axis as the talus carries it, which at rest is where the shank has it
     x = line_in(shank, person.proximal[f"subtalar_{side}"]).pointing(0)
-    on_z, on_x = common_perpendicular(z.direction, z.point, x.direction, x.point)
+    on_z, on_x = compute_common_perpendicular(z.direction, z.point, x.direction, x.point)
     up = np.cross(z.direction, x.direction)
     out |= point_parameters(f"talocrural_{side}.shank", on_z) | z_parameters(
         f"talocrural_{side}.shank", z.direction

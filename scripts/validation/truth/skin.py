@@ -49,7 +49,7 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
 from gaitcal.model.segment_frames import fit_rigid_motions
-from gaitcal.synthetic.synthetic_motion import marker_noise
+from gaitcal.synthetic.synthetic_motion import draw_marker_noise
 
 TABLE_MM = 15.0
 SIZES = {
@@ -160,7 +160,7 @@ def displacement(
     own = np.random.default_rng([*seed, list(Kind).index(kind)])
     if kind is Kind.SINUSOIDS:
         waves = np.random.default_rng(seed)
-        return marker_noise(recording.time, recording.markers.shape[1], waves, 1e-3 * size_mm)
+        return draw_marker_noise(recording.time, recording.markers.shape[1], waves, 1e-3 * size_mm)
     out = np.zeros_like(recording.markers)
     person = np.random.default_rng([seed[0], 99])
     clusters = clusters_of(recording, rest, tracking)

@@ -17,8 +17,8 @@ from gaitcal.analysis.parameter_table import parameter_table
 from gaitcal.analysis.result import Calibration
 from gaitcal.cli.application import app
 from gaitcal.cli.console import Console
-from gaitcal.cli.figures_command import chosen
 from gaitcal.cli.figures_command import draw_figures as run
+from gaitcal.cli.figures_command import select_charts
 from gaitcal.cli.view_command import print_report
 from gaitcal.errors import InputError, UsageError
 from gaitcal.export.opensim.transfer_account import MusclePath, muscle_changes, muscles_csv
@@ -189,14 +189,14 @@ def test_only_takes_the_words_that_names_begin_or_end_with(
     folder: Path, whole: Calibration
 ) -> None:
     every = list(charts(folder, whole, Convention()).values())
-    names = [chart.name for chart in chosen(every, ["hip_flexion"])]
+    names = [chart.name for chart in select_charts(every, ["hip_flexion"])]
     assert names == ["hip_flexion_angle", "hip_flexion_moment"]
-    assert {chart.name.rpartition("_")[2] for chart in chosen(every, ["moment,angle"])} == {
+    assert {chart.name.rpartition("_")[2] for chart in select_charts(every, ["moment,angle"])} == {
         "moment",
         "angle",
     }
     with pytest.raises(UsageError, match="did you mean 'knee_adduction_moment'") as caught:
-        chosen(every, ["knee_aduction"])
+        select_charts(every, ["knee_aduction"])
     assert all(chart.name in str(caught.value) for chart in every)
 
 

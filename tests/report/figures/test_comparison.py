@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cli.export_commands import account_page
+from gaitcal.cli.export_commands import render_account_page
 from gaitcal.export.opensim.transfer_account import AccountTable
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
 from gaitcal.report.figures.comparison_sheets import render_comparison_page
@@ -102,7 +102,7 @@ def of_an_export() -> str:
     table = AccountTable(
         **heads, rows=(("hip_r", HOSTILE, "1.2", "0.3", "", "31, 42, 55, 67, 78, 89"),) * 30
     )
-    return account_page(
+    return render_account_page(
         "mine.osim", (("person", HOSTILE), ("now", "mine.osim")), ["look"], [HOSTILE], [table]
     )
 

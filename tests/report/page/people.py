@@ -15,12 +15,12 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.report.page.scene import MotionScene, Scene, build_person_scene, build_trial_scene
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
-    gait_motion,
-    marker_noise,
-    residual_free_wrench,
-    synthetic_markers,
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    draw_marker_noise,
+    simulate_gait,
 )
-from gaitcal.synthetic.walk import walking_ground
+from gaitcal.synthetic.walk import make_walking_ground
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from gaitcal.tracking.spline import build_spline_basis
 
@@ -67,8 +67,8 @@ def walking_scene(
     model = subject_model(subject)
     if labels is not None:
         model = replace(model, markers=replace(model.markers, labels=labels))
-    true = gait_motion()
-    wrench = residual_free_wrench(model.parameters, true)
+    true = simulate_gait()
+    wrench = compute_residual_free_wrench(model.parameters, true)
     first = walking_trial(model, true, "walk", wrench)
     again = walking_trial(model, true, "no plates", None)
     return build_person_scene(model, (first, again), standard_errors())
@@ -86,8 +86,8 @@ def recorded_walk(
 ) -> tuple[Motion, Recording, GroundReactions | None]:
     """Noisy markers with a gap; two plates and frames that do not count where there is a wrench."""
     time, placed = true.basis.time, model.markers
-    seen = synthetic_markers(model.parameters, placed, true.q)
-    measured = seen + marker_noise(time, len(placed.labels), np.random.default_rng(11))
+    seen = compute_synthetic_markers(model.parameters, placed, true.q)
+    measured = seen + draw_marker_noise(time, len(placed.labels), np.random.default_rng(11))
     measured[40:80, 3] = np.nan
     plates, reactions = (), None
     if wrench is not None:
@@ -115,7 +115,7 @@ def recorded_walk(
 def long_scene(frames: int = 10_000) -> Scene:
     """One long walk, with plates under the first steps."""
     model, true = subject_model(), long_motion(frames)
-    wrench = residual_free_wrench(model.parameters, true)
+    wrench = compute_residual_free_wrench(model.parameters, true)
     return build_person_scene(
         model, (walking_trial(model, true, "long", wrench),), standard_errors()
     )
@@ -131,11 +131,11 @@ def plate(name: str, time, x: float, z: float) -> ForcePlate:
 
 def long_motion(frames: int) -> TrueMotion:
     """The gait cycle over and over, walking on."""
-    true = gait_motion()
+    true = simulate_gait()
     time = np.arange(frames) / 200.0
     cycle = len(true.q) - 1
     q = true.q[np.arange(frames) % cycle].copy()
     q[:, 0] += (np.arange(frames) // cycle) * (true.q[-1, 0] - true.q[0, 0])
     basis = build_spline_basis(time, max(20, frames // 20))
     phase = np.arange(frames) / cycle
-    return TrueMotion(basis, basis.fit(q), phase, walking_ground(phase))
+    return TrueMotion(basis, basis.fit(q), phase, make_walking_ground(phase))

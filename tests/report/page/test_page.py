@@ -39,7 +39,7 @@ from gaitcal.report.page.plain_data import (
 )
 from gaitcal.report.page.scene import MotionScene, Scene, build_person_scene
 from gaitcal.report.page.scene_file import dump_scene_json
-from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import simulate_gait
 from tests.fake_result import HOSTILE, Names, fake_calibration
 from tests.report.page.browser import Visit
 from tests.report.page.people import (
@@ -119,7 +119,7 @@ def test_a_long_walk_does_not_coarsen_the_markers() -> None:
 
 
 def test_an_absurd_marker_is_left_out_and_spares_the_others() -> None:
-    trial = walking_trial(subject_model(), gait_motion(), "walk", None)
+    trial = walking_trial(subject_model(), simulate_gait(), "walk", None)
     measured = trial.measured.copy()
     measured[5:7, 2] = [1e30, 0.0, 0.0], [np.inf] * 3
     packed = packed_trial(replace(trial, measured=measured))["measured"]

@@ -17,7 +17,11 @@ from gaitcal.model.parameters import read_published_parameters
 from gaitcal.report.page.body_meshes import MESHES, fit_body_meshes
 from gaitcal.report.page.scene import MOST_FRAMES, Scene, build_joint_marks
 from gaitcal.report.page.scene_file import load_scene, save_scene
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    compute_residual_free_wrench,
+    compute_synthetic_markers,
+    simulate_gait,
+)
 from tests.report.page.people import (
     long_motion,
     model_markers,
@@ -37,7 +41,7 @@ DRAWN = 0.015
 
 def test_the_poses_put_model_markers_where_the_model_has_them(scene: Scene) -> None:
     model, trial = subject_model(), scene.trials[0]
-    expected = synthetic_markers(model.parameters, model.markers, gait_motion().q)
+    expected = compute_synthetic_markers(model.parameters, model.markers, simulate_gait().q)
     assert model_markers(scene, trial) == pytest.approx(expected, abs=SINGLE)
     assert (np.sum(trial.turns[1:] * trial.turns[:-1], axis=2) > 0.99).all(), (
         "quaternions do not jump"
@@ -48,7 +52,7 @@ def test_the_poses_put_model_markers_where_the_model_has_them(scene: Scene) -> N
 
 
 def test_arrows_stand_where_the_moment_is_vertical(scene: Scene) -> None:
-    wrench = residual_free_wrench(subject_model().parameters, gait_motion())
+    wrench = compute_residual_free_wrench(subject_model().parameters, simulate_gait())
     trial = scene.trials[0]
     shown = np.isfinite(trial.forces).all(axis=2)
     assert shown.any() and not shown.all()
@@ -81,7 +85,7 @@ def test_segments_without_markers_are_not_tracked() -> None:
     markers = replace(
         model.markers, **parts, local=model.markers.local[kept], weight=model.markers.weight[kept]
     )
-    trial = walking_trial(replace(model, markers=markers), gait_motion(), "walk", None)
+    trial = walking_trial(replace(model, markers=markers), simulate_gait(), "walk", None)
     hidden = {s for s, tracked in zip(SEGMENTS, trial.tracked, strict=True) if not tracked}
     assert hidden == {*bare, "talus_l"}
 

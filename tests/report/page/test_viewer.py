@@ -25,7 +25,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.page.scene import build_trial_scene
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_gait
 from gaitcal.tracking.motion import Motion
 from gaitcal.viewer import MotionViewer
 from tests.report.page.browser import SETTLED, Page, Visit
@@ -40,9 +40,9 @@ Walk = tuple[SubjectModel, Motion, Recording, GroundReactions]
 
 @pytest.fixture(scope="module")
 def walk() -> Walk:
-    model, true = subject_model(), gait_motion()
+    model, true = subject_model(), simulate_gait()
     motion, recording, ground = recorded_walk(
-        model, true, "walk", residual_free_wrench(model.parameters, true)
+        model, true, "walk", compute_residual_free_wrench(model.parameters, true)
     )
     assert ground is not None
     return model, motion, recording, ground
