@@ -53,9 +53,9 @@ from gaitcal.model.parameters import (
     make_symmetric_set,
 )
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy, preprocess_study
-from gaitcal.quality.after_fit import impossible
+from gaitcal.quality.after_fit import check_physical_limits
 from gaitcal.quality.study_checks import check_preprocessed
-from gaitcal.quality.verdict import LEFT_OUT, judge, stopping, without_consequences
+from gaitcal.quality.verdict import LEFT_OUT, judge, remove_consequences, select_stopping_errors
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
@@ -162,7 +162,7 @@ def impossible_functional_trials(session: CalibrationState) -> dict[str, Finding
         return {}
     out = dict[str, Finding]()
     for trial in (t for t in session.trials if t.joint is not None):
-        for finding in impossible(trial.motion, session.model.subject.weight):
+        for finding in check_physical_limits(trial.motion, session.model.subject.weight):
             left_out = f"{finding.found}; the joint parameters were found without this trial"
             out[trial.name] = replace(
                 finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT
@@ -219,7 +219,7 @@ def judged(session: CalibrationState, study: Study, progress: Progress) -> Calib
     )
     names = [t.name for t in session.walks]
     absent = {f.where: f.evidence for f in session.findings if f.topic == LEFT_OUT}
-    found = without_consequences(
+    found = remove_consequences(
         (*session.checked, *later, *(finding for t in results for finding in t.findings))
     )
     notes = _notes(session, results, later)
@@ -236,7 +236,7 @@ def judged(session: CalibrationState, study: Study, progress: Progress) -> Calib
         unidentifiable=joint.unidentifiable if joint else (),
         notes=notes,
         findings=found,
-        verdict=judge(found, names, forced=bool(stopping(session.checked, names))),
+        verdict=judge(found, names, forced=bool(select_stopping_errors(session.checked, names))),
         left_out=absent,
     )
     return with_truth(withdrawn(calibration))
