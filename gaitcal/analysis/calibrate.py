@@ -65,9 +65,9 @@ from gaitcal.model.parameters import (
     make_symmetric_set,
 )
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy, preprocess_study
-from gaitcal.quality.after_fit import impossible
+from gaitcal.quality.after_fit import check_physical_limits
 from gaitcal.quality.study_checks import check_preprocessed
-from gaitcal.quality.verdict import LEFT_OUT, judge, stopping, without_consequences
+from gaitcal.quality.verdict import LEFT_OUT, judge, remove_consequences, select_stopping_errors
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
@@ -187,7 +187,7 @@ def find_impossible_functional_trials(session: CalibrationState) -> dict[str, Fi
         return {}
     out = dict[str, Finding]()
     for trial in (t for t in session.trials if t.joint is not None):
-        for finding in impossible(trial.motion, session.model.subject.weight):
+        for finding in check_physical_limits(trial.motion, session.model.subject.weight):
             left_out = f"{finding.found}; the joint parameters were fitted without this trial"
             out[trial.name] = replace(
                 finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT
@@ -292,7 +292,7 @@ def assemble_calibration(
     names = [t.name for t in session.walks]
     absent = {f.where: f.evidence for f in session.findings if f.topic == LEFT_OUT}
     of_trials = (finding for t in results for finding in t.findings)
-    found = without_consequences((*session.checked, *after_fit, *of_trials))
+    found = remove_consequences((*session.checked, *after_fit, *of_trials))
     notes = _collect_notes(session, results, after_fit)
     calibration = Calibration(
         study=replace(study, trials=tuple(t for t in study.trials if t.name not in absent)),
@@ -307,7 +307,7 @@ def assemble_calibration(
         unidentifiable=joint.unidentifiable if joint else (),
         notes=notes,
         findings=found,
-        verdict=judge(found, names, forced=bool(stopping(session.checked, names))),
+        verdict=judge(found, names, forced=bool(select_stopping_errors(session.checked, names))),
         left_out=absent,
     )
     return compare_with_truth(remove_refused_results(calibration))

@@ -27,12 +27,17 @@ from gaitcal.model.parameters import (
     find_impossible_bodies,
     view_as_table,
 )
-from gaitcal.quality.after_fit import TrackedMarkers, impossible, large_changes, marker_findings
-from gaitcal.quality.force_diagnosis import ForceDiagnosis, force_findings
-from gaitcal.quality.force_evidence import force_evidence
-from gaitcal.quality.joint_positions import joint_place_findings
+from gaitcal.quality.after_fit import (
+    TrackedMarkers,
+    check_angle_changes,
+    check_physical_limits,
+    check_tracked_markers,
+)
+from gaitcal.quality.force_diagnosis import ForceDiagnosis, find_force_faults
+from gaitcal.quality.force_evidence import build_force_evidence
+from gaitcal.quality.joint_positions import check_joint_positions
 from gaitcal.quality.marker_checks import ONE_MARKER
-from gaitcal.quality.verdict import touches_model
+from gaitcal.quality.verdict import has_effect_on_joints
 from gaitcal.tracking.motion import Motion
 
 WORSE_M = 5e-4
@@ -64,7 +69,7 @@ def check_calibration(
     positions = tuple[Finding, ...]()
     if session.joint is not None:
         functional = {t.joint for t in results if t.joint is not None}
-        found = joint_place_findings(
+        found = check_joint_positions(
             session.model, session.parameters, session.joint.errors, session.prior, functional
         )
         positions = tuple(found)
@@ -204,8 +209,12 @@ def check_tracked_trial(
     moments, valid, legs = None, None, None
     if loads is not None:
         moments, valid, legs = loads.final, loads.reactions.valid, loads.reactions.valid_legs
-    bounds = impossible(motion, weight, moments, valid, legs)
-    return (*marker_findings(tracked), *bounds, *large_changes(trial.nominal, motion, valid))
+    bounds = check_physical_limits(motion, weight, moments, valid, legs)
+    return (
+        *check_tracked_markers(tracked),
+        *bounds,
+        *check_angle_changes(trial.nominal, motion, valid),
+    )
 
 
 def is_trunk_unmeasured(motion: Motion) -> bool:
@@ -319,7 +328,7 @@ def list_trials_with_faulty_legs(checked: Sequence[Finding]) -> frozenset[str]:
     return frozenset(
         f.where
         for f in checked
-        if f.leg and f.severity is Severity.ERROR and touches_model(f.topic)
+        if f.leg and f.severity is Severity.ERROR and has_effect_on_joints(f.topic)
     )
 
 
@@ -346,7 +355,7 @@ def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
     if find_impossible_bodies(parameters.inertial):
         return ForceDiagnosis()
     evidence = (
-        force_evidence(
+        build_force_evidence(
             replace(t, recording=t.in_file_axes),
             t.recording,
             model,
@@ -357,7 +366,7 @@ def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
         for t in session.trials
         if t.reactions is not None
     )
-    return force_findings(
+    return find_force_faults(
         [replace(one, doubtful=one.name in doubtful) for one in evidence if one is not None]
     )
 

@@ -59,7 +59,7 @@ from gaitcal.model.linkage import (
 from gaitcal.model.parameters import Parameters, find_impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.static_disagreement import PossibleMove
-from gaitcal.quality.force_diagnosis import beyond_expected
+from gaitcal.quality.force_diagnosis import check_pelvis_residual
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
@@ -375,7 +375,7 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
     beyond = (
         ()
         if expected is None
-        else beyond_expected(result.name, expected, not is_trunk_unmeasured(body))
+        else check_pelvis_residual(result.name, expected, not is_trunk_unmeasured(body))
     )
     loads = replace(result.loads, errors=errors, expected=expected)
     return replace(result, loads=loads, doubts=(*result.doubts, *beyond))

@@ -39,7 +39,7 @@ from gaitcal.io.segment_poses import has_poses
 from gaitcal.model import body_plan, linkage, nominal
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.subject_model import Subject
-from gaitcal.quality.named_joint_centres import CENTRE, measured_instead
+from gaitcal.quality.named_joint_centres import CENTRE, find_measured_markers
 from gaitcal.study.study import Study
 
 
@@ -206,7 +206,7 @@ def _with_measured(
         or not choice.explained.left_over
         or choice.marker_set.noise is not None
     )
-    if known or not (found := measured_instead(spelt[static], moving, choice.marker_set)):
+    if known or not (found := find_measured_markers(spelt[static], moving, choice.marker_set)):
         return choice
     pairs = {
         pair

@@ -18,7 +18,7 @@ from gaitcal.intake import unnamed_markers
 from gaitcal.io.recording import Recording, find_visible
 from gaitcal.model.landmarks import is_device
 from gaitcal.model.linkage import LOWER_BODY, SIDES
-from gaitcal.quality.named_joint_centres import MEASURED_M, computed_of_pair
+from gaitcal.quality.named_joint_centres import MEASURED_M, identify_computed_points
 
 LANDMARK_SET = "landmarks"
 BOTH_FEET = 0.5
@@ -302,7 +302,7 @@ def _computed(scatter: Array, markers: BoolArray, points: Array) -> list[int]:
     middle = np.nanmean(points, axis=0)
     for i, k in zip(*np.nonzero(np.triu(together)), strict=True):
         if together[i].sum() == together[k].sum() == 1 and np.isfinite(points[[i, k]]).all():
-            rigid[[i, k]] = computed_of_pair(points[i], points[k], middle)
+            rigid[[i, k]] = identify_computed_points(points[i], points[k], middle)
     return np.flatnonzero(rigid).tolist()
 
 

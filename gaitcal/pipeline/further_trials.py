@@ -20,7 +20,7 @@ from gaitcal.pipeline.write_trials import write_trials
 from gaitcal.preprocess.preprocessed_study import further_moves, preprocess_trial
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_further
-from gaitcal.quality.verdict import Verdict, judge, stopping, without_consequences
+from gaitcal.quality.verdict import Verdict, judge, remove_consequences, select_stopping_errors
 from gaitcal.results.saved_result import SavedResult, load_result
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.study_file import Side, TrialTable
@@ -147,7 +147,7 @@ def analyse_trials(
         evidence.append(_preprocess(read_trial(table, saved.rename, saved.marker_set), saved))
     checked = [finding for one in evidence for finding in check_further(one)]
     findings = [*saved.doubts, *checked]
-    if errors := stopping(findings, [one.name for one in evidence]):
+    if errors := select_stopping_errors(findings, [one.name for one in evidence]):
         raise FaultyStudyError(errors)
     done = []
     for one in evidence:
@@ -162,7 +162,7 @@ def analyse_trials(
         *map(_report_untracked, late),
         *(f for t in done for f in t.findings),
     ]
-    verdict = judge(without_consequences(findings), [trial.name for trial in done])
+    verdict = judge(remove_consequences(findings), [trial.name for trial in done])
     trials = tuple(trial.exclude_legs(verdict.refused_legs(trial.name)) for trial in done)
     return FurtherTrials(trials=trials, verdict=verdict, not_converged=tuple(late))
 

@@ -23,7 +23,7 @@ from gaitcal.io.result_folder import ResultKind, check_output_folder, compute_sh
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.study_checks import check_preprocessed
-from gaitcal.quality.verdict import stopping
+from gaitcal.quality.verdict import select_stopping_errors
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study import cohort_prior
 from gaitcal.study.settings import CalibrationSettings
@@ -203,7 +203,9 @@ def run_found_study(
     preprocessed = preprocess_study(study)
     findings = check_preprocessed(preprocessed)
     faulty: dict[str, str] = {}
-    if not settings.force and (drafted is not None or stopping(findings, study.walks)):
+    if not settings.force and (
+        drafted is not None or select_stopping_errors(findings, study.walks)
+    ):
         faulty = drafting.faulty_trials(study, findings)
         drafted = drafted and drafted.without(faulty)
     if faulty:  # what the static trial gets back, and from which trials, follows from all of them
@@ -212,7 +214,7 @@ def run_found_study(
         findings = check_preprocessed(preprocessed)
     if drafted is not None:
         findings = (*findings, *drafting.rejected_forces(drafted))
-    if not settings.force and (errors := stopping(findings, study.walks)):
+    if not settings.force and (errors := select_stopping_errors(findings, study.walks)):
         raise FaultyStudyError(errors, source if isinstance(source, Path) else source.folder.path)
 
     calibration = calibrate_preprocessed(

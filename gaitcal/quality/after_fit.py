@@ -1,20 +1,21 @@
-"""What a finished fit says of single markers and of the body: stuck, exchanged, elsewhere; more
-than any body can do.
+"""Post-fit checks: swapped, displaced and interpolated markers; physiological limits.
 
-Markers: the fit joins all segments, so that it judges those that their own segment cannot: arms,
-trunk, segments with one or two markers. With r_f the distance of a marker from the model's in frame
-f and u its median over the trial, it is
+Markers. The fit joins all segments. It therefore also checks markers that cannot be checked within
+their segment: arms, trunk, segments with one or two markers. With r_f the distance between measured
+and model marker in frame f, and u its median over the trial, a marker is
 
-    elsewhere for a while   r_f > u + limit in a stretch that begins or ends with a jump of r by half of that (skin and
-                            shoulder girdles move a marker as far, but never within a frame),
-    made up                 in such a stretch its path is a straight line,
-    exchanged               in such a stretch it is nearer to where the model has another marker, and that one to it,
-    displaced               u alone is far more than that of its segment and of what markers of its kind have.
+    displaced for a while  r_f > u + limit in an interval that starts or ends with a jump of r of
+                           half the excess or more (soft tissue moves a marker as far, but never
+                           within one frame),
+    interpolated           in all such intervals its path is a straight line,
+    swapped                in such an interval it is nearer to another model marker, and the other
+                           measured marker is nearer to its model marker,
+    displaced throughout   u exceeds a limit and the median of the other markers of its segment.
 
-Bodies: limits that nobody who walks or runs exceeds, whatever the data. Angles, speeds and torques:
+Bodies. Nobody who walks or runs exceeds the limits, whatever the data. Angles, speeds and torques:
 `Limits` of `model/coordinates.py`. Pelvis residual: clean recordings have 2 to 13 % of the body
-weight, RMS; with more than these limits no torque means anything. Speeds are means over the time
-that a trial's splines resolve, away from their ends.
+weight, RMS; beyond the limits no torque is meaningful. Speeds are means over the time that the
+splines of a trial resolve, away from its ends.
 """
 
 from collections.abc import Iterator, Mapping
@@ -33,31 +34,40 @@ from gaitcal.quality.verdict import BOUNDS, MARKERS_AFTER_FIT
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from gaitcal.tracking.spline import DEGREE, ORDER
 
-LIMIT_M = 0.02
+RESIDUAL_LIMIT_M = 0.02
 """Residuals of clean recordings exceed their median by up to 29 mm, but never begin or end that
 within a frame.
 """
-LIGHT_LIMIT_M = 0.03  # The same for markers of trunk and arms, whose joints are crude
-JUMP = (
-    0.5  # Share of its excess by which the residual changes within a frame at an end of a stretch
-)
+# The same for markers of trunk and arms, whose joints are modelled coarsely
+LIGHT_RESIDUAL_LIMIT_M = 0.03
+# Part of its excess by which the residual changes within a frame at an end of an interval
+JUMP_SHARE = 0.5
 SHORTEST_FRAMES = 3
 DISPLACED_M, LIGHT_DISPLACED_M = 0.05, 0.20
-"""Median residual of a marker that is elsewhere throughout; clean ones reach 35 mm on legs, 136 mm
-on arms.
+"""Median residual of a marker that is displaced throughout; clean ones reach 35 mm on legs and
+136 mm on arms.
 """
-WORSE = 3.0  # Times the median of its segment's other markers
-NEARER = 0.5  # Of the present distances, from which two markers are taken as exchanged
-REFUSED_M = 0.05  # A stretch so far off is an error for a marker of full weight on pelvis and legs
-FULL_WEIGHT = 0.5  # Weight from which a marker is meant to be met
-_LIMITS = {name: row.limits for name, row in coordinates.COORDINATE_TABLE.items() if row.limits}
+# A marker displaced throughout exceeds the median of its segment's other markers by this factor
+TIMES_SEGMENT_MEDIAN = 3.0
+# Two markers count as swapped if swapping reduces their distances to this part or less
+SWAPPED_SHARE = 0.5
+# An interval so far off is an error for a marker of full weight on pelvis or legs
+REFUSED_M = 0.05
+FULL_WEIGHT = 0.5  # Weight from which the fit must follow a marker
+_COORDINATE_LIMITS = {
+    name: row.limits for name, row in coordinates.COORDINATE_TABLE.items() if row.limits
+}
 ANGLES_DEG: Mapping[str, tuple[float, float]] = {
-    name: x.angle for name, x in _LIMITS.items() if x.angle
+    name: x.angle for name, x in _COORDINATE_LIMITS.items() if x.angle
 }
 """Coordinate of a leg -> smallest and largest angle."""
-SPEEDS_DEG_S: Mapping[str, float] = {name: x.speed for name, x in _LIMITS.items() if x.speed}
+SPEEDS_DEG_S: Mapping[str, float] = {
+    name: x.speed for name, x in _COORDINATE_LIMITS.items() if x.speed
+}
 """Coordinate of a leg -> largest speed."""
-TORQUES_PERCENT_BWH: Mapping[str, float] = {name: x.torque for name, x in _LIMITS.items()}
+TORQUES_PERCENT_BWH: Mapping[str, float] = {
+    name: x.torque for name, x in _COORDINATE_LIMITS.items()
+}
 """Coordinate of a leg -> largest torque in percent of body weight times height."""
 RESIDUAL_SHARE, RESIDUAL_MOMENT_SHARE = 0.5, 0.2
 """Largest RMS magnitude of the residual force in body weights, and of the moment in body weights
@@ -66,38 +76,50 @@ times height.
 FARTHEST_M = 0.10
 """Largest RMS distance of a leg's or the pelvis' marker with weight; skin moves by 40 mm at most
 (Leardini et al., Gait Posture 21:212-225, 2005)."""
-LARGEST_END = 0.25  # Of a trial, at each end: half of it is always looked at
+LARGEST_END = 0.25  # Part of a trial left out at each end, at most: half of it is always checked
 CHANGED_DEG, CHANGED_MUCH_DEG = 10.0, 45.0
-"""Mean change of an angle by the calibration that is a note, and that puts the result in doubt.
-Nominal ankle axes are another person's: their offsets change by up to 36 deg on clean recordings.
+"""Mean change of an angle by the calibration: from the first on a note, from the second a warning.
+Nominal ankle axes are population means: their offsets change by up to 36 deg on clean recordings.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedMarkers:
-    """Markers of a tracked trial."""
+    """Markers of a tracked trial: measured, and as the model has them."""
 
-    name: str  # Of the trial
+    name: str  # Name of the trial
     time: Array  # (nf,) s
     labels: tuple[str, ...]
     segments: tuple[str, ...]  # Of each marker
     weight: Array  # (nm,)
-    measured: Array  # (nf, nm, 3) m; NaN where not seen
+    measured: Array  # (nf, nm, 3) m; NaN where not visible
     model: Array  # (nf, nm, 3) m
 
     @property
     def distance(self) -> Array:
-        """(nf, nm) m; NaN where not seen."""
+        """Distance between measured and model markers, (nf, nm) m; NaN where not visible."""
         out: Array = np.linalg.norm(self.measured - self.model, axis=2)
         return out
 
-    def heavy(self, k: int) -> bool:
-        """Whether a marker of pelvis or legs has full weight."""
+    def has_full_weight(self, k: int) -> bool:
+        """Return whether marker `k` is on pelvis or legs and has full weight."""
         return bool(self.segments[k] in linkage.LOWER_BODY and self.weight[k] >= FULL_WEIGHT)
 
 
-def marker_findings(tracked: TrackedMarkers) -> tuple[Finding, ...]:
-    """Markers whose residuals have structure."""
+def check_tracked_markers(tracked: TrackedMarkers) -> tuple[Finding, ...]:
+    """Find markers whose residuals show that they were swapped, displaced or interpolated.
+
+    Parameters
+    ----------
+    tracked
+        Markers of one trial after the fit.
+
+    Returns
+    -------
+    tuple of Finding
+        At most one finding a marker; intervals first, then markers displaced throughout. A finding
+        on two swapped markers counts for both.
+    """
     distance = tracked.distance
     baseline = np.array([np.nanmedian(d) if np.isfinite(d).any() else np.nan for d in distance.T])
     chosen = np.flatnonzero((tracked.weight > 0) & np.isfinite(baseline)).tolist()
@@ -106,26 +128,32 @@ def marker_findings(tracked: TrackedMarkers) -> tuple[Finding, ...]:
     for k in sorted(chosen, key=lambda k: -float(np.nanmax(distance[:, k]) - baseline[k])):
         if tracked.labels[k] in named:
             continue
-        stretches = list(_stretches(distance[:, k], float(baseline[k]), _limit(tracked, k)))
+        stretches = list(
+            _find_displaced_intervals(distance[:, k], float(baseline[k]), _limit(tracked, k))
+        )
         if stretches:
-            finding, others = _elsewhere(tracked, k, stretches, distance, float(baseline[k]))
+            finding, others = _describe_displaced_marker(
+                tracked, k, stretches, distance, float(baseline[k])
+            )
             found.append(finding)
             named |= others
     for k in chosen:
         if tracked.labels[k] not in named:
-            found += _displaced(tracked, k, baseline)
+            found += _check_lasting_offset(tracked, k, baseline)
     return tuple(found)
 
 
 def _limit(tracked: TrackedMarkers, k: int) -> float:
-    return LIMIT_M if tracked.segments[k] in linkage.LOWER_BODY else LIGHT_LIMIT_M
+    """Return the excess (m) over its median residual above which marker `k` is displaced."""
+    return RESIDUAL_LIMIT_M if tracked.segments[k] in linkage.LOWER_BODY else LIGHT_RESIDUAL_LIMIT_M
 
 
-def _stretches(distance: Array, baseline: float, limit: float) -> Iterator[slice]:
-    """Frames of one marker (nf,) in which it is elsewhere."""
+def _find_displaced_intervals(distance: Array, baseline: float, limit: float) -> Iterator[slice]:
+    """Yield the frames of one marker, residuals (nf,) m, in which it is displaced."""
     excess = np.nan_to_num(distance - baseline)
     for run in find_runs(excess > limit, SHORTEST_FRAMES):
         peak = float(excess[run].max())
+        # without a jump at a visible end it may be soft tissue that moved gradually
         ends = [
             abs(excess[e] - excess[e - 1]) for e in (run.start, run.stop) if 0 < e < len(excess)
         ]
@@ -134,43 +162,48 @@ def _stretches(distance: Array, baseline: float, limit: float) -> Iterator[slice
             for e in (run.start, run.stop)
             if 0 < e < len(excess)
         ]
-        if any(jump > JUMP * peak and known for jump, known in zip(ends, known_ends, strict=True)):
+        if any(
+            jump > JUMP_SHARE * peak and known for jump, known in zip(ends, known_ends, strict=True)
+        ):
             yield run
 
 
-def _elsewhere(
+def _describe_displaced_marker(
     tracked: TrackedMarkers, k: int, stretches: list[slice], distance: Array, baseline: float
 ) -> tuple[Finding, set[str]]:
-    """What became of marker k in some stretches, and the markers that are named with it."""
+    """Build the finding on marker `k` in some intervals; return it with the labels concerned."""
     label, frames = tracked.labels[k], np.zeros(len(distance), dtype=bool)
     for stretch in stretches:
         frames[stretch] = True
     worst = float(np.nanmax(distance[frames, k]))
-    other, code = _exchanged_with(tracked, k, frames), Code.MARKER_AWAY
+    other, code = _find_swapped_marker(tracked, k, frames), Code.MARKER_AWAY
     if other is not None:
         code = Code.EXCHANGED_LABELS
         cause = (
-            f"markers '{label}' and '{tracked.labels[other]}' carry each other's label for a while"
+            f"the labels of markers '{label}' and '{tracked.labels[other]}' are swapped for a while"
         )
-        cure = "label that part again, or leave it out with time = [start, end]"
-    elif all(_straight(tracked.measured[s, k]) for s in stretches):
-        cause = f"the path of marker '{label}' was held or drawn as a straight line over a gap"
-        cure = f'export gaps as gaps, or weights = {{ "{label}" = 0 }} under [markers]'
-    else:
-        cause = f"marker '{label}' is elsewhere for a while"
+        cure = "relabel this interval, or leave it out with time = [start, end]"
+    elif all(_is_straight(tracked.measured[s, k]) for s in stretches):
+        cause = f"a gap of marker '{label}' was filled with a constant or a straight line"
         cure = (
-            f"label that part again, leave it out with time = [start, end], or weights = {{ "
-            f'"{label}" = 0 }}'
+            "export the trial without gap filling, or set weights = "
+            f'{{ "{label}" = 0 }} under [markers]'
         )
-    error = tracked.heavy(k) and worst - baseline > REFUSED_M
-    found = f"up to {1e3 * worst:.0f} mm from the model's marker, usually {1e3 * baseline:.0f} mm "
+    else:
+        cause = f"marker '{label}' is displaced for a while"
+        cure = (
+            "relabel this interval, leave it out with time = [start, end], or set weights = "
+            f'{{ "{label}" = 0 }} under [markers]'
+        )
+    error = tracked.has_full_weight(k) and worst - baseline > REFUSED_M
+    found = f"up to {1e3 * worst:.0f} mm from the model marker, median {1e3 * baseline:.0f} mm "
     found += f"({format_spans(tracked.time, stretches)})"
     weight = (worst - baseline) / _limit(tracked, k)
-    finding = _of_marker(tracked, k, code, cause, found, cure, weight, error=error)
+    finding = _build_marker_finding(tracked, k, code, cause, found, cure, weight, error=error)
     return finding, {label} if other is None else {label, tracked.labels[other]}
 
 
-def _of_marker(
+def _build_marker_finding(
     tracked: TrackedMarkers,
     k: int,
     code: Code,
@@ -181,6 +214,7 @@ def _of_marker(
     *,
     error: bool,
 ) -> Finding:
+    """Build the finding on marker `k`: an error or a warning."""
     segment = tracked.segments[k]
     return Finding(
         severity=Severity.ERROR if error else Severity.WARNING,
@@ -195,8 +229,8 @@ def _of_marker(
     )
 
 
-def _exchanged_with(tracked: TrackedMarkers, k: int, frames: BoolArray) -> int | None:
-    """The marker that marker k has changed places with in these frames; None where there is none."""
+def _find_swapped_marker(tracked: TrackedMarkers, k: int, frames: BoolArray) -> int | None:
+    """Return the marker that is swapped with marker `k` in these frames (nf,), or None."""
     measured, model = tracked.measured[frames], tracked.model[frames]
     present = np.linalg.norm(measured - model, axis=2)
     there = np.linalg.norm(measured[:, [k]] - model, axis=2)
@@ -205,17 +239,17 @@ def _exchanged_with(tracked: TrackedMarkers, k: int, frames: BoolArray) -> int |
         ratio = np.nanmedian(there + here, axis=0) / np.nanmedian(present[:, [k]] + present, axis=0)
     ratio[k] = np.inf
     best = int(np.argmin(np.nan_to_num(ratio, nan=np.inf)))
-    return best if ratio[best] < NEARER else None
+    return best if ratio[best] < SWAPPED_SHARE else None
 
 
-def _straight(path: Array) -> bool:
-    """Whether a path (n, 3) is even motion along a line, or no motion."""
+def _is_straight(path: Array) -> bool:
+    """Return whether a path (n, 3) is uniform motion along a line, or no motion."""
     return bool(len(path) > SHORTEST_FRAMES and np.isfinite(path).all() and bend(path) < STRAIGHT_M)
 
 
-def _displaced(tracked: TrackedMarkers, k: int, baseline: Array) -> Iterator[Finding]:
-    """Marker k, if it is far from the model's all the time and others of its segment are not."""
-    limit = DISPLACED_M if tracked.heavy(k) else LIGHT_DISPLACED_M
+def _check_lasting_offset(tracked: TrackedMarkers, k: int, baseline: Array) -> Iterator[Finding]:
+    """Report marker `k` if it alone of its segment is far from the model marker throughout."""
+    limit = DISPLACED_M if tracked.has_full_weight(k) else LIGHT_DISPLACED_M
     mates = [
         baseline[i]
         for i, segment in enumerate(tracked.segments)
@@ -224,105 +258,134 @@ def _displaced(tracked: TrackedMarkers, k: int, baseline: Array) -> Iterator[Fin
         and tracked.weight[i] > 0
         and np.isfinite(baseline[i])
     ]
-    if baseline[k] < limit or (mates and baseline[k] < WORSE * float(np.median(mates))):
+    if baseline[k] < limit or (
+        mates and baseline[k] < TIMES_SEGMENT_MEDIAN * float(np.median(mates))
+    ):
         return
     label, mm = tracked.labels[k], 1e3 * baseline[k]
-    cause = f"marker '{label}' is not where the static trial has it on {tracked.segments[k]}"
+    cause = (
+        f"the position of marker '{label}' on {tracked.segments[k]} differs from the static trial"
+    )
     found = (
-        f"{mm:.0f} mm from the model's marker (median), throughout "
+        f"{mm:.0f} mm from the model marker (median), throughout "
         f"{tracked.time[0]:.2f}-{tracked.time[-1]:.2f} s"
     )
-    cure = f'weights = {{ "{label}" = 0 }} under [markers], another label, or another static trial'
-    weight, error = float(baseline[k]) / limit, tracked.heavy(k)
-    yield _of_marker(tracked, k, Code.MARKER_OFF_STATIC, cause, found, cure, weight, error=error)
+    cure = (
+        f'set weights = {{ "{label}" = 0 }} under [markers], correct its label, or use another '
+        "static trial"
+    )
+    weight, error = float(baseline[k]) / limit, tracked.has_full_weight(k)
+    yield _build_marker_finding(
+        tracked, k, Code.MARKER_OFF_STATIC, cause, found, cure, weight, error=error
+    )
 
 
 @dataclass(frozen=True)
-class _Broken:
+class _Excess:
     """A quantity beyond its limit."""
 
-    words: str
-    times: float  # In units of the limit
+    description: str
+    ratio: float  # Value over limit
     frames: BoolArray
 
 
-def impossible(
+def check_physical_limits(
     motion: Motion,
     weight: float,
     moments: Moments | None = None,
     valid: BoolArray | None = None,
     legs: BoolArray | None = None,
 ) -> tuple[Finding, ...]:
-    """What in a trial no body can do, one finding a leg, and one of the pelvis residual.
+    """Find angles, speeds, torques and residuals that no body can produce.
 
-    `motion`: of the whole body or a part; every coordinate of a leg in it is judged.
-    `weight`: of the body, N.
-    `moments`: final generalised forces, where there are force plates.
-    `valid`: (nf,) frames in which they mean something.
-    `legs`: (nf, 2) frames in which those of the right and the left leg do; None: `valid`.
+    Parameters
+    ----------
+    motion
+        Of the whole body or a part of it; all leg coordinates that it has are checked.
+    weight
+        Body weight, N.
+    moments
+        Final generalised forces; None without force plates.
+    valid
+        (nf,) frames with valid torques.
+    legs
+        (nf, 2) frames with valid torques of the right and the left leg; None: `valid` for both.
+
+    Returns
+    -------
+    tuple of Finding
+        At most one finding a leg, and one on the pelvis residual; all are errors.
     """
     found = []
     for k, (side, word) in enumerate(linkage.SIDE_WORDS.items()):
-        broken = [*_angles(motion, side), *_markers(motion.errors, side)]
+        excesses = [*_check_angles(motion, side), *_check_markers(motion.errors, side)]
         of_leg = valid if legs is None else np.asarray(legs[:, k])
         if moments is not None and of_leg is not None and of_leg.any():
-            broken += _torques(moments, of_leg, side)
-        if broken:
-            cause = f"the {word} leg moves or is loaded as no leg can be"
-            found.append(_finding(motion, Code.IMPOSSIBLE_LEG, cause, side, broken))
+            excesses += _check_torques(moments, of_leg, side)
+        if excesses:
+            cause = f"motion or load of the {word} leg exceeds physiological limits"
+            found.append(_build_limit_finding(motion, Code.IMPOSSIBLE_LEG, cause, side, excesses))
     if moments is not None and valid is not None and valid.any():
-        broken = list(_residual(moments, valid, weight))
-        if broken:
-            cause = "motion and forces do not belong together"
-            found.append(_finding(motion, Code.FORCES_OF_ANOTHER, cause, "", broken))
+        excesses = list(_check_residual(moments, valid, weight))
+        if excesses:
+            cause = "forces and motion do not match"
+            found.append(_build_limit_finding(motion, Code.FORCES_OF_ANOTHER, cause, "", excesses))
     return tuple(found)
 
 
-def _finding(motion: Motion, code: Code, cause: str, leg: str, broken: list[_Broken]) -> Finding:
-    broken = sorted(broken, key=lambda b: -b.times)
-    marked: BoolArray = np.any([b.frames for b in broken], axis=0)
+def _build_limit_finding(
+    motion: Motion, code: Code, cause: str, leg: str, excesses: list[_Excess]
+) -> Finding:
+    """Build the error on quantities beyond their limits."""
+    excesses = sorted(excesses, key=lambda b: -b.ratio)
+    marked: BoolArray = np.any([b.frames for b in excesses], axis=0)
     when = format_spans(motion.time, find_runs(marked))
     return Finding(
         severity=Severity.ERROR,
         topic=BOUNDS,
         where=motion.name,
         cause=cause,
-        found=f"{listed([b.words for b in broken], 4)} ({when})",
-        cure="look at labels, gaps and interpolated markers in that time, and at the units of the "
+        found=f"{listed([b.description for b in excesses], 4)} ({when})",
+        cure="check labels, gaps and interpolated markers in this interval, and the units of the "
         "forces",
         leg=leg,
-        weight=10.0 * broken[0].times,
+        weight=10.0 * excesses[0].ratio,
         code=code,
     )
 
 
-def _angles(motion: Motion, side: str) -> Iterator[_Broken]:
+def _check_angles(motion: Motion, side: str) -> Iterator[_Excess]:
+    """Yield angles (deg) and angular speeds (deg/s) of a leg beyond their limits."""
     q = motion.q
     for name, (low, high) in ANGLES_DEG.items():
         coordinate = f"{name}_{side}"
         if coordinate not in motion.coordinates:
             continue
         at = motion.coordinates.index(coordinate)
-        angle, speed = np.rad2deg(q[:, at]), _resolved_speed(motion, at)
+        angle, speed = np.rad2deg(q[:, at]), _compute_resolved_speed(motion, at)
         beyond = (angle < low) | (angle > high)
         if beyond.any():
             worst = float(angle[np.argmax(np.maximum(low - angle, angle - high))])
-            times = worst / (high if worst > high else low)
-            yield _Broken(
-                f"{coordinate} {worst:.0f} deg (allowed: {low:.0f} to {high:.0f})", times, beyond
+            ratio = worst / (high if worst > high else low)
+            yield _Excess(
+                f"{coordinate} {worst:.0f} deg (allowed: {low:.0f} to {high:.0f} deg)",
+                ratio,
+                beyond,
             )
         limit = SPEEDS_DEG_S[name]
         if (speed > limit).any():
-            message = f"{coordinate} changes by {speed.max():.0f} deg/s (allowed: {limit:.0f})"
-            yield _Broken(message, float(speed.max()) / limit, speed > limit)
+            message = (
+                f"{coordinate} changes by {speed.max():.0f} deg/s (allowed: {limit:.0f} deg/s)"
+            )
+            yield _Excess(message, float(speed.max()) / limit, speed > limit)
 
 
-def _resolved_speed(motion: Motion, at: int) -> Array:
-    """(nf,) deg/s of one coordinate, as the trial's splines resolve it; zero near the ends.
+def _compute_resolved_speed(motion: Motion, at: int) -> Array:
+    """Compute the angular speed (nf,) deg/s that the splines resolve; zero near the ends.
 
-    A spline does not resolve changes shorter than the distance of its knots, so the speed is the
-    mean over that time. Near the ends of a trial fewer frames determine it: half of the reach of a
-    spline is left out there.
+    A spline does not resolve changes shorter than its knot spacing, so the speed is the mean over
+    that time. Near the ends of a trial fewer frames determine it: half the support of a spline is
+    left out there.
     """
     time, basis = motion.time, motion.basis
     spacing = float(time[-1] - time[0]) / max(basis.nodes - DEGREE, 1)
@@ -335,17 +398,21 @@ def _resolved_speed(motion: Motion, at: int) -> Array:
     return np.asarray(np.where(inside, np.abs(after - before) / spacing, 0.0), float)
 
 
-def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]:
+def _check_torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Excess]:
+    """Yield torques of a leg (percent of body weight times height) beyond their limits."""
     for name, limit in TORQUES_PERCENT_BWH.items():
         share = np.where(
             valid, 100.0 * np.abs(moment_of(moments, f"{name}_{side}")) / moments.bwh, 0.0
         )
         if (share > limit).any():
-            words = f"torque of {name}_{side} {share.max():.0f} %BW*H (allowed: {limit:.0f})"
-            yield _Broken(words, float(share.max()) / limit, share > limit)
+            message = (
+                f"torque of {name}_{side} {share.max():.0f} %BW*H (allowed: {limit:.0f} %BW*H)"
+            )
+            yield _Excess(message, float(share.max()) / limit, share > limit)
 
 
-def _markers(errors: MarkerErrors, side: str) -> Iterator[_Broken]:
+def _check_markers(errors: MarkerErrors, side: str) -> Iterator[_Excess]:
+    """Yield markers of full weight whose RMS distance from the model exceeds `FARTHEST_M`."""
     for k in np.flatnonzero(errors.select_observed() & (errors.weight >= FULL_WEIGHT)).tolist():
         segment = errors.segments[k]
         if not (segment.endswith(f"_{side}") and segment in linkage.LOWER_BODY):
@@ -353,20 +420,21 @@ def _markers(errors: MarkerErrors, side: str) -> Iterator[_Broken]:
         distance = errors.distance[:, k]
         rms = float(np.sqrt(np.nanmean(distance**2)))
         if rms > FARTHEST_M:
-            words = (
-                f"marker '{errors.labels[k]}' {1e3 * rms:.0f} mm RMS from the model's (allowed: "
-                f"{1e3 * FARTHEST_M:.0f})"
+            message = (
+                f"marker '{errors.labels[k]}' {1e3 * rms:.0f} mm RMS from the model marker "
+                f"(allowed: {1e3 * FARTHEST_M:.0f} mm)"
             )
-            yield _Broken(words, rms / FARTHEST_M, np.nan_to_num(distance) > FARTHEST_M)
+            yield _Excess(message, rms / FARTHEST_M, np.nan_to_num(distance) > FARTHEST_M)
 
 
-def _residual(moments: Moments, valid: BoolArray, weight: float) -> Iterator[_Broken]:
+def _check_residual(moments: Moments, valid: BoolArray, weight: float) -> Iterator[_Excess]:
+    """Yield the residual force and moment at the pelvis beyond their limits."""
     force, moment = (
         float(np.sqrt(np.mean((r[valid] ** 2).sum(axis=1))))
         for r in (moments.residual_force, moments.residual_moment)
     )
     of_force, of_moment = force / weight, moment / moments.bwh
-    for words, share, limit in (
+    for message, share, limit in (
         (
             f"residual force at the pelvis {100 * of_force:.0f} % of body weight RMS",
             of_force,
@@ -375,14 +443,25 @@ def _residual(moments: Moments, valid: BoolArray, weight: float) -> Iterator[_Br
         (f"residual moment {100 * of_moment:.0f} %BW*H RMS", of_moment, RESIDUAL_MOMENT_SHARE),
     ):
         if share > limit:
-            yield _Broken(f"{words} (allowed: {100 * limit:.0f})", share / limit, valid)
+            yield _Excess(f"{message} (allowed: {100 * limit:.0f})", share / limit, valid)
 
 
-def large_changes(
+def check_angle_changes(
     before: Motion, after: Motion, valid: BoolArray | None = None
 ) -> Iterator[Finding]:
-    """Angles of the legs that the calibration moved much, mean over frames; `before` with the
-    nominal model.
+    """Report leg angles that the calibration changed much, mean over frames.
+
+    Parameters
+    ----------
+    before, after
+        Motion with the nominal and with the calibrated model.
+    valid
+        (nf,) frames of the mean; all frames if None or empty.
+
+    Yields
+    ------
+    Finding
+        At most one: a note from `CHANGED_DEG` on, a warning from `CHANGED_MUCH_DEG` on.
     """
     frames = np.ones(len(after.time), dtype=bool) if valid is None or not valid.any() else valid
     changed: list[tuple[float, str]] = []
@@ -401,9 +480,9 @@ def large_changes(
         severity=Severity.WARNING if much else Severity.INFO,
         topic="angles",
         where=after.name,
-        cause="the calibration moved angles far from those of the nominal model",
+        cause="the calibration changed angles much against the nominal model",
         found=f"mean change: {listed([f'{name} {change:+.0f} deg' for change, name in changed])}",
-        cure="look at the landmarks of these joints in the static trial, and at the isolated trials"
+        cure="check the landmarks of these joints in the static trial, and the functional trials"
         if much
         else "",
         weight=abs(changed[0][0]) / CHANGED_MUCH_DEG,

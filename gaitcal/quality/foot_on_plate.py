@@ -1,9 +1,8 @@
-"""Feet on plates: which foot, whether wholly on it, under the centre of pressure, and loaded when
-it touches down.
+"""Check feet on force plates: which foot, wholly on the plate, pressure under it, synchronised.
 
-Which frames a centre of pressure is outside of its foot is told by `dynamics/off_sole.py`, as for
-the tracked motion, whose torques do not count there. A fault that puts soles, plates or clocks in
-disorder is told by its own check, and what it does here is not told again (`_explained`).
+`dynamics/off_sole.py` finds the frames in which a centre of pressure is outside its foot; torques
+are invalid there, in the tracked motion as well. A fault of soles, plates or synchronisation has a
+check of its own; what only follows from it is not reported again (`_is_explained`).
 """
 
 import re
@@ -32,65 +31,73 @@ from gaitcal.preprocess.plate_contacts import Feet, PlateContact
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 
 TOPIC = "plate to foot"
-PLATES_ELSEWHERE = "the plates, or the markers, are not where the file has them"
+PLATES_ELSEWHERE = "the positions of plates and markers do not match"
 DISORDERS_PRESSURE = ("units", "axes", "sides", "exchanged", "time", "forces")
-"""Topics of warnings and errors about what puts centres of pressure off their feet by itself."""
+"""Topics of warnings and errors whose causes displace centres of pressure from the feet."""
 FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)  # Height of a resting heel or toe marker above the centre of pressure
-LATE_S = 0.08  # Difference between the clocks of markers and forces that is told
-TOLD_SHARE, TOLD_S = 0.02, 0.03
-"""Share of the impulse of a plate under a foot, and s, that must lie outside to be told: landing
-and lifting off are over in 10 to 20 ms (Whittle 1999), and bear less than that share where clocks
-differ by a few frames."""
-ALIKE = 0.7  # Cosine between directions that are told as one
-# Cosine with the line of the foot above which a place is behind or in front of it, and not beside
-# it
-ENDWAYS = 0.7
-# Of the load outside of a foot: that much while it moves is a matter of clocks, not of places
-IN_AIR = 0.5
+TIME_OFFSET_S = 0.08  # Time offset between markers and forces from which it is reported
+REPORTED_SHARE, REPORTED_S = 0.02, 0.03
+"""Share of a plate's impulse under a foot, and time (s), outside the sole from which it is
+reported: landing and lifting off take 10 to 20 ms (Whittle 1999), and carry less than that share
+where the synchronisation is off by a few frames."""
+ONE_DIRECTION = 0.7  # Cosine above which directions count as the same
+# Cosine with the line heel-toe above which a point is behind or in front of the foot, not beside it
+ALONG_FOOT = 0.7
+# Share of the load outside a foot that acts while the foot moves: more is a time offset
+IN_AIR_SHARE = 0.5
 
 
-def contacts(trial: TrialEvidence) -> Iterator[Finding]:
-    """Everything about feet on plates in a gait trial."""
+def check_contacts(trial: TrialEvidence) -> Iterator[Finding]:
+    """Check which foot is on each plate, plate heights, feet beside plates and the time offset.
+
+    Parameters
+    ----------
+    trial
+        A trial; only gait trials with plates are checked.
+
+    Yields
+    ------
+    Finding
+        Of loaded plates, their feet and their synchronisation.
+    """
     feet, plates = trial.feet, trial.recording.plates
     if not trial.is_gait or not plates:
         return
     most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in plates)
     steps = trial.plate_contacts
     if not steps and (feet is not None or most < BODY_N):
-        yield _no_step(trial, feet, most)
+        yield _report_no_step(trial, feet, most)
     if feet is None:
         return
     for step in steps:
         far = step.distance > foot_contact.UNDER_FOOT_M
-        # a total force that was divided, told in `outside_sole`, may be far from both feet
+        # a divided total force, see `check_pressure_outside_sole`, may be far from both feet
         if not (
             far and any(detect_common_centre(step, other, len(feet.time)).any() for other in steps)
         ):
-            yield from _which_foot(trial, step)
+            yield from _check_foot(trial, step)
     on_feet = [step for step in steps if step.under_foot]
     for step in on_feet:
-        yield from _height(trial, feet, step)
-    partly = [finding for step in on_feet for finding in overhang(trial, step)]
-    # where another step of the trial lies on its plate the plates are where the file has them: a
-    # fact of this step
+        yield from _check_plate_height(trial, feet, step)
+    partly = [finding for step in on_feet for finding in check_overhang(trial, step)]
+    # if another step of the trial is wholly on its plate, the plate positions are right: a note
     yield from (
         partly
         if len(partly) == len(on_feet)
         else (replace(f, severity=Severity.INFO) for f in partly)
     )
-    yield from _clocks(trial, feet, on_feet)
+    yield from _check_synchronisation(trial, feet, on_feet)
 
 
-def _words(trial: TrialEvidence, step: PlateContact) -> str:
+def _describe_step(trial: TrialEvidence, step: PlateContact) -> str:
+    """Name the plate of a step and its time."""
     return f"plate {step.plate.name}, {format_spans(trial.recording.time, [step.frames])}"
 
 
-def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
-    """Whether the foot that the study names stands on the plate; if it names none, whether any
-    does, and which.
-    """
-    name, side = _words(trial, step), trial.trial.plates.get(step.plate.name)
+def _check_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
+    """Check that the foot given in the study is on the plate; without one, report which one is."""
+    name, side = _describe_step(trial, step), trial.trial.plates.get(step.plate.name)
     mm, foot = 1e3 * step.distance, FEET[step.foot]
     if side == "none":
         return
@@ -102,16 +109,15 @@ def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
     ):
         yield trial.error(
             TOPIC,
-            f"{name}: the study gives it to the {FEET[SIDES.index(side)]} foot, "
-            f"{1e3 * step.other:.0f} mm off the "
-            f"centre of pressure (the {foot} foot: {mm:.0f} mm)",
-            f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to '
-            "have it found",
+            f"{name}: the study assigns it to the {FEET[SIDES.index(side)]} foot, "
+            f"{1e3 * step.other:.0f} mm from the centre of pressure (the {foot} foot: {mm:.0f} mm)",
+            f'set plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or remove the entry to '
+            "have the foot detected",
             code=Code.WRONG_FOOT,
         )
     elif step.distance > foot_contact.UNDER_FOOT_M and np.isinf(step.other):
         found = f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} foot; "
-        found += f"the {FEET[1 - step.foot]} foot, whose step it may be, shows no heel and toe then"
+        found += f"heel and toe of the {FEET[1 - step.foot]} foot are not visible at that time"
         yield trial.info(TOPIC, found, code=Code.UNDER_NO_FOOT)
     elif step.distance > foot_contact.UNDER_FOOT_M:
         yield trial.warning(
@@ -119,19 +125,17 @@ def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
             f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} and "
             f"{1e3 * step.other:.0f} mm from the other foot; allowed: "
             f"{1e3 * foot_contact.UNDER_FOOT_M:.0f} mm",
-            "check the position of the plate (corners), the axes of the forces, and that they "
-            "belong to this trial",
+            "check the corners of the plate, the axes of the forces, and that the forces belong to "
+            "this trial",
             code=Code.UNDER_NO_FOOT,
         )
     else:
-        found = (
-            f"{name}: {foot} foot, whose line heel-toe passes the centre of pressure at {mm:.0f} mm"
-        )
+        found = f"{name}: {foot} foot, its line heel-toe {mm:.0f} mm from the centre of pressure"
         yield trial.info(TOPIC, found, code=Code.FOOT_OF_PLATE)
 
 
-def _height(trial: TrialEvidence, feet: Feet, step: PlateContact) -> Iterator[Finding]:
-    """Whether the centre of pressure lies at the height of the resting foot's soles."""
+def _check_plate_height(trial: TrialEvidence, feet: Feet, step: PlateContact) -> Iterator[Finding]:
+    """Check that the centre of pressure is at the height of the resting foot's sole."""
     down = feet.resting[step.frames, step.foot]
     if not down.any():
         return
@@ -142,19 +146,21 @@ def _height(trial: TrialEvidence, feet: Feet, step: PlateContact) -> Iterator[Fi
     if not FLOOR_M[0] <= above <= FLOOR_M[1]:
         yield trial.warning(
             "plates",
-            f"plate {step.plate.name}: its surface lies {1e3 * above:.0f} mm below the lower of "
-            "heel and toe marker; "
+            f"plate {step.plate.name}: its surface is {1e3 * above:.0f} mm below the lower of the "
+            "heel and toe markers; "
             f"allowed: {1e3 * FLOOR_M[0]:.0f} to {1e3 * FLOOR_M[1]:.0f} mm",
             "check the height of the plate's corners, or the origin of the markers",
             code=Code.PLATE_HEIGHT,
         )
 
 
-def _no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Finding:
-    """No plate is loaded: a fault where a foot stands on one, or where a foot is never seen or
-    outlines are missing; else the walk has missed them. `most`: N.
+def _report_no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Finding:
+    """Report that no plate is loaded (at most `most` N).
+
+    A warning if a foot stands on a plate, if a foot is never visible or if corners are missing;
+    otherwise a note: the person walked beside the plates.
     """
-    found, severity = f"no plate is stepped on: at most {most:.0f} N", Severity.INFO
+    found, severity = f"no plate is loaded: at most {most:.0f} N", Severity.INFO
     outlined = [plate for plate in trial.recording.plates if plate.corners is not None]
     if (
         feet is None
@@ -179,15 +185,28 @@ def _no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Finding:
             found += f", though the {name} foot stands on them ({format_spans(feet.time, long)})"
             severity = Severity.WARNING
     cure = (
-        "no stance will have torques, only the swing; are these the forces of this trial, and were "
-        "the plates on?"
+        "torques exist in swing only; check that the forces belong to this trial and that the "
+        "plates were switched on"
     )
     return trial.finding(severity, "plates", found, cure, code=Code.NO_STEP_ON_PLATE)
 
 
-def overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
-    """A step whose foot rests partly beside its plate, and beside every other: plates that touch
-    are one surface.
+def check_overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
+    """Report a step whose foot rests partly beside its plate and beside every other plate.
+
+    Plates that touch each other are one surface.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+    step
+        A loading of a plate by a foot of this trial.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
     """
     feet = trial.feet
     if feet is None or step.plate.corners is None:
@@ -206,18 +225,19 @@ def overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
         share = float(sole.sum_share(beside)[still].max())
         yield trial.warning(
             TOPIC,
-            f"{_words(trial, step)}: the {FEET[step.foot]} foot rests partly beside it "
-            f"({100 * share:.0f} % of the "
-            "sole)",
-            "the plate misses a part of the force, and no torque of this leg counts meanwhile; are "
-            "its corners right?",
+            f"{_describe_step(trial, step)}: the {FEET[step.foot]} foot rests partly beside it "
+            f"({100 * share:.0f} % of the sole)",
+            "torques of this leg are invalid meanwhile, as the plate measures a part of the force "
+            "only; check its corners",
             leg=SIDES[step.foot],
             code=Code.FOOT_BESIDE_PLATE,
         )
 
 
-def _clocks(trial: TrialEvidence, feet: Feet, steps: Sequence[PlateContact]) -> Iterator[Finding]:
-    """Touch-down and lift-off by force against those by motion."""
+def _check_synchronisation(
+    trial: TrialEvidence, feet: Feet, steps: Sequence[PlateContact]
+) -> Iterator[Finding]:
+    """Compare touch-down and lift-off by force with those by motion."""
     late: list[float] = []
     for step in steps:
         loaded, frames = step.frames, len(feet.time)
@@ -232,35 +252,46 @@ def _clocks(trial: TrialEvidence, feet: Feet, steps: Sequence[PlateContact]) -> 
         if stop < frames and loaded.stop < inner.stop:
             late.append(float(feet.time[loaded.stop - 1] - feet.time[stop - 1]))
     shift = float(np.mean(late)) if len(late) >= 2 else 0.0
-    if abs(shift) > LATE_S and all(value * shift > 0 for value in late):
+    if abs(shift) > TIME_OFFSET_S and all(value * shift > 0 for value in late):
         yield trial.warning(
             "time",
-            f"feet touch down and lift off {abs(shift):.2f} s {'later' if shift > 0 else 'sooner'} "
-            "by force than by "
-            "motion",
-            "the clocks of markers and forces differ: correct the time column of one of the files",
+            f"feet touch down and lift off {abs(shift):.2f} s "
+            f"{'later' if shift > 0 else 'earlier'} by force than by motion",
+            "markers and forces are not synchronised: correct the time column of one of the files",
             code=Code.CLOCKS_DIFFER,
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Outside:
-    """What a plate reports outside of a foot, in all its loadings by that foot."""
+class _PressureOutside:
+    """Centres of pressure of one plate outside one foot, in all its loadings by that foot."""
 
     plate: str
     foot: int
-    words: str  # Plate and foot, when, how far and where, and how much of the load it is
-    moving: float  # Of the load in these frames: while the foot is in the air by its motion
-    # (2,) x and z of the laboratory, unit: the mean way outwards, weighed by load and distance
-    shift: Array
+    description: str  # Plate and foot, time, distance, direction, share of the load
+    in_air: float  # Share of the load in these frames that acts while the foot is in the air
+    # (2,) x and z of the laboratory: unit mean direction outwards, weighted by load and distance
+    direction: Array
     impulse: float  # Share of the loadings' impulse
 
 
-def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Finding]:
-    """Loaded frames of all plates whose centre of pressure is outside of the soles that may press
-    on the plate.
+def check_pressure_outside_sole(
+    trial: TrialEvidence, others: Sequence[Finding]
+) -> Iterator[Finding]:
+    """Report loaded frames whose centre of pressure is outside the soles that may load the plate.
 
-    `others`: what the other checks found in this trial.
+    Parameters
+    ----------
+    trial
+        The trial.
+    others
+        Findings of the other checks of this trial; what they explain is not reported again.
+
+    Yields
+    ------
+    Finding
+        Warnings: divided forces, plates loaded by a foot in the air, displaced plates, or single
+        plates whose centre of pressure leaves the foot.
     """
     feet = trial.feet
     if feet is None:
@@ -272,7 +303,7 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
     places = locate_pressures(loadings, feet.points(trial.subject.height), feet.time)
     outside = np.zeros((len(loadings), len(feet.time)), dtype=bool)
     for frames, one, place, step in zip(outside, loadings, places, made, strict=True):
-        # what is further away is told by `contacts`
+        # larger distances are reported by `check_contacts`
         frames[one.frames] = place.outside & (
             (step.distance if one.foot == step.foot else step.other) < foot_contact.UNDER_FOOT_M
         )
@@ -282,7 +313,7 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
             loadings[i], loadings[k], (places[i], places[k]), len(feet.time)
         )
     if divided.any():
-        yield _divided(trial, loadings, places, divided)
+        yield _report_divided_force(trial, loadings, places, divided)
     made_up = {
         one.plate.name for one, frames in zip(loadings, divided, strict=True) if frames.any()
     }
@@ -293,30 +324,29 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
         of_pair = [
             i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)
         ]
-        off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in of_pair])
-        if off is not None and not _explained(trial, off, others):
+        off = _summarise_outside(feet, [(loadings[i], places[i], outside[i]) for i in of_pair])
+        if off is not None and not _is_explained(trial, off, others):
             found.append(off)
     if found:
-        yield from _told(trial, found)
+        yield from _report_outside(trial, found)
 
 
-def _outside(
+def _summarise_outside(
     feet: Feet, parts: Sequence[tuple[foot_contact.Loading, PressurePosition, BoolArray]]
-) -> _Outside | None:
-    """What the loadings of one plate by one foot have outside, in (nf,) frames each; None where it
-    is too little.
-    """
+) -> _PressureOutside | None:
+    """Summarise frames (nf,) outside the foot of one plate's loadings; None if they are too few."""
     plate, foot = parts[0][0].plate.name, parts[0][0].foot
     chosen = np.concatenate([off[one.frames] for one, _, off in parts])
     loaded = np.concatenate([one.load for one, *_ in parts])
     away = np.concatenate([place.distance for _, place, _ in parts])[chosen]
     impulse = float(loaded[chosen].sum() / loaded.sum())
-    if impulse < TOLD_SHARE or chosen.sum() * float(np.median(np.diff(feet.time))) < TOLD_S:
+    if impulse < REPORTED_SHARE or chosen.sum() * float(np.median(np.diff(feet.time))) < REPORTED_S:
         return None
     way = np.concatenate([place.direction for _, place, _ in parts])[chosen]
     line = np.concatenate(
         [(feet.toe - feet.heel)[one.frames, foot][:, [0, 2]] for one, *_ in parts]
     )[chosen]
+    # unit vectors along the foot and to its right, seen from above
     line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     right = np.column_stack([-line[:, 1], line[:, 0]])
     down = foot_contact.mark_near(feet.resting[:, foot], feet.time)
@@ -326,48 +356,49 @@ def _outside(
         float(np.average(np.sum(way * axis, axis=1), weights=weights)) for axis in (line, right)
     )
     where = f"beside the foot, to its {'right' if across > 0 else 'left'}"
-    if abs(along / max(float(np.linalg.norm([along, across])), 1e-9)) > ENDWAYS:
+    if abs(along / max(float(np.linalg.norm([along, across])), 1e-9)) > ALONG_FOOT:
         where = "in front of the toes" if along > 0 else "behind the heel"
     frames = np.any([off for *_, off in parts], axis=0)
     shift = np.average(away[:, None] * way, axis=0, weights=weights)
-    return _Outside(
+    return _PressureOutside(
         plate=plate,
         foot=foot,
-        words=f"plate {plate}, {FEET[foot]} foot, {format_spans(feet.time, find_runs(frames))}: "
-        f"{1e3 * np.median(away):.0f} mm (at "
+        description=f"plate {plate}, {FEET[foot]} foot, "
+        f"{format_spans(feet.time, find_runs(frames))}: {1e3 * np.median(away):.0f} mm (at "
         f"most {1e3 * away.max():.0f} mm) {where}, in {100 * float(chosen.mean()):.0f} % of the "
-        "loaded frames "
-        f"({100 * impulse:.0f} % of the impulse)",
-        moving=float(np.average(in_air, weights=weights)),
-        shift=shift / np.linalg.norm(shift),
+        f"loaded frames ({100 * impulse:.0f} % of the impulse)",
+        in_air=float(np.average(in_air, weights=weights)),
+        direction=shift / np.linalg.norm(shift),
         impulse=impulse,
     )
 
 
-def _told(trial: TrialEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
-    """One finding where feet are in the air meanwhile, one where all plates are off in one
-    direction of the room, else one a plate and foot.
+def _report_outside(trial: TrialEvidence, found: Sequence[_PressureOutside]) -> Iterator[Finding]:
+    """Report one common cause, or each plate and foot.
+
+    Common causes are feet in the air, and plates that are all displaced in one direction.
     """
-    message = "; ".join(off.words for off in found)
-    shifts = np.array([off.shift for off in found])
-    if np.average([off.moving for off in found], weights=[off.impulse for off in found]) > IN_AIR:
+    message = "; ".join(off.description for off in found)
+    directions = np.array([off.direction for off in found])
+    in_air = np.average([off.in_air for off in found], weights=[off.impulse for off in found])
+    if in_air > IN_AIR_SHARE:
         yield trial.warning(
             TOPIC,
             message,
-            "compare the clocks of markers and forces (time columns, first frames); no torque of a "
-            "leg counts in these "
-            "frames",
+            "check the synchronisation of markers and forces (time columns, first frames); torques "
+            "of the legs are invalid in these frames",
             cause="plates are loaded while the foot that stood on them is in the air",
             weight=2.0,
             code=Code.LOADED_IN_AIR,
         )
-    elif len({off.plate for off in found}) > 1 and (shifts @ shifts.T).min() > ALIKE:
+    elif (
+        len({off.plate for off in found}) > 1 and (directions @ directions.T).min() > ONE_DIRECTION
+    ):
         yield trial.warning(
             TOPIC,
             message,
-            "check the positions of the plates in the room (corners), and the origin of the "
-            "markers; no torque of a "
-            "leg counts in these frames",
+            "check the corners of the plates and the origin of the markers; torques of the legs "
+            "are invalid in these frames",
             cause=PLATES_ELSEWHERE,
             weight=2.0,
             code=Code.PLATES_ELSEWHERE,
@@ -376,10 +407,9 @@ def _told(trial: TrialEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
         for off in found:
             yield trial.warning(
                 TOPIC,
-                off.words,
-                "check the place of this plate (corners, origin of its moments), whether something "
-                "else stood on it, "
-                "and the heel and toe markers; no torque of this leg counts in these frames",
+                off.description,
+                "check the corners and the origin of this plate, whether anything else loaded it, "
+                "and the heel and toe markers; torques of this leg are invalid in these frames",
                 cause=f"the centre of pressure of plate {off.plate} leaves the {FEET[off.foot]} "
                 "foot",
                 leg=SIDES[off.foot],
@@ -388,19 +418,19 @@ def _told(trial: TrialEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
             )
 
 
-def _divided(
+def _report_divided_force(
     trial: TrialEvidence,
     loadings: Sequence[foot_contact.Loading],
     places: Sequence[PressurePosition],
     divided: BoolArray,
 ) -> Finding:
-    """Two plates with one centre of pressure, (loadings, nf) frames."""
+    """Report plates that share one centre of pressure in frames (loadings, nf)."""
     shared = [
         (one, p, own) for one, p, own in zip(loadings, places, divided, strict=True) if own.any()
     ]
     away = 1e3 * np.concatenate([p.distance[own[one.frames] & p.outside] for one, p, own in shared])
     how_far = (
-        f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside of the foot"
+        f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside the foot"
         if len(away)
         else ""
     )
@@ -411,17 +441,15 @@ def _divided(
         "frames"
     )
     cure = (
-        "export what each plate or belt measured by itself; no torque of either leg counts in "
+        "export the forces of each plate or belt separately; torques of both legs are invalid in "
         "these frames"
     )
     cause = describe_divided_force(list(dict.fromkeys(one.plate.name for one, *_ in shared)))
     return trial.warning(TOPIC, found, cure, cause=cause, weight=3.0, code=Code.DIVIDED_FORCE)
 
 
-def _explained(trial: TrialEvidence, off: _Outside, others: Sequence[Finding]) -> bool:
-    """Whether another warning or error of the trial says why the centre of pressure is not under
-    the foot.
-    """
+def _is_explained(trial: TrialEvidence, off: _PressureOutside, others: Sequence[Finding]) -> bool:
+    """Return whether another warning or error explains why the pressure is not under the foot."""
     blaming = [f for f in others if f.severity is not Severity.INFO]
     if any(f.topic in DISORDERS_PRESSURE or f.cause == PLATES_ELSEWHERE for f in blaming):
         return True

@@ -1,15 +1,14 @@
-"""What motion and force plates of one trial say against each other at the pelvis, before any force
-touched a parameter.
+"""Pelvis residual of motion and force plates before forces have changed a parameter; whitening.
 
     r = required - X(p) sum_k w_k,          X(p) [F; M] = [F; M - p x F],   p the origin of the pelvis
 
-`required` is the wrench at the pelvis that motion and nominal masses ask for, w_k the wrench of
-plate k about the laboratory origin. Plates are filtered as the motion is, so that both hold the
-same oscillations. Only the sum of the plates enters: which foot a plate is given to cannot be
-judged here.
+`required` is the wrench at the pelvis that motion and nominal masses require, w_k the wrench of
+plate k about the laboratory origin. Plates are filtered like the motion, so that both contain the
+same frequencies. Only the sum of the plates enters: the assignment of plates to feet cannot be
+checked here.
 
-The pelvis residual of one or several trials in units of what clean recordings leave, inertial
-errors marginalised.
+Whitened residual of one or several trials, in units of that of clean recordings, with inertial
+errors marginalised:
 
     r = e + N eta,  eta ~ N(0, 1)      N: change of r with one standard deviation of each inertial parameter, which all
                                        trials of a person share
@@ -22,11 +21,8 @@ errors marginalised.
 
 so that |y|^2 = r^T cov(r)^(-1) r.
 
-Which foot stands on a plate, told by time alone: forces that are at fault may put their load
-anywhere.
-
-A plate's loading and a foot's contact belong together where they last together for most of the time
-that either does.
+The foot on a plate is found by time alone, as faulty forces may have their load anywhere: a loading
+of the plate and a contact of the foot match if they overlap for most of the time of either.
 """
 
 from collections.abc import Sequence
@@ -67,50 +63,53 @@ from gaitcal.quality.plate_forces import (
     EMPTY_N,
     PlateForces,
     Sole,
-    empty_reading,
-    soles_of,
-    under_feet,
+    compute_foot_evidence,
+    estimate_empty_reading,
+    list_soles,
 )
 from gaitcal.study.study_trial import Trial
 from gaitcal.tracking.motion import Motion
 
-TOGETHER = 0.5
-"""Of the time that a plate's load and a foot's contact last together: the common part by which they
-belong together.
-"""
-WALKING = (
-    0.75,
-    2.2,
-)  # Body weights that the plates carry at most while somebody walks or runs slowly
+OVERLAP = 0.5
+"""Overlap of a plate's loading and a foot's contact, as a share of the time that they cover
+together, from which they match."""
+# Largest total load of the plates in walking or slow running, body weights
+WALKING_LOAD = (0.75, 2.2)
 FORCE_UNITS: dict[str, float] = {
     "N": 1.0,
     "kgf": 9.80665,
     "lbf": 4.4482216,
     "kN": 1000.0,
 }  # N in a unit of force
-# Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz
+# Least time between frames: motion and forces contain nothing above about 10 Hz
 STEP_S = 0.02
-MOST_FRAMES = 300  # Of one trial; a longer one is looked at in larger steps
-FEWEST_FRAMES = 10  # Below a fifth of a second nothing can be told
-GRID_S = 0.01  # Times at which a filtered plate is kept
-LEAST_LOAD = (
-    0.05  # Of the load of the heaviest plate: one that carries less in valid frames takes no part
-)
+MOST_FRAMES = 300  # Frames of one trial, at most; a longer one is sampled in larger steps
+FEWEST_FRAMES = 10  # Less than a fifth of a second is not enough evidence
+GRID_S = 0.01  # Sample time of a filtered plate's spline
+# Plates that carry less than this share of the most loaded plate in valid frames are left out
+LEAST_LOAD = 0.05
 MASS_SHARE, MOMENT_SHARE = 0.10, 0.20
-"""Standard deviations of a segment's mass and moments of inertia, as shares: what tables of body
-segments differ by.
-"""
+"""Standard deviations of a segment's mass and moments of inertia, as shares: differences between
+anthropometric tables."""
 CENTRE_M = {"head_trunk": 0.025, "pelvis": 0.020, "thigh": 0.012, "foot": 0.008}
-CENTRE_OTHER_M, CENTRE_HEIGHT_M = (
-    0.010,
-    1.75,
-)  # m, standard deviations of a mass centre in a person of that height
-BROKEN_S = 0.06  # Frames further apart know nothing of each other
+"""Standard deviation (m) of a segment's mass centre in a person of height `CENTRE_HEIGHT_M`."""
+CENTRE_OTHER_M = 0.010  # The same of other segments
+CENTRE_HEIGHT_M = 1.75
+SEPARATE_S = 0.06  # Frames further apart are uncorrelated
 
 
-def force_units(weight: float) -> dict[str, float]:
-    """N in a unit that a file may give forces in; some programs divide them by the person's
-    `weight` (N) or mass.
+def list_force_units(weight: float) -> dict[str, float]:
+    """List units of force.
+
+    Parameters
+    ----------
+    weight
+        Body weight, N; some programs divide forces by it or by the mass.
+
+    Returns
+    -------
+    dict of str to float
+        Unit -> N.
     """
     return FORCE_UNITS | {
         "N/kg": weight / GRAVITY,
@@ -119,20 +118,23 @@ def force_units(weight: float) -> dict[str, float]:
     }
 
 
-def as_walked_on(
+def normalise_plates(
     plates: tuple[ForcePlate, ...], time: Array, weight: float
 ) -> tuple[ForcePlate, ...]:
-    """The plates in newtons and without what they read while empty, by which feet can be told to
-    stand; the same where they need neither.
-    """
+    """Return the plates in N and without their empty readings; unchanged if they need neither."""
     loads = np.stack([np.nan_to_num(resample_wrench(plate, time))[:, 1] for plate in plates])
     most = float(loads.sum(axis=0).max()) / weight
     unit = 1.0
-    if most < 0.5 * WALKING[0]:
+    if most < 0.5 * WALKING_LOAD[0]:
         unit = next(
-            (u for u in force_units(weight).values() if WALKING[0] < most * u < WALKING[1]), 1.0
+            (
+                u
+                for u in list_force_units(weight).values()
+                if WALKING_LOAD[0] < most * u < WALKING_LOAD[1]
+            ),
+            1.0,
         )
-    empty = [unit * (empty_reading(plate, weight / unit) or 0.0) for plate in plates]
+    empty = [unit * (estimate_empty_reading(plate, weight / unit) or 0.0) for plate in plates]
     if unit == 1.0 and max(abs(b) for b in empty) < LOADED_N:
         return plates
     return tuple(
@@ -143,33 +145,31 @@ def as_walked_on(
     )
 
 
-def standing_feet(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
-    """(nf,) the foot that is down while the plate is loaded, by time alone: 0 right, 1 left, -1
-    none.
-    """
+def match_feet_by_time(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
+    """Return the foot (nf,) in contact while the plate is loaded: 0 right, 1 left, -1 none."""
     out = np.full(len(time), -1)
     for loaded in find_runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
         if measure_duration(time, loaded) < foot_contact.MIN_LOADING_S:
             continue
         shares = [
-            max((_common(loaded, down) for down in find_runs(resting[:, k])), default=0.0)
+            max((_compute_overlap(loaded, down) for down in find_runs(resting[:, k])), default=0.0)
             for k in range(len(FEET))
         ]
-        if max(shares) > TOGETHER:
+        if max(shares) > OVERLAP:
             out[loaded] = int(np.argmax(shares))
     return out
 
 
-def _common(one: slice, other: slice) -> float:
-    """Part of the time that two stretches cover in which both last."""
+def _compute_overlap(one: slice, other: slice) -> float:
+    """Compute the overlap of two intervals as a share of the time that they cover together."""
     both = min(one.stop, other.stop) - max(one.start, other.start)
     return float(max(0, both) / (max(one.stop, other.stop) - min(one.start, other.start)))
 
 
-def off_feet(
+def is_off_feet(
     plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: foot_contact.FootPoints
 ) -> bool:
-    """Whether the load of a plate is not under the foot (plates, nf) that stands when it is loaded."""
+    """Return whether the load of a plate is not under the foot (plates, nf) that is in contact."""
     for plate, row in zip(plates, standing, strict=True):
         wrench = np.nan_to_num(resample_wrench(plate, time))
         for foot in range(len(FEET)):
@@ -186,59 +186,67 @@ def off_feet(
 
 @dataclass(frozen=True, kw_only=True)
 class ForceEvidence:
-    """One gait trial at the k frames that a diagnosis looks at."""
+    """One gait trial at the k frames of a diagnosis."""
 
     name: str
-    room: Array  # (3, 3) turns the axes of the file, y up, into those of the trial, x forward
+    room: Array  # (3, 3) rotates the axes of the file, y up, into those of the trial, x forward
     time: Array  # (k,) s
     q: Array  # (k, 27) coordinates
     parameters: Parameters  # Joint parameters calibrated or not, inertial ones nominal
     pelvis: Array  # (k, 3) m, its origin
-    required_wrench: Array  # (k, 6) N, N·m about the pelvis: what the motion asks for
+    required_wrench: Array  # (k, 6) N, N·m about the pelvis: required by the motion
     mass_centre: Array  # (k, 3) m, of the body, from the pelvis origin
     spread: Array
-    """(k, 6, n) change of `required_wrench` with one standard deviation of each of n unknown
-    inertial parameters.
+    """(k, 6, n) change of `required_wrench` with one standard deviation of each of n inertial
+    parameters.
     """
     # (k, 6, 2) change of `required_wrench` per m of the trunk's mass centre forward and to the
     # right
     trunk: Array
-    trunk_seen: bool  # Whether markers determine how the trunk turns
+    trunk_observed: bool  # Whether markers determine the rotation of the trunk
     plates: tuple[PlateForces, ...]
-    # (plates, k) the foot that stands when a plate is loaded, 0 right, 1 left, -1 none: by time
-    # alone
+    # (plates, k) foot in contact while a plate is loaded, by time alone: 0 right, 1 left, -1 none
     feet: IntArray
-    soles: tuple[Sole, ...]  # Where the feet are that stand on the plates
-    empty: tuple[
-        float | None, ...
-    ]  # N, what each plate reads while nobody is on it; None where somebody always is
+    soles: tuple[Sole, ...]  # Positions of the feet on the plates
+    empty: tuple[float | None, ...]  # N, reading of each empty plate; None if it is never empty
     weight: float  # N, of the subject
     height: float  # m
-    missing: float = (
-        0.0  # Share of the samples of markers that the trial shows at all which are not there
-    )
+    missing: float = 0.0  # Share of missing samples, of the markers that are visible at all
     doubtful: bool = False
-    """Whether markers leave open how a leg moves: one alone follows a segment, or they contradict
-    each other.
+    """Whether markers leave the motion of a leg open: a segment with a single marker, or markers
+    that contradict each other.
     """
 
     @property
     def weight_of_model(self) -> float:
-        """N, of the model's segments together."""
+        """Weight of all segments of the model, N."""
         return float(self.parameters.mass * GRAVITY)
 
     @property
     def bwh(self) -> float:
-        """N·m, body weight times height."""
+        """Body weight times height, N·m."""
         return self.weight * self.height
 
     @cached_property
     def wrenches(self) -> Array:
-        """(plates, k, 6) about the laboratory origin, as measured."""
+        """Measured wrenches (plates, k, 6) about the laboratory origin, N and N·m."""
         return np.stack([plate.wrench for plate in self.plates])
 
-    def residual(self, wrenches: Array, required_wrench: Array | None = None) -> Array:
-        """(k, 6) what plates with wrenches (plates, k, 6) leave unexplained at the pelvis."""
+    def compute_residual(self, wrenches: Array, required_wrench: Array | None = None) -> Array:
+        """Compute the pelvis residual for some plate wrenches.
+
+        Parameters
+        ----------
+        wrenches
+            (plates, k, 6) about the laboratory origin, N and N·m.
+        required_wrench
+            (k, 6) about the pelvis; None: `self.required_wrench`.
+
+        Returns
+        -------
+        ndarray
+            (k, 6) about the pelvis, N and N·m.
+        """
         total = wrenches.sum(axis=0)
         about_pelvis = total[:, 3:] - cross(self.pelvis, total[:, :3])
         required = self.required_wrench if required_wrench is None else required_wrench
@@ -247,22 +255,33 @@ class ForceEvidence:
 
     @cached_property
     def baseline(self) -> Array:
-        """(n,) z of the same with the plates as measured."""
-        return self.side_evidence(self.wrenches, np.zeros(len(self.plates)))
+        """Side evidence z (n,) of the plates as measured."""
+        return self.compute_side_evidence(self.wrenches, np.zeros(len(self.plates)))
 
-    def side_evidence(self, wrenches: Array, taken_away: Array) -> Array:
-        """(n,) z of feet and empty plates for wrenches (plates, k, 6), offsets (plates,) N taken
-        away.
+    def compute_side_evidence(self, wrenches: Array, offsets: Array) -> Array:
+        """Compute side evidence of feet and empty plates (`plate_forces.py`).
+
+        Parameters
+        ----------
+        wrenches
+            (plates, k, 6) about the laboratory origin.
+        offsets
+            (plates,) N, subtracted from the vertical forces.
+
+        Returns
+        -------
+        ndarray
+            (n,) z.
         """
         heights = np.array([plate.middle[1] for plate in self.plates])
-        feet = under_feet(wrenches, self.soles, heights, self.weight)
+        feet = compute_foot_evidence(wrenches, self.soles, heights, self.weight)
         known = [
-            (b - x) / EMPTY_N for b, x in zip(self.empty, taken_away, strict=True) if b is not None
+            (b - x) / EMPTY_N for b, x in zip(self.empty, offsets, strict=True) if b is not None
         ]
         return np.concatenate([feet, known])
 
 
-def force_evidence(
+def build_force_evidence(
     trial: Trial,
     recording: Recording,
     model: SubjectModel,
@@ -270,22 +289,42 @@ def force_evidence(
     motion: Motion,
     reactions: GroundReactions,
 ) -> ForceEvidence | None:
-    """The evidence of a whole-body motion over force plates; None where too few frames can be told.
+    """Build the evidence of a whole-body motion over force plates.
 
-    `trial`: as the study has it, in the axes of its file. `recording`: the same as tracked, turned
-    so that x is forward. `parameters`: the motion's; their inertial parameters are those of tables,
-    which no force has touched. `reactions`: of the same motion; their frames count unless forces so
-    wrong that no foot fits them left too few.
+    Parameters
+    ----------
+    trial
+        The trial of the study, in the axes of its file.
+    recording
+        The same as tracked, rotated so that x is forward.
+    model
+        Nominal model of the subject.
+    parameters
+        Parameters of the motion; inertial ones are those of tables, before any force was used.
+    motion
+        Motion of the whole body.
+    reactions
+        Ground reactions of this motion; their valid frames are used unless faulty forces leave
+        too few.
+
+    Returns
+    -------
+    ForceEvidence or None
+        None without plates, or with too few usable frames.
     """
     weight, time = model.subject.weight, motion.time
     plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")
     if not plates:
         return None
-    plates_on_ground = as_walked_on(plates, time, weight)
-    feet = np.array([standing_feet(plate, time, reactions.resting) for plate in plates_on_ground])
-    frames = _chosen(time, reactions.valid)
+    plates_on_ground = normalise_plates(plates, time, weight)
+    feet = np.array(
+        [match_feet_by_time(plate, time, reactions.resting) for plate in plates_on_ground]
+    )
+    frames = _select_frames(time, reactions.valid)
     points = compute_foot_points(model, motion, parameters)
-    if plates_on_ground is not plates or off_feet(plates_on_ground, feet, time, points):
+    # forces that are far from every foot, or in another unit, leave no valid frames: then assign
+    # plates to feet by time, and try again without the plates' corners
+    if plates_on_ground is not plates or is_off_feet(plates_on_ground, feet, time, points):
         counts = [[int((row == k).sum()) for k in range(len(FEET))] for row in feet]
         by_time = {
             p.name: SIDES[int(np.argmax(n))]
@@ -301,7 +340,7 @@ def force_evidence(
             retimed = compute_motion_reactions(
                 model, parameters, motion, again, assigned, motion.cutoff_hz
             )
-            frames = _chosen(time, retimed.valid)
+            frames = _select_frames(time, retimed.valid)
             if len(frames) >= FEWEST_FRAMES:
                 break
     if len(frames) < FEWEST_FRAMES:
@@ -313,7 +352,7 @@ def force_evidence(
     if not heavy:
         return None
     standing = feet[heavy][:, frames]
-    soles = soles_of(standing, frames, points)
+    soles = list_soles(standing, frames, points)
     gone = np.isnan(
         recording.markers[
             :, [k for k, m in enumerate(recording.labels) if m in model.markers.labels], 0
@@ -327,12 +366,12 @@ def force_evidence(
     )
     linkage = build_model(parameters)
     data = linkage.createData()
-    spread, trunk = inertial_spread(
+    spread, trunk = compute_inertial_spread(
         dynamics.compute_root_regressor(q, v, a), parameters.inertial, model.subject.height
     )
     return ForceEvidence(
         name=trial.name,
-        room=_room(trial.recording, recording),
+        room=_find_axes_rotation(trial.recording, recording),
         time=time[frames],
         q=q,
         parameters=parameters,
@@ -341,26 +380,42 @@ def force_evidence(
         mass_centre=np.array([pin.centerOfMass(linkage, data, row) for row in q]) - q[:, :3],
         spread=spread,
         trunk=trunk,
-        trunk_seen=not any(name.startswith("lumbar") for name in motion.guessed),
+        trunk_observed=not any(name.startswith("lumbar") for name in motion.guessed),
         plates=tuple(
-            _plate_forces(plates[i], motion, frames, [sole for sole in soles if sole.plate == k])
+            _build_plate_forces(
+                plates[i], motion, frames, [sole for sole in soles if sole.plate == k]
+            )
             for k, i in enumerate(heavy)
         ),
         feet=standing,
         soles=soles,
-        empty=tuple(empty_reading(plates[i], weight) for i in heavy),
+        empty=tuple(estimate_empty_reading(plates[i], weight) for i in heavy),
         weight=weight,
         height=model.subject.height,
         missing=float(gone.mean()) if gone.size else 0.0,
     )
 
 
-def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[Array, Array]:
-    """Change of the pelvis' wrench with one standard deviation of the inertial parameters (84,),
-    total mass held.
+def compute_inertial_spread(
+    regressor: Array, inertial: Array, height: float
+) -> tuple[Array, Array]:
+    """Compute the change of the pelvis wrench with inertial errors, total mass held.
 
-    Returns (k, 6, n) for n unknowns, and (k, 6, 2) per m of the trunk's mass centre forward and to
-    the right; `regressor` (k, 6, 12, 10) as `Dynamics.compute_root_regressor` gives it.
+    Parameters
+    ----------
+    regressor
+        (k, 6, 12, 10), from `Dynamics.compute_root_regressor`.
+    inertial
+        (84,) inertial parameters.
+    height
+        Body height, m.
+
+    Returns
+    -------
+    ndarray
+        (k, 6, n) change with one standard deviation of each of n unknowns.
+    ndarray
+        (k, 6, 2) change per m of the trunk's mass centre, forward and to the right.
     """
     by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, compute_dynamic_jacobian(inertial))
     rows = view_as_table(inertial)
@@ -378,21 +433,22 @@ def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[A
     return np.concatenate(columns, axis=2), trunk
 
 
-def _room(measured: Recording, turned: Recording) -> Array:
-    """(3, 3) the quarter turn about y from one recording to the other, which may lack markers that
-    were far away.
+def _find_axes_rotation(measured: Recording, turned: Recording) -> Array:
+    """Find the quarter rotation (3, 3) about y from the measured recording to the rotated one.
+
+    The latter may lack markers that were far from the body.
     """
     shared = [label for label in turned.labels if label in measured.labels]
     columns = [[r.labels.index(label) for label in shared] for r in (measured, turned)]
-    markers = [r.markers[:, own] for r, own in zip((measured, turned), columns, strict=True)]
+    markers = [r.markers[:, column] for r, column in zip((measured, turned), columns, strict=True)]
     visible = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
-    places = [m[visible] for m in markers]
-    turns = [turn.apply(np.eye(3)).T for turn in QUARTER_ROTATIONS]
-    return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
+    before, after = (m[visible] for m in markers)
+    rotations = [rotation.apply(np.eye(3)).T for rotation in QUARTER_ROTATIONS]
+    return min(rotations, key=lambda rotation: float(np.abs(before @ rotation.T - after).max()))
 
 
-def _chosen(time: Array, valid: BoolArray) -> IntArray:
-    """Valid frames at least `STEP_S` apart, evenly fewer where there are too many."""
+def _select_frames(time: Array, valid: BoolArray) -> IntArray:
+    """Select valid frames at least `STEP_S` apart, evenly fewer if there are too many."""
     chosen: list[int] = []
     for frame in np.flatnonzero(valid):
         if not chosen or time[frame] - time[chosen[-1]] >= 0.99 * STEP_S:
@@ -401,34 +457,38 @@ def _chosen(time: Array, valid: BoolArray) -> IntArray:
     return np.array(chosen[::every], dtype=np.int64)
 
 
-def _plate_forces(
+def _build_plate_forces(
     plate: ForcePlate, motion: Motion, frames: IntArray, soles: Sequence[Sole]
 ) -> PlateForces:
-    """The plate filtered as the motion is; its middle that of its corners, or else, on the floor,
-    of the feet on it.
-    """
+    """Filter a plate like the motion; without corners its middle is that of the feet on it."""
     hz = motion.cutoff_hz
     smooth = filter_plate(plate, hz) if is_filterable(plate, hz) else plate
-    until = float(plate.time[0]), float(plate.time[-1])
-    grid = np.linspace(*until, max(4, round((until[1] - until[0]) / GRID_S) + 1))
-    path = CubicSpline(grid, np.nan_to_num(resample_wrench(smooth, grid)))
+    span = float(plate.time[0]), float(plate.time[-1])
+    grid = np.linspace(*span, max(4, round((span[1] - span[0]) / GRID_S) + 1))
+    spline = CubicSpline(grid, np.nan_to_num(resample_wrench(smooth, grid)))
     corners = plate.corners
-    place = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
-    middle = place
-    if place is None and soles:
+    position = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
+    middle = position
+    if position is None and soles:
         x, z = np.concatenate([0.5 * (sole.heel + sole.toe) for sole in soles]).mean(axis=0)
         middle = np.array([x, 0.0, z])
-    return PlateForces.of(plate.name, path, until, motion.time[frames], middle, place)
+    return PlateForces.from_spline(plate.name, spline, span, motion.time[frames], middle, position)
 
 
 class ForceResidual:
-    """Several trials of one person with the same force plates, or one."""
+    """Whitened pelvis residual of trials of one person over the same force plates.
+
+    Parameters
+    ----------
+    trials
+        One or several trials; they share the inertial errors.
+    """
 
     def __init__(self, trials: Sequence[ForceEvidence]) -> None:
         self.trials = tuple(trials)
-        self._rho = [_memory(trial.time) for trial in self.trials]
+        self._rho = [_compute_correlation(trial.time) for trial in self.trials]
         spread = np.concatenate(
-            [self._white(i, trial.spread) for i, trial in enumerate(self.trials)]
+            [self._whiten_trial(i, trial.spread) for i, trial in enumerate(self.trials)]
         )
         self._u, s, _ = np.linalg.svd(spread, full_matrices=False)
         self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
@@ -438,23 +498,34 @@ class ForceResidual:
             for end, t in zip(ends, self.trials, strict=True)
         ]
 
-    def whitened(self, residuals: Sequence[Array]) -> Array:
-        """(rows,) y of residuals (k, 6), one for each trial."""
-        y = np.concatenate([self._white(i, r) for i, r in enumerate(residuals)])
+    def whiten(self, residuals: Sequence[Array]) -> Array:
+        """Whiten residuals and marginalise the inertial errors.
+
+        Parameters
+        ----------
+        residuals
+            (k, 6) about the pelvis, one array for each trial.
+
+        Returns
+        -------
+        ndarray
+            (rows,) y, with |y|^2 = r^T cov(r)^(-1) r.
+        """
+        y = np.concatenate([self._whiten_trial(i, r) for i, r in enumerate(residuals)])
         out: Array = y - self._u @ (self._shrink * (self._u.T @ y))
         return out
 
-    def squares(self, y: Array) -> Array:
-        """(trials,) sum of the squares of each trial's rows."""
+    def sum_squares(self, y: Array) -> Array:
+        """Sum the squares of whitened rows (rows,) of each trial: (trials,)."""
         return np.array([float(y[part] @ y[part]) for part in self._parts])
 
     @property
     def rows(self) -> Array:
-        """(trials,) how many rows each trial has."""
+        """Number of rows of each trial, (trials,)."""
         return np.array([part.stop - part.start for part in self._parts])
 
-    def _white(self, trial: int, r: Array) -> Array:
-        """(6 k, ...) of (k, 6, ...)."""
+    def _whiten_trial(self, trial: int, r: Array) -> Array:
+        """Scale and decorrelate the residuals of one trial: (6 k, ...) from (k, 6, ...)."""
         evidence = self.trials[trial]
         scale = expected_residual.BASELINE_RESIDUAL * np.repeat([evidence.weight, evidence.bwh], 3)
         r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
@@ -465,9 +536,9 @@ class ForceResidual:
         return white
 
 
-def _memory(time: Array) -> Array:
-    """(k,) correlation of each frame with the one before it."""
+def _compute_correlation(time: Array) -> Array:
+    """Compute the correlation (k,) of each frame with the one before it."""
     step = np.diff(time)
     return np.concatenate(
-        [[0.0], np.where(step < BROKEN_S, np.exp(-step / expected_residual.CORRELATION_S), 0.0)]
+        [[0.0], np.where(step < SEPARATE_S, np.exp(-step / expected_residual.CORRELATION_S), 0.0)]
     )

@@ -1,21 +1,20 @@
-"""Do the joints of the legs lie where people have them: those that a fit found, and hip centres
-that a file gives?
+"""Checks of joint positions against anatomy: fitted joints of the legs, and hip centres of a file.
 
-Each segment beside a joint places it by some parameters theta: the pelvis a hip's centre, the thigh
-a knee's axis by two positions and two turns. Landmarks and what is known of people expect theta_0,
-the nominal values and the mean of the prior. With d = theta - theta_0, of n parameters,
+Each segment adjacent to a joint locates it by some parameters theta: the pelvis a hip centre, the
+thigh a knee axis by two positions and two rotations. theta_0 is the expected value: the nominal
+value plus the prior mean. With d = theta - theta_0, of n parameters,
 
-    z^2 = d^T (P + E)^-1 d,     doubted where chi^2 of n degrees of freedom is larger in `RARE` of all cases only,
+    z^2 = d^T (P + E)^-1 d,     doubtful if chi^2 with n degrees of freedom is larger in `RARE` of all cases only,
 
-P the scatter of people about theta_0, in which that of palpation and regressions is
-(`joint_prior.py`), and E what noise and skin of the fit's own markers move theta by. A fit that
-leans on a prior has theta = theta_0 + K (true - theta_0 + e), K at most 1, and E = K cov(e) K^T, so
-that cov(d) = K P K^T + E is at most P + E: a fit without a prior is judged alike. The distance
-between the hips is judged in the same way. A doubted joint is some four scatters off; from
-`UNUSUAL` on, some three, it is named in a note. So is one with a parameter more than `FARTHEST`
+P is the covariance of people about theta_0, including that of palpation and regressions
+(`joint_prior.py`), and E the covariance of theta by noise and soft tissue of the markers. A fit
+with a prior has theta = theta_0 + K (true - theta_0 + e), K at most 1, and E = K cov(e) K^T, so
+that cov(d) = K P K^T + E is at most P + E: the test is the same without a prior. The distance
+between the hips is tested in the same way. A warning is some four standard deviations off; from
+`UNUSUAL` on, some three, it is a note. A note is also given for a parameter more than `FARTHEST`
 standard deviations of people away, however uncertain it is.
 
-A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
+A study file or a cohort prior changes the mean in theta_0; P remains that of anatomy.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -51,58 +50,69 @@ from gaitcal.quality import verdict
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.rigid import FEWEST_MARKERS
 
-# Of all people: who has a joint there, or who is told so wrongly at most, for each place that is
-# looked at
+# Share of people with such a joint, which is the rate of false warnings for each tested position
 RARE = 1e-3
-# As `RARE`, of a note: the usual level at which something is looked at that proves nothing by
-# itself
+# The same for a note: the usual level of significance, which proves nothing by itself
 UNUSUAL = 0.05
 FARTHEST = 3.0  # Standard deviations of people, of one parameter
 CT_RATIO = "0.65 to 0.82"
-"""Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71
-in the mean.
+"""Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021); mean
+0.71.
 """
-LEAST_SHARE = 0.3  # Of the largest offset in units of its scatter: what is smaller is not told
-# Beginning of the names of error sources that are no markers but the prior's own error
-NOMINAL = "nominal/"
-_WAYS = {"ant": ("forward", "back"), "sup": ("up", "down"), "lat": ("outward", "inward")}
-_SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
+# Offsets below this share of the largest one, in standard deviations, are not reported
+LEAST_SHARE = 0.3
+PRIOR_SOURCE = "nominal/"  # Prefix of the names of error sources that are the prior's error
+_DIRECTIONS = {"ant": ("forward", "back"), "sup": ("up", "down"), "lat": ("outward", "inward")}
+_VIEWED_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
 
 
-def joint_place_findings(
+def check_joint_positions(
     model: SubjectModel,
     fitted: Parameters,
     errors: ErrorSources,
     prior: JointPrior,
     isolated: Collection[str] = (),
 ) -> Iterator[Finding]:
-    """Joints of the legs that lie where fewer than `RARE` of all people have them, each once; notes
-    from `UNUSUAL` on.
+    """Report leg joints located where few people have them.
 
-    `model`: the nominal one, with the landmarks of the static trial.
-    `errors`: of the fitted joint parameters.
-    `prior`: what is expected of this person, of all joint parameters.
-    `isolated`: joints (`knee_r`, ...) that have an isolated trial of their own.
+    Parameters
+    ----------
+    model
+        Nominal model, with the landmarks of the static trial.
+    fitted
+        Fitted parameters.
+    errors
+        Error sources of the fitted joint parameters.
+    prior
+        Prior of this subject's joint parameters.
+    isolated
+        Joints (`knee_r`, ...) that have a functional trial.
+
+    Yields
+    ------
+    Finding
+        At most one a joint: a warning if fewer than `RARE` of all people have a joint there, a note
+        if fewer than `UNUSUAL`; the same for the distance between the hips.
     """
-    places = _Places(model, fitted, errors, prior)
-    hip_told = False
+    positions = _FittedPositions(model, fitted, errors, prior)
+    hip_reported = False
     for side in linkage.SIDES:
         for joint in (f"{name}_{side}" for name in linkage.LEG_JOINTS):
-            views = list(places.of(joint))
-            limit = RARE if min(place.probability for place in views) < RARE else UNUSUAL
-            if far := [
-                place for place in views if place.probability < limit or place.farthest > FARTHEST
-            ]:
-                yield _finding(joint, far, model, joint in isolated)
-                hip_told = hip_told or joint.startswith("hip")
-    apart = places.hips_apart()
-    if apart.probability < (RARE if hip_told else UNUSUAL):
-        yield _apart(apart, model, fitted)
+            views = list(positions.list_views(joint))
+            limit = RARE if min(view.probability for view in views) < RARE else UNUSUAL
+            far = [v for v in views if v.probability < limit or v.farthest > FARTHEST]
+            if far:
+                yield _report_joint(joint, far, model, joint in isolated)
+                hip_reported = hip_reported or joint.startswith("hip")
+    # a note on the distance would repeat what is reported of a hip
+    distance = positions.measure_hip_distance()
+    if distance.probability < (RARE if hip_reported else UNUSUAL):
+        yield _report_hip_distance(distance, model, fitted)
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointPosition:
-    """A joint as one segment has it, or the distance of two."""
+    """Position of a joint in one segment, or the distance of two joints."""
 
     names: tuple[str, ...]  # n joint parameters
     offset: Array  # (n,) m, rad: d
@@ -116,38 +126,29 @@ class JointPosition:
 
     @property
     def probability(self) -> float:
-        """That a person has a joint so far from where it is expected, or further."""
+        """Probability of a joint so far from its expected position, or further."""
         return float(chdtrc(len(self.offset), self.square))
 
     @property
     def farthest(self) -> float:
-        """The largest offset of a parameter in standard deviations of people, without the fit's
-        error.
-        """
+        """Largest offset of a parameter in standard deviations of people, without the fit's error."""
         return float((np.abs(self.offset) / np.sqrt(np.diag(self.scatter))).max())
 
     @property
-    def words(self) -> str:
-        """`in the pelvis 34 mm outward and 12 mm down (people scatter by 9 and 10; markers leave ±
-        3 and 4)`.
-        """
-        deviation, error = (np.sqrt(np.diag(of)) for of in (self.scatter, self.error))
-        times = np.abs(self.offset) / deviation
-        large = [k for k in np.argsort(-times) if times[k] >= LEAST_SHARE * times.max()]
-        ways = " and ".join(_way(self.names[k], float(self.offset[k])) for k in large)
-        people, fit = (
-            " and ".join(f"{_size(self.names[k], of[k]):.0f}" for k in large)
-            for of in (deviation, error)
-        )
+    def description(self) -> str:
+        """`in the pelvis 34 mm outward and 12 mm down (SD of people 9 and 10; error ± 3 and 4)`."""
+        deviation, error = (np.sqrt(np.diag(c)) for c in (self.scatter, self.error))
+        ratio = np.abs(self.offset) / deviation
+        large = [k for k in np.argsort(-ratio) if ratio[k] >= LEAST_SHARE * ratio.max()]
+        offsets = " and ".join(_describe_offset(self.names[k], self.offset[k]) for k in large)
+        people = " and ".join(_format_size(self.names[k], deviation[k]) for k in large)
+        fit = " and ".join(_format_size(self.names[k], error[k]) for k in large)
         segment = self.names[0].split(".")[1]
-        return (
-            f"in the {segment} {ways} (people scatter by {people}; the fit's own markers leave ± "
-            f"{fit})"
-        )
+        return f"in the {segment} {offsets} (SD of people {people}; error of the fit ± {fit})"
 
 
-class _Places:
-    """Where the joints of one fit lie against what is expected."""
+class _FittedPositions:
+    """Joint positions of one fit relative to the expected ones."""
 
     def __init__(
         self, model: SubjectModel, fitted: Parameters, errors: ErrorSources, prior: JointPrior
@@ -156,95 +157,92 @@ class _Places:
         expected[[JP_INDEX[name] for name in prior.names]] += prior.mean
         self._offset = fitted.joint - expected
         measured_clusters = [
-            k for k, name in enumerate(errors.clusters) if not name.startswith(NOMINAL)
+            k for k, name in enumerate(errors.clusters) if not name.startswith(PRIOR_SOURCE)
         ]
-        self._moves = np.zeros((len(JP_NAMES), len(measured_clusters)))
+        self._sensitivity = np.zeros((len(JP_NAMES), len(measured_clusters)))
         known = [(JP_INDEX[name], row) for row, name in enumerate(errors.free) if name in JP_INDEX]
         for at, row in known:
-            self._moves[at] = errors.parameters[row, measured_clusters]
+            self._sensitivity[at] = errors.parameters[row, measured_clusters]
 
-    def of(self, joint: str) -> Iterator[JointPosition]:
-        """A joint as each segment beside it has it."""
+    def list_views(self, joint: str) -> Iterator[JointPosition]:
+        """Yield the position of a joint in each adjacent segment."""
         for segment in dict.fromkeys(
             name.split(".")[1] for name in JP_NAMES if name.startswith(f"{joint}.")
         ):
             names = tuple(name for name in JP_NAMES if name.startswith(f"{joint}.{segment}."))
-            yield self._along(names, np.eye(len(names)))
+            yield self._project(names, np.eye(len(names)))
 
-    def hips_apart(self) -> JointPosition:
-        """The distance between the hips in the pelvis, across it; positive where they lie further
-        apart.
-        """
-        return self._along(("hip_r.pelvis.lat", "hip_l.pelvis.lat"), np.array([[1.0, -1.0]]))
+    def measure_hip_distance(self) -> JointPosition:
+        """Measure the lateral distance of the hips in the pelvis; positive if it is larger."""
+        return self._project(("hip_r.pelvis.lat", "hip_l.pelvis.lat"), np.array([[1.0, -1.0]]))
 
-    def _along(self, names: tuple[str, ...], directions: Array) -> JointPosition:
-        """Of combinations (k, n) of joint parameters."""
+    def _project(self, names: tuple[str, ...], directions: Array) -> JointPosition:
+        """Project onto combinations (k, n) of joint parameters."""
         at = [JP_INDEX[name] for name in names]
-        moves = directions @ self._moves[at]
+        sensitivity = directions @ self._sensitivity[at]
         return JointPosition(
             names=names,
             offset=directions @ self._offset[at],
             scatter=directions @ COVARIANCE[np.ix_(at, at)] @ directions.T,
-            error=moves @ moves.T,
+            error=sensitivity @ sensitivity.T,
         )
 
 
-def _finding(
+def _report_joint(
     joint: str, views: Sequence[JointPosition], model: SubjectModel, isolated: bool
 ) -> Finding:
+    """Build the warning or note on a joint, from its unusual positions in the adjacent segments."""
     kind, side = joint.split("_")
-    least = min(place.probability for place in views)
+    least = min(view.probability for view in views)
     few = round(1 / (RARE if least < RARE else UNUSUAL))
-    cause = f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one"
+    cause = f"fewer than 1 in {few} people have the {joint_words(joint)} joint at this position"
     if least >= UNUSUAL:
         cause = (
-            f"the {joint_words(joint)} joint lies {FARTHEST:.0f} scatters of people from where it "
-            "is expected"
+            f"the {joint_words(joint)} joint is {FARTHEST:.0f} standard deviations of people from "
+            "its expected position"
         )
     return Finding(
         severity=Severity.WARNING if least < RARE else Severity.INFO,
-        topic=verdict.PLACES,
+        topic=verdict.JOINT_POSITIONS,
         where=STUDY,
         leg=side,
         cause=cause,
-        found=f"it lies, from where {coordinates.JOINT_TABLE[kind].landmarks} have it, "
-        f"{'; '.join(place.words for place in views)}; {_odds(least)} so "
-        f"far{_few_markers(model, joint)}",
-        cure=_cure(kind, isolated) if least < RARE else "",
-        weight=_weight(views),
+        found=f"relative to {coordinates.JOINT_TABLE[kind].landmarks} it is "
+        f"{'; '.join(view.description for view in views)}; {_describe_odds(least)} so "
+        f"far{_describe_few_markers(model, joint)}",
+        cure=_build_remedy(kind, isolated) if least < RARE else "",
+        weight=_compute_weight(views),
         code=Code.KNEE_AXIS if kind == "knee" else Code.JOINT_PLACE,
     )
 
 
-def _apart(place: JointPosition, model: SubjectModel, fitted: Parameters) -> Finding:
+def _report_hip_distance(place: JointPosition, model: SubjectModel, fitted: Parameters) -> Finding:
+    """Build the warning or note on an unusual distance between the hips."""
     hips = [
         [p.centre(f"hip_{side}", "pelvis") for side in linkage.SIDES]
         for p in (fitted, model.nominal)
     ]
     gap, nominal = (1e3 * float(np.linalg.norm(right - left)) for right, left in hips)
-    deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
+    deviation, error = (1e3 * float(np.sqrt(c[0, 0])) for c in (place.scatter, place.error))
     others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
     return Finding(
         severity=Severity.WARNING if place.probability < RARE else Severity.INFO,
-        topic=verdict.PLACES,
+        topic=verdict.JOINT_POSITIONS,
         where=STUDY,
-        cause=f"the hips lie {others} {'999 in 1000' if place.probability < RARE else '19 in 20'} "
-        "people's",
-        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; "
-        f"{coordinates.JOINT_TABLE['hip'].landmarks} have them "
-        f"{nominal:.0f} mm apart, people scatter by {deviation:.0f} about that, and the fit's own "
-        "markers leave "
-        f"± {error:.0f} mm; {_odds(place.probability)} so far",
-        cure=_cure("hip", isolated=False) if place.probability < RARE else "",
-        weight=_weight([place]),
+        cause=f"the hips are {others} those of "
+        f"{'999 in 1000' if place.probability < RARE else '19 in 20'} people",
+        found=f"{gap:.0f} mm apart{_compare_with_spines(model, gap)}; "
+        f"expected from {coordinates.JOINT_TABLE['hip'].landmarks}: {nominal:.0f} mm, SD of people "
+        f"{deviation:.0f} mm, error of the fit ± {error:.0f} mm; "
+        f"{_describe_odds(place.probability)} so far",
+        cure=_build_remedy("hip", isolated=False) if place.probability < RARE else "",
+        weight=_compute_weight([place]),
         code=Code.JOINT_PLACE,
     )
 
 
-def _over_spines(model: SubjectModel, gap_mm: float) -> str:
-    """The distance of the hips as a share of that of the ASIS: as measured by hand, else between
-    their markers.
-    """
+def _compare_with_spines(model: SubjectModel, gap_mm: float) -> str:
+    """Describe the hip distance as a share of the ASIS distance, by hand or between markers."""
     ends = [model.landmarks[name][1] for name in ("asis_r", "asis_l") if name in model.landmarks]
     width = model.subject.asis_distance or (
         float(np.linalg.norm(ends[0] - ends[1])) if len(ends) == 2 else 0.0
@@ -257,64 +255,85 @@ def _over_spines(model: SubjectModel, gap_mm: float) -> str:
     )
 
 
-def _weight(places: Sequence[JointPosition]) -> float:
-    """How many times the limit."""
-    return max(float(np.sqrt(place.square / chdtri(len(place.offset), RARE))) for place in places)
+def _compute_weight(positions: Sequence[JointPosition]) -> float:
+    """Compute how many times the limit of `RARE` the worst position is off."""
+    return max(float(np.sqrt(p.square / chdtri(len(p.offset), RARE))) for p in positions)
 
 
-def _odds(probability: float) -> str:
+def _describe_odds(probability: float) -> str:
+    """Describe a probability: `1 person in 2000 is`."""
     if probability < 1e-6:
-        return "fewer than 1 person in a million lie"
-    return f"1 person in {float(f'{1 / probability:.1g}'):.0f} lies"
+        return "fewer than 1 person in a million are"
+    return f"1 person in {float(f'{1 / probability:.1g}'):.0f} is"
 
 
-def _size(name: str, value: float) -> float:
-    """In mm or deg."""
+def _convert_to_mm_or_deg(name: str, value: float) -> float:
+    """Convert a joint parameter from m or rad to mm or deg."""
     return float(value / JP_TO_SI[JP_INDEX[name]])
 
 
-def _way(name: str, value: float) -> str:
+def _format_size(name: str, value: float) -> str:
+    """Format a joint parameter in whole mm or deg."""
+    return f"{_convert_to_mm_or_deg(name, value):.0f}"
+
+
+def _describe_offset(name: str, value: float) -> str:
+    """Describe the offset of a joint parameter: `34 mm outward`."""
     joint, _, direction = name.split(".")
+    size = f"{abs(_convert_to_mm_or_deg(name, value)):.0f}"
     if JOINT_PARAMETERS[JP_INDEX[name]].kind is not ParameterKind.POSITION:
-        return f"turned by {abs(_size(name, value)):.0f} deg seen from {_SEEN_FROM[direction]}"
+        return f"rotated by {size} deg (viewed from {_VIEWED_FROM[direction]})"
     if direction == "lat":
-        way = "outward" if (value > 0) == joint.endswith("_r") else "inward"
+        word = "outward" if (value > 0) == joint.endswith("_r") else "inward"
     else:
-        way = _WAYS[direction][value < 0]
-    return f"{abs(_size(name, value)):.0f} mm {way}"
+        word = _DIRECTIONS[direction][value < 0]
+    return f"{size} mm {word}"
 
 
-def _few_markers(model: SubjectModel, joint: str) -> str:
-    """Segments beside a joint on which skin that moves cannot show by deforming."""
-    beside = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint == joint)
+def _describe_few_markers(model: SubjectModel, joint: str) -> str:
+    """Name adjacent segments with too few markers to detect soft tissue by deformation."""
+    adjacent = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint == joint)
     pairs = list(zip(model.markers.segments, model.markers.weight, strict=True))
     count = {
         part: sum(s == part and w > 0 for s, w in pairs)
-        for part in beside
+        for part in adjacent
         if not part.startswith("talus")
     }
     few = [f"{n} on the {part.split('_')[0]}" for part, n in count.items() if n < FEWEST_MARKERS]
-    return f"; too few markers show how skin moves: {' and '.join(few)}" if few else ""
+    return f"; too few markers to detect soft tissue motion: {' and '.join(few)}" if few else ""
 
 
-def _cure(kind: str, isolated: bool) -> str:
-    skin = "skin that slides in step with the motion does this, and no error bar shows all of it"
-    trial = "compare with a slow isolated trial of large range, non-weight-bearing"
+def _build_remedy(kind: str, isolated: bool) -> str:
+    """Build the remedy for a joint at an unusual position."""
+    skin = (
+        "soft tissue that slides in phase with the motion has this effect, which error bars do not "
+        "fully cover"
+    )
+    trial = "compare with a slow functional trial of large range, non-weight-bearing"
     if not isolated:
-        trial = 'an isolated trial of the joint (role "joint") tells more'
+        trial = 'record a functional trial of the joint (role "joint")'
     keep = (
-        "where imaging shows it there, say so ([calibration] joint_prior); jp = false keeps the "
-        "nominal joints"
+        "if imaging confirms the position, set joint_prior under [calibration]; jp = false keeps "
+        "the nominal joints"
     )
     return (
-        f"look at {coordinates.JOINT_TABLE[kind].markers} in the static trial; {skin}; {trial}; "
+        f"check {coordinates.JOINT_TABLE[kind].markers} in the static trial; {skin}; {trial}; "
         f"{keep}"
     )
 
 
-def given_hips(trial: trial_evidence.TrialEvidence) -> Iterator[Finding]:
-    """Given hip centres far from where the pelvis's markers tell, or of which one lies otherwise
-    than the other.
+def check_given_hips(trial: trial_evidence.TrialEvidence) -> Iterator[Finding]:
+    """Report hip centres of the file far from the regression, or asymmetric.
+
+    Parameters
+    ----------
+    trial
+        The static trial that makes the model; others are not checked.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
     """
     if (
         not trial.makes_model
@@ -334,24 +353,22 @@ def given_hips(trial: trial_evidence.TrialEvidence) -> Iterator[Finding]:
         )
         for side in linkage.SIDES
     }
-    uneven = p["hjc_r"] - [1.0, 1.0, -1.0] * p["hjc_l"]  # in the mirror
-    apart, off = float(np.linalg.norm(uneven)), max(gaps.values())
-    too_far = max(off / (DOUBTED_GIVEN * between), apart / (UNEVEN_GIVEN * between))
+    uneven = p["hjc_r"] - [1.0, 1.0, -1.0] * p["hjc_l"]  # z is mirrored
+    asymmetry, off = float(np.linalg.norm(uneven)), max(gaps.values())
+    too_far = max(off / (DOUBTED_GIVEN * between), asymmetry / (UNEVEN_GIVEN * between))
     if too_far <= 1.0:
         return
     ahead, up, outwards = 1e3 * uneven
     allowed = [1e3 * share * between for share in (DOUBTED_GIVEN, UNEVEN_GIVEN)]
     yield trial.warning(
         "hip centres",
-        f"{1e3 * gaps['r']:.0f} mm (right) and {1e3 * gaps['l']:.0f} mm (left) from where "
-        "Harrington 2007 has them, "
-        f"usual is up to {allowed[0]:.0f}; the right one lies {ahead:+.0f} mm forward, {up:+.0f} "
-        "mm up and "
-        f"{outwards:+.0f} mm outwards of the left one's mirror image, usual is up to "
-        f"{allowed[1]:.0f}",
-        "look where that program has them from, or take hip_centre = 'harrington' under "
+        f"{1e3 * gaps['r']:.0f} mm (right) and {1e3 * gaps['l']:.0f} mm (left) from the regression "
+        f"of Harrington 2007, usual: up to {allowed[0]:.0f} mm; the right one is {ahead:+.0f} mm "
+        f"forward, {up:+.0f} mm up and {outwards:+.0f} mm outward of the left one's mirror image, "
+        f"usual: up to {allowed[1]:.0f} mm",
+        "check how the other program estimates them, or set hip_centre = 'harrington' under "
         "[calibration]",
-        cause="the hip centres of the file are not where hips usually are",
+        cause="the hip centres of the file are at unusual positions",
         weight=too_far,
         code=Code.GIVEN_HIPS,
     )

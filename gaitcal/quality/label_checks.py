@@ -1,6 +1,6 @@
-"""Labels that are exchanged: for a part of a trial (`preprocess/swapped_labels.py`), or by sides.
+"""Checks of swapped labels: in a part of a trial (`preprocess/swapped_labels.py`), or by sides.
 
-By sides: right markers lie to the left of their left namesakes, seen along the pelvis.
+Sides are swapped if right markers are to the left of their left namesakes, in the pelvis frame.
 """
 
 from collections.abc import Iterator
@@ -16,54 +16,57 @@ from gaitcal.preprocess.put_back_labels import MOST_OF_A_PART
 from gaitcal.preprocess.swapped_labels import SwappedLabels
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 
-# Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long
+# Longer than filtering hides: angles of the segment are wrong by tens of degrees for that time
 LONG_S = 0.05
-WRONG_SIDE_M = 0.02  # How far a right marker may lie to the left of its left one, as feet may cross
-# The same in most frames of an isolated trial, in which one leg may be held across the other
+# Allowed distance of a right marker to the left of its left namesake, as feet may cross
+WRONG_SIDE_M = 0.02
+# The same in most frames of a functional trial, in which one leg may be held across the other
 CROSSED_M = 0.06
 LEGS = ("thigh", "shank", "foot")
 
 
-def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
-    """Labels exchanged for a part of the trial, or for all of it."""
+def check_swapped_labels(trial: TrialEvidence) -> Iterator[Finding]:
+    """Report labels that are swapped in a part of the trial, or in all of it.
+
+    Parameters
+    ----------
+    trial
+        The trial as read.
+
+    Yields
+    ------
+    Finding
+        One for each pair: a note if the swap was corrected or has no effect.
+    """
     back = trial.put_back
     for k, found in enumerate((*back, *trial.exchanges)):
         count = int(found.frames.sum())
         what = (
-            "carry each other's label"
+            "have swapped labels"
             if found.mutual
-            else "are confused: the first is where the second should be"
+            else "are confused: the first is at the position of the second"
         )
         message = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
         message += format_spans(trial.recording.time, find_runs(found.frames))
-        severity, cure = (
-            Severity.ERROR,
-            "label that part again, or leave it out with time = [start, end]",
-        )
+        severity = Severity.ERROR
+        cure = "relabel this interval, or leave it out with time = [start, end]"
         if k < len(back):
-            severity, cure = (
-                Severity.INFO,
-                "exchanged back; label that part again, so that other programs have it right",
-            )
+            severity = Severity.INFO
+            cure = "corrected here; relabel this interval for use in other programs"
         elif max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
             severity = Severity.INFO
-            cure = (
-                "no harm done, as both have little weight or none; label that part again to use "
-                "them"
-            )
+            cure = "no effect, as both have little or no weight; relabel this interval to use them"
         elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > MOST_OF_A_PART:
-            cure = "exchange the two labels in the file"
-        elif not _harmful(trial, found):
+            cure = "swap the two labels in the file"
+        elif not _is_harmful(trial, found):
             severity = Severity.WARNING
         code = Code.EXCHANGED_BACK if k < len(back) else Code.EXCHANGED_LABELS
         weight = 1.0 if severity is Severity.INFO else float(count)
         yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=code)
 
 
-def _harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
-    """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers,
-    for some time.
-    """
+def _is_harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
+    """Return whether a swap rotates a segment of pelvis or legs for `LONG_S` or longer."""
     if min(map(trial.weight, (found.label, found.other))) <= NEGLIGIBLE_WEIGHT:
         return False
     of_legs = {
@@ -73,14 +76,25 @@ def _harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
     return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
-def sides(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether right markers lie to the right of their left ones, seen along the pelvis."""
+def check_sides(trial: TrialEvidence) -> Iterator[Finding]:
+    """Report right markers that are to the left of their left namesakes, in the pelvis frame.
+
+    Parameters
+    ----------
+    trial
+        The trial as read.
+
+    Yields
+    ------
+    Finding
+        One error or warning, or nothing.
+    """
     if trial.pelvis is None:
         return
     wrong: list[str] = []
     when: list[slice] = []
     farthest = 0.0
-    for name, other in _namesakes(trial):
+    for name, other in _pair_namesakes(trial):
         lateral = np.einsum(
             "fi,fi->f", trial.path(name) - trial.path(other), trial.pelvis.rotation[:, :, 2]
         )
@@ -96,22 +110,22 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.finding(
             Severity.WARNING if crossed else Severity.ERROR,
             "sides",
-            f"right markers lie to the left of their left ones: {listed(wrong)} "
+            f"right markers are to the left of the left ones: {listed(wrong)} "
             f"({format_spans(trial.recording.time, when)})",
-            "exchange the labels of right and left in the file",
-            cause="" if crossed else "right and left are exchanged in the labels",
+            "swap the labels of right and left in the file",
+            cause="" if crossed else "the labels of right and left are swapped",
             weight=10.0,
             code=Code.SIDES_EXCHANGED,
         )
 
 
-def _namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
-    """Markers of the right side of pelvis and legs that have a namesake on the left, in this trial."""
+def _pair_namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
+    """Yield pairs of right and left markers of pelvis and legs with corresponding labels."""
     tracking = trial.marker_set.tracking
     pairs = [*permutations(tracking.get("pelvis", ()), 2)]
     for segment in LEGS:
-        # A built-in pattern with {S} or {s} gives both sides in one order; a user's own lists may
-        # differ.
+        # a built-in pattern with {S} or {s} lists both sides in the same order; lists of users may
+        # differ
         pairs += zip(
             tracking.get(f"{segment}_r", ()), tracking.get(f"{segment}_l", ()), strict=False
         )
@@ -121,13 +135,34 @@ def _namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
 
 
 def is_right_of(a: str, b: str) -> bool:
-    """Whether two labels differ only by R and L at one place."""
+    """Return whether two labels differ only by R and L at one position.
+
+    Parameters
+    ----------
+    a, b
+        Labels of a right and a left marker, in any case.
+
+    Returns
+    -------
+    bool
+    """
     different = [(x, y) for x, y in zip(a.lower(), b.lower(), strict=False) if x != y]
     return len(a) == len(b) and different == [("r", "l")]
 
 
-def sides_exchanged(recording: Recording) -> Recording:
-    """The recording with every label that names a side given to its namesake."""
+def swap_sides(recording: Recording) -> Recording:
+    """Swap the labels of right and left.
+
+    Parameters
+    ----------
+    recording
+        Any recording.
+
+    Returns
+    -------
+    Recording
+        With the label of its namesake for every marker that has one.
+    """
     labels = recording.labels
     other = {a: b for a in labels for b in labels if is_right_of(a, b) or is_right_of(b, a)}
     return replace(recording, labels=tuple(other.get(label, label) for label in labels))

@@ -55,25 +55,27 @@ LANDMARK_M = 0.008
 """Uncertainty from which a rebuilt landmark is doubted: palpated again they scatter by 6 to 21 mm
 (Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
 LIMBS = ("thigh", "shank")
-FARTHEST = 0.14  # Share of body height; a marker on a stick is farther off than skin, by some 0.05
-ELSEWHERE, CLEARLY = 0.06, 0.4
+FARTHEST_SHARE = (
+    0.14  # Share of body height; a marker on a stick is farther off than skin, by some 0.05
+)
+OFF_SEGMENT, NEARER_SHARE = 0.06, 0.4
 """From the first share of body height on, a marker of a thigh or shank that another of these is
 nearer to by the second belongs to that one: on thirteen people the nearest such neighbour is 0.9
 times as far as the marker's own segment."""
 ONE_MARKER = "one marker"
 TWO = 2  # Markers that follow a segment, at least, where the joints beside it say the rest
-TOLD_RAD = np.deg2rad(
+UNDETERMINED_RAD = np.deg2rad(
     12.0
 )  # Uncertainty from which an angle is not determined, in a tenth of the frames
 WORST_SHARE = 0.9
-KEEPS_M, BESIDE_JOINT_M, MOVES_M = 0.010, 0.015, 0.030
+FIXED_DISTANCE_M, BESIDE_JOINT_M, MOVES_M = 0.010, 0.015, 0.030
 """Standard deviation of the distance from a marker of the same segment, at most, and from one near
 its upper joint; and from others, at least: in a trial in which nothing moves every distance is
 kept."""
-TOGETHER = 20  # Frames in which two markers must be seen together for that
+COMMON_FRAMES = 20  # Frames in which two markers must be seen together for that
 
 
-def outliers(trial: TrialEvidence) -> Iterator[Finding]:
+def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers metres away from the body, which take no part there."""
     if not trial.outliers:
         return
@@ -89,11 +91,11 @@ def outliers(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def missing(trial: TrialEvidence) -> Iterator[Finding]:
+def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers of the set that the trial lacks, with the label that may be meant."""
     absent = [label for label in trial.expected if label not in trial.place]
-    needed = [] if trial.is_isolated else [label for label in absent if _needed(trial, label)]
-    strangers = unknown_labels(trial)
+    needed = [] if trial.is_isolated else [label for label in absent if _is_needed(trial, label)]
+    strangers = list_unknown_labels(trial)
     cure = (
         'name them in the file, or with rename = { "label in file" = "label in set" } under '
         "[markers]"
@@ -109,7 +111,7 @@ def missing(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
 
 
-def _needed(trial: TrialEvidence, label: str) -> bool:
+def _is_needed(trial: TrialEvidence, label: str) -> bool:
     """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial
     side of a joint, which the static trial shows and which is not worn to move; or one of a trunk
     that too few others show. No torque needs arms.
@@ -130,7 +132,7 @@ def _needed(trial: TrialEvidence, label: str) -> bool:
     return label not in medial
 
 
-def too_few(trial: TrialEvidence) -> Iterator[Finding]:
+def check_base_segment(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the first segment of the part that is fitted has three markers: the pelvis, or what
     carries it.
     """
@@ -160,7 +162,7 @@ def too_few(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.info("labels", found, code=Code.PELVIS_CARRIED)
 
 
-def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
+def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers whose label is in the file without a single position: as if it had no such label.
 
     An error where pelvis or leg lose all that they have, in an isolated trial the segments of its
@@ -196,7 +198,7 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
+def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
     """A static trial in which one posterior spine of two is marked: the model's pelvis stands on
     its mirror image.
     """
@@ -214,9 +216,9 @@ def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("landmarks", found, cure, cause=cause, code=Code.ONE_POSTERIOR_SPINE)
 
 
-def unknown(trial: TrialEvidence) -> Iterator[Finding]:
+def check_unknown_labels(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels that the marker set does not know: they are not used."""
-    strangers = unknown_labels(trial)
+    strangers = list_unknown_labels(trial)
     if strangers:
         found = f"{len(strangers)} labels unknown to the set: {listed(strangers)}"
         yield trial.info(
@@ -224,13 +226,13 @@ def unknown(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def unknown_labels(trial: TrialEvidence) -> list[str]:
+def list_unknown_labels(trial: TrialEvidence) -> list[str]:
     """Labels of the file that the marker set does not know."""
     known = {*trial.marker_set.labels, *trial.marker_set.devices}
     return [label for label in trial.recording.labels if label not in known]
 
 
-def doubled(trial: TrialEvidence) -> Iterator[Finding]:
+def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels that occur twice, and trajectories that have two names: markers that always lie on
     each other.
     """
@@ -264,7 +266,7 @@ def doubled(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
+def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
     """Segments of the legs, and others that the model tracks, that show no marker with weight in a
     trial.
     """
@@ -295,7 +297,7 @@ def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def gaps(trial: TrialEvidence) -> Iterator[Finding]:
+def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
     used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
@@ -338,10 +340,10 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.info(
             "gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS
         )
-    yield from _pelvis_lost(trial.as_fitted)
+    yield from _check_pelvis_gaps(trial.as_fitted)
 
 
-def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
+def _check_pelvis_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Where the pelvis has no pose: the splines carry it over moments, and no trial is longer than
     what shows it.
     """
@@ -361,7 +363,7 @@ def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.info("gaps", message, code=Code.PELVIS_LOST)
 
 
-def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
+def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that stand in the model where other trials say that they were."""
     if trial.rebuilding is None or trial.model is None:
         return
@@ -390,7 +392,7 @@ def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.info("lost markers", listed(rest), code=Code.REBUILT_MARKER)
 
 
-def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
+def check_not_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that moving trials show and the static one does not, and that nothing places."""
     if trial.rebuilding is None or trial.model is None or not trial.rebuilding.left:
         return
@@ -402,9 +404,9 @@ def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.warning("lost markers", found, cure, code=Code.MARKER_LEFT_OUT)
 
 
-def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
+def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers of a static trial that lie elsewhere than at their segment."""
-    lines, height = _lines(trial), trial.subject.height
+    lines, height = _locate_segment_lines(trial), trial.subject.height
     wrong = []
     for label, position in trial.still_positions.items() if lines else ():
         segment = trial.marker_set.segment_of.get(label)
@@ -416,15 +418,17 @@ def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
         nearest = min(away, key=lambda other: away[other])
         limbs = segment.startswith(LIMBS) and nearest.startswith(LIMBS)
         other = (
-            limbs and away[segment] / height > ELSEWHERE and away[nearest] < CLEARLY * away[segment]
+            limbs
+            and away[segment] / height > OFF_SEGMENT
+            and away[nearest] < NEARER_SHARE * away[segment]
         )
-        if away[segment] / height > FARTHEST or other:
+        if away[segment] / height > FARTHEST_SHARE or other:
             wrong.append(
                 f"'{label}' {1e3 * away[segment]:.0f} mm from {segment} (nearest: {nearest})"
             )
     if wrong:
         found = (
-            f"{listed(wrong)}; usual: up to {1e3 * ELSEWHERE * height:.0f} mm, and nearer than any "
+            f"{listed(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than any "
             "other"
         )
         cure = (
@@ -437,7 +441,7 @@ def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def _lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
+def _locate_segment_lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
     """Segment -> its two ends, (3,) m."""
     p, parts = (
         trial.posture or {},
@@ -454,11 +458,11 @@ def _lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
     return out
 
 
-def followed(trial: TrialEvidence) -> Iterator[Finding]:
+def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
     """Segments of the legs that show fewer than two markers: in most frames, or for a while."""
     if trial.is_static or trial.model is None:
         return
-    counts = {segment: count for segment, count in _counts(trial).items() if count.any()}
+    counts = {segment: count for segment, count in _count_markers(trial).items() if count.any()}
     single = [s for s, count in counts.items() if np.mean(count >= TWO) < HALF]
     for segment, count in counts.items():
         lasting = [
@@ -472,7 +476,7 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
                 f"{format_spans(trial.recording.time, lasting)}"
             )
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
-    unsure = _undetermined(trial, trial.model) if trial.is_whole_body and single else {}
+    unsure = _estimate_uncertainty(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
         side, labels = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
         share = 100 * np.mean(counts[segment] >= TWO)
@@ -481,7 +485,7 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
             "label its other markers, here and in the static trial, or add them to this segment in "
             "the marker set"
         )
-        if along := listed([f"'{label}'" for label in moving_along(trial, segment)]):
+        if along := listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)]):
             cure = (
                 f"{along} of the file moves with it: add it to this segment in the marker set, or "
                 "rename it"
@@ -490,9 +494,13 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
         severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
         if unsure is None or sum(s[-1] == side for s in single) == len(linkage.LEG_SEGMENTS) // 2:
             found += "; what the joints beside it leave open has no one answer"
-        elif worst > TOLD_RAD:
+        elif worst > UNDETERMINED_RAD:
             named = listed(
-                [f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in angles.items() if s > TOLD_RAD]
+                [
+                    f"{name} ({np.rad2deg(s):.0f} deg)"
+                    for name, s in angles.items()
+                    if s > UNDETERMINED_RAD
+                ]
             )
             found += f"; markers {1e3 * MARKER_M:.0f} mm off leave {named} undetermined"
         else:
@@ -510,7 +518,7 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def _counts(trial: TrialEvidence) -> dict[str, Array]:
+def _count_markers(trial: TrialEvidence) -> dict[str, Array]:
     """Segment -> (nf,) markers with weight that are seen, of the segments of the legs whose turns
     the trial is to show; what carries an isolated joint needs three markers.
     """
@@ -525,7 +533,7 @@ def _counts(trial: TrialEvidence) -> dict[str, Array]:
     }
 
 
-def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
+def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
     """Angle of a leg -> rad, how uncertain it is in the worst tenth of the frames; None where
     tracking fails.
     """
@@ -556,7 +564,7 @@ def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float]
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 
 
-def moving_along(trial: TrialEvidence, segment: str) -> list[str]:
+def find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
     """Labels unknown to the set whose distance from the markers of a leg's segment stays the same.
 
     A shank or a foot must keep its distance from the lateral marker of the joint above, too: near
@@ -566,23 +574,23 @@ def moving_along(trial: TrialEvidence, segment: str) -> list[str]:
     below = {"thigh": f"shank_{side}", "shank": f"foot_{side}"}.get(part)
     return [
         label
-        for label in unknown_labels(trial)
+        for label in list_unknown_labels(trial)
         if not is_unlabelled(label)
-        and _keeps(trial, label, segment)
-        and not (below and trial.weighed(below) and _keeps(trial, label, below))
+        and _has_fixed_distances(trial, label, segment)
+        and not (below and trial.weighed(below) and _has_fixed_distances(trial, label, below))
     ]
 
 
-def _keeps(trial: TrialEvidence, label: str, segment: str) -> bool:
+def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool:
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
     near_joint = {
         m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place
     }
-    near_joint |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
-    spread = [(_spread(trial, label, other), most) for other, most in near_joint.items()]
+    near_joint |= dict.fromkeys(trial.weighed(segment), FIXED_DISTANCE_M)
+    spread = [(_measure_scatter(trial, label, other), most) for other, most in near_joint.items()]
     others = [
-        _spread(trial, label, m)
+        _measure_scatter(trial, label, m)
         for s in linkage.SIDES
         for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")
     ]
@@ -592,10 +600,10 @@ def _keeps(trial: TrialEvidence, label: str, segment: str) -> bool:
     )
 
 
-def _spread(trial: TrialEvidence, one: str, other: str) -> float | None:
+def _measure_scatter(trial: TrialEvidence, one: str, other: str) -> float | None:
     """m, standard deviation of the distance of two markers; None where they are hardly seen
     together.
     """
     away = np.linalg.norm(trial.path(one) - trial.path(other), axis=1)
     away = away[np.isfinite(away)]
-    return float(np.std(away)) if len(away) >= TOGETHER else None
+    return float(np.std(away)) if len(away) >= COMMON_FRAMES else None

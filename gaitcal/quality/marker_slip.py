@@ -29,7 +29,7 @@ honestly. As far must a marker have moved in one coordinate for another, which n
 odd."""
 
 
-def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
+def check_displaced_markers(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that leave their place for a while, one finding a marker."""
     time = trial.recording.time
     for label, of_marker in trial.displaced.items():
@@ -52,7 +52,7 @@ def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
                 "segment lies"
             )
         yield trial.finding(
-            Severity.ERROR if any(_harmful(s, time) for s in of_marker) else Severity.WARNING,
+            Severity.ERROR if any(_is_harmful(s, time) for s in of_marker) else Severity.WARNING,
             "left its place",
             f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} "
             "frames, "
@@ -65,7 +65,7 @@ def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def _harmful(stretch: DisplacedInterval, time: Array) -> bool:
+def _is_harmful(stretch: DisplacedInterval, time: Array) -> bool:
     sure = stretch.slipped or stretch.straight
     lasts = float(time[min(stretch.frames.stop, len(time) - 1)] - time[stretch.frames.start])
     return (
@@ -74,7 +74,7 @@ def _harmful(stretch: DisplacedInterval, time: Array) -> bool:
     )
 
 
-def frozen(trial: TrialEvidence) -> Iterator[Finding]:
+def check_frozen(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that repeat their position bit for bit while the others move."""
     x = trial.recording.markers
     if len(x) < 5:
@@ -84,7 +84,9 @@ def frozen(trial: TrialEvidence) -> Iterator[Finding]:
     labels, when = [], []
     for label in trial.as_fitted.present:
         held = [
-            run for run in find_runs(same[:, trial.place[label]], shortest) if _others_move(x, run)
+            run
+            for run in find_runs(same[:, trial.place[label]], shortest)
+            if _has_body_moved(x, run)
         ]
         if held:
             labels.append(label)
@@ -100,7 +102,7 @@ def frozen(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def _others_move(x: Array, run: slice) -> bool:
+def _has_body_moved(x: Array, run: slice) -> bool:
     """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at
     its beginning.
     """
@@ -110,7 +112,7 @@ def _others_move(x: Array, run: slice) -> bool:
     )
 
 
-def flat(trial: TrialEvidence) -> Iterator[Finding]:
+def check_constant_coordinates(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers with a coordinate that never changes."""
     trial, labels = trial.as_fitted, []
     for label in trial.present:

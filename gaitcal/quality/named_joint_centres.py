@@ -20,7 +20,7 @@ from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import resolve_marker_set
 from gaitcal.model.segment_frames import PLAUSIBLE_WIDTH, compute_half_width, sign
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.marker_checks import KEEPS_M, TOGETHER
+from gaitcal.quality.marker_checks import COMMON_FRAMES, FIXED_DISTANCE_M
 
 MEASURED_M = 1e-5
 """Least scatter of a distance that cameras measure while somebody moves; of less, a program
@@ -29,7 +29,7 @@ computed a point.
 CENTRE = " (centre)"  # Ends the name of a joint centre that bore the label of a marker
 
 
-def measured_instead(
+def find_measured_markers(
     standing: Recording, moving: Sequence[Recording], marker_set: MarkerSet
 ) -> dict[str, str]:
     """Find the measured markers of joints whose centres bear the names of lateral markers.
@@ -80,14 +80,14 @@ def measured_instead(
                 if (
                     wide
                     and 2.0 * outwards**2 > away @ away
-                    and _stay_together(moving, lateral, other, strangers)
+                    and _is_rigid_pair(moving, lateral, other, strangers)
                 ):
                     found[lateral] = other
         out |= found if len(found) == len(SIDES) else {}
     return out
 
 
-def _stay_together(
+def _is_rigid_pair(
     moving: Sequence[Recording], one: str, other: str, strangers: Sequence[str]
 ) -> bool:
     """Whether two points keep their distance, and the second one is no computed point that a third
@@ -101,7 +101,7 @@ def _stay_together(
         apart = np.linalg.norm(a - b, axis=1)
         return (
             float(np.nanstd(apart))
-            if np.isfinite(apart).sum() >= min(TOGETHER, len(apart))
+            if np.isfinite(apart).sum() >= min(COMMON_FRAMES, len(apart))
             else np.nan
         )
 
@@ -109,12 +109,12 @@ def _stay_together(
     thirds = (m for m in strangers if m != other)
     return (
         bool(kept)
-        and max(kept) < KEEPS_M
+        and max(kept) < FIXED_DISTANCE_M
         and not any(scatter(r, m) < MEASURED_M for m in thirds for r in moving)
     )
 
 
-def computed_of_pair(one: Array, other: Array, middle: Array) -> tuple[bool, bool]:
+def identify_computed_points(one: Array, other: Array, middle: Array) -> tuple[bool, bool]:
     """Which of two points (3,) that keep their distance exactly are computed: the inner one; both,
     where the body's `middle` (3,) lies between them.
     """
@@ -123,13 +123,13 @@ def computed_of_pair(one: Array, other: Array, middle: Array) -> tuple[bool, boo
     return bool(first * second <= 0 or first > 0), bool(first * second <= 0 or first < 0)
 
 
-def named_centres(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def check_named_centres(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Joint centres that a study takes for lateral markers."""
     static = next((t for t in trials if t.makes_model and t.model is not None), None)
     if static is None or static.marker_set.noise is not None:
         return
     moving = [t.recording for t in trials if not t.is_static]
-    if found := measured_instead(static.recording, moving, static.marker_set):
+    if found := find_measured_markers(static.recording, moving, static.marker_set):
         names = ", ".join(
             f'"{label}" = "{label}{CENTRE}", "{other}" = "{label}"'
             for label, other in found.items()

@@ -53,7 +53,7 @@ from gaitcal.io.recording import (
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.preprocess.plate_contacts import Feet, PlateContact
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, TOPIC, overhang
+from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, TOPIC, check_overhang
 
 OFFSET_N = 15.0  # Reading of an empty plate that a file of forces should not have
 UNKNOWN_OFFSET_N = 20.0  # What plates that were not zeroed read in real files
@@ -65,7 +65,7 @@ alone changes more.
 """
 # Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1
 # to 0.2
-ASLANT = 0.5
+MAX_HORIZONTAL_RATIO = 0.5
 DRIVING = -0.1
 """Drift of the force along the walk from braking to driving, sum(F t) / sum(|F|) with t from -1 to
 1 over the step: 0.36 to 0.63 in whole steps of real and synthetic walks; below this it is reversed.
@@ -86,7 +86,7 @@ mean of both legs. Simulated: 0.6 and 2.1 on two people of OpenSim's, 7 to 9 whe
 to walk without a residual."""
 # From which a wrong sign is told: one laboratory in 100 has one, and ten such warnings to a false
 # one
-ODDS = 1000.0
+WRONG_SIGN_ODDS = 1000.0
 CARRIED = (0.9, 1.5)
 """Of body weight: the largest vertical force of a foot that carries the body alone, and does not
 run.
@@ -108,7 +108,7 @@ VELOCITY_S = 0.1  # Stretch over which the velocity at either end is fitted
 _ALARMING = re.compile(rf"left out|never empty|outside its corners|no numbers|{CONTRADICTED}")
 
 
-def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
+def report_reader_notes(trial: TrialEvidence) -> Iterator[Finding]:
     """What the reader noted on plates: type, sign, corners, offset, samples without numbers."""
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
@@ -129,7 +129,7 @@ def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_DESCRIPTION)
 
 
-def signals(trial: TrialEvidence) -> Iterator[Finding]:
+def check_signals(trial: TrialEvidence) -> Iterator[Finding]:
     """Sign, offset, saturation and direction of every plate's force."""
     for plate in trial.recording.plates:
         force = plate.force[np.isfinite(plate.force).all(axis=1)]
@@ -152,12 +152,12 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
                 "remove the offset of the empty plate",
             )
             yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_OFFSET)
-        yield from _clipped(trial, plate)
+        yield from _check_saturation(trial, plate)
         loaded = up > BODY_N
-        yield from _dead(trial, plate, force[loaded])
+        yield from _check_constant_channels(trial, plate, force[loaded])
         if loaded.sum() > 10:
             ratio = float(np.median(np.hypot(force[loaded, 0], force[loaded, 2]) / up[loaded]))
-            if ratio > ASLANT:
+            if ratio > MAX_HORIZONTAL_RATIO:
                 found = f"{name}: its horizontal force is {ratio:.2f} times the vertical one"
                 cause, cure = (
                     f"the axes of {name} are not those of the room",
@@ -166,7 +166,9 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
                 yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_AXES)
 
 
-def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
+def _check_constant_channels(
+    trial: TrialEvidence, plate: ForcePlate, loaded: Array
+) -> Iterator[Finding]:
     """Horizontal components that never change while somebody walks on the plate, `loaded` (n, 3) N."""
     if not trial.is_gait or len(loaded) < DEAD_SAMPLES:
         return
@@ -190,7 +192,7 @@ def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Fi
         yield trial.warning("plates", found, cure, cause=cause, code=Code.DEAD_CHANNEL)
 
 
-def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
+def _check_saturation(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
     """Components of the force that stay at their largest value."""
     for axis, name in enumerate("xyz"):
         size = np.abs(np.nan_to_num(plate.force[:, axis]))
@@ -210,7 +212,7 @@ def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
             )
 
 
-def corners(trial: TrialEvidence) -> Iterator[Finding]:
+def check_corners(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether centres of pressure lie on their plate."""
     for plate in trial.recording.plates:
         share, farthest = (
@@ -229,7 +231,7 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_CORNERS)
 
 
-def covered(trial: TrialEvidence) -> Iterator[Finding]:
+def check_time_overlap(trial: TrialEvidence) -> Iterator[Finding]:
     """How the clocks of markers and forces overlap."""
     time = trial.recording.time
     for plate in trial.recording.plates if trial.is_whole_body else ():
@@ -242,7 +244,7 @@ def covered(trial: TrialEvidence) -> Iterator[Finding]:
             return
 
 
-def _long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
+def _select_long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
     """Steps of a walk that are long enough and under a foot."""
     if trial.pelvis is None:
         return ()
@@ -254,7 +256,7 @@ def _long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
     )
 
 
-def _directions(trial: TrialEvidence) -> tuple[Array, Array]:
+def _compute_directions(trial: TrialEvidence) -> tuple[Array, Array]:
     """(2,) unit vectors in x and z: where the person walks, and to the right, which is behind who
     walks backwards.
     """
@@ -263,10 +265,10 @@ def _directions(trial: TrialEvidence) -> tuple[Array, Array]:
     return forward, right if trial.facing is None or forward @ trial.facing > 0 else -right
 
 
-def drifts(trial: TrialEvidence) -> list[float]:
+def compute_drifts(trial: TrialEvidence) -> list[float]:
     """Of every whole step, how far it brakes before it drives along the walk, -1 to 1."""
-    (forward, _), time, out = _directions(trial), trial.recording.time, []
-    for step in _long_steps(trial):
+    (forward, _), time, out = _compute_directions(trial), trial.recording.time, []
+    for step in _select_long_steps(trial):
         if step.is_whole(time):
             along = (
                 np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]] @ forward
@@ -277,15 +279,15 @@ def drifts(trial: TrialEvidence) -> list[float]:
     return out
 
 
-def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
+def check_horizontal_signs(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether legs brake before they drive, and both push inwards: one alone pushes outwards in a
     turn.
     """
-    steps, time = _long_steps(trial), trial.recording.time
+    steps, time = _select_long_steps(trial), trial.recording.time
     if not steps:
         return
-    _, right = _directions(trial)
-    drift = drifts(trial)
+    _, right = _compute_directions(trial)
+    drift = compute_drifts(trial)
     outward: dict[int, list[float]] = {}
     for step in steps:
         force = np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]]
@@ -317,14 +319,14 @@ def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("forces", found, cure, cause=cause, code=Code.FORCE_SIGN)
 
 
-def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
+def check_pressure_beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the centres of pressure of both feet lie off their feet to the same side of the room."""
     feet = trial.feet
     if feet is None:
         return
     shifts: tuple[list[float], list[float]] = ([], [])
-    for step in _long_steps(trial):
-        _, right = _directions(trial)
+    for step in _select_long_steps(trial):
+        _, right = _compute_directions(trial)
         flat = feet.seen[step.frames, step.foot] & (step.load > LOADED_SHARE * trial.subject.weight)
         if flat.sum() < 3:
             continue
@@ -352,7 +354,7 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
+def check_free_moment_sign(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether free moments hold the feet against turning, or turn them on."""
     if trial.facing is None or trial.walked @ trial.facing <= 0:  # whoever walks backwards
         return
@@ -364,12 +366,12 @@ def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
             and step.under_foot
             and CARRIED[0] < carried < CARRIED[1]
         ):
-            of_leg.setdefault(step.foot, []).append(_held(trial, step))
+            of_leg.setdefault(step.foot, []).append(_measure_free_moment(trial, step))
     if not of_leg:
         return
     mean = float(np.mean([np.mean(found) for found in of_leg.values()]))
     evidence = -2.0 * MEAN * mean / (PERSON**2 + LEG**2 / len(of_leg))
-    if evidence < np.log(ODDS) or any(horizontal(trial)):
+    if evidence < np.log(WRONG_SIGN_ODDS) or any(check_horizontal_signs(trial)):
         # what turns horizontal forces round is told there, and may turn the moment round with them
         return
     yield trial.warning(
@@ -386,7 +388,7 @@ def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def _held(trial: TrialEvidence, step: PlateContact) -> float:
+def _measure_free_moment(trial: TrialEvidence, step: PlateContact) -> float:
     """The d of one step."""
     wrench = np.nan_to_num(resample_wrench(step.plate, trial.recording.time))[step.frames]
     moment = (wrench[:, 3:] - cross(step.point, wrench[:, :3]))[:, 1]
@@ -396,11 +398,11 @@ def _held(trial: TrialEvidence, step: PlateContact) -> float:
     return float(side * (late - early) / (trial.subject.weight * trial.subject.height))
 
 
-def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
+def check_step_loads(trial: TrialEvidence) -> Iterator[Finding]:
     """Body weight against the mean and the largest force of whole steps."""
     if not trial.is_gait:
         return
-    weight, parts = trial.subject.weight, _parts(trial)
+    weight, parts = trial.subject.weight, _list_partial_loadings(trial)
     for plate in trial.recording.plates:
         up = np.nan_to_num(plate.force[:, 1])
         for run in find_runs(up > BODY_N, 2):
@@ -427,12 +429,12 @@ def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
                 yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)
 
 
-def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
+def _list_partial_loadings(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
     """Loadings, plate and s from when to when, of feet on two plates at once, or partly beside
     theirs.
     """
     found, time = trial.plate_contacts, trial.recording.time
-    parts = [step for step in found if step.under_foot and any(overhang(trial, step))]
+    parts = [step for step in found if step.under_foot and any(check_overhang(trial, step))]
     for one, other in permutations(found, 2):
         same = one.foot == other.foot and one.plate is not other.plate
         if same and one.frames.start < other.frames.stop and other.frames.start < one.frames.stop:
@@ -440,12 +442,16 @@ def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
     return [(s.plate, float(time[s.frames.start]), float(time[s.frames.stop - 1])) for s in parts]
 
 
-def body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def check_body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Body mass against all that plates carry: told as wrong where a trial says so that no other
     one contradicts: all weigh nearer to what it weighs than to the mass, as a trial that weighs
     roughly says little for the mass.
     """
-    weighings = [(t, *found) for t in trials if (found := _standing(t) or _walking(t)) is not None]
+    weighings = [
+        (t, *found)
+        for t in trials
+        if (found := _weigh_standing(t) or _weigh_walking(t)) is not None
+    ]
     off = [(carried / t.subject.mass - 1.0, allowed) for t, carried, allowed, _, _ in weighings]
     wrong = any(
         min(other / share for other, _ in off) > 0.5
@@ -465,7 +471,7 @@ def body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             yield t.info("body mass", message, code=Code.BODY_MASS)
 
 
-def _standing(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
+def _weigh_standing(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
     """Kg under the standing person, by which share that may be off, in words, and the cure; None
     where not all is on plates.
     """
@@ -485,10 +491,15 @@ def _standing(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
         return None  # a foot stood beside the plates
     message = f"the plates carry {total:.0f} N = {total / GRAVITY:.1f} kg while standing"
     cure = "correct mass_kg, if both feet stood on plates: torques and inertia follow from it"
-    return total / GRAVITY, MASS_DIFFERENCE + _offsets(loaded) / trial.subject.weight, message, cure
+    return (
+        total / GRAVITY,
+        MASS_DIFFERENCE + _estimate_offsets(loaded) / trial.subject.weight,
+        message,
+        cure,
+    )
 
 
-def _walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
+def _weigh_walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
     """The same while every foot of a walking person is on a plate; None where that is for less than
     a step.
     """
@@ -497,13 +508,13 @@ def _walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
         return None
     runs_on = [
         run
-        for run in find_runs(_all_on_plates(trial, feet), 3)
+        for run in find_runs(_mark_fully_on_plates(trial, feet), 3)
         if measure_duration(feet.time, run) >= SHORTEST_S
     ]
     weighings = [
         (run, measure_duration(feet.time, run), kg)
         for run in runs_on
-        if (kg := _mass(trial, run)) is not None
+        if (kg := _estimate_mass(trial, run)) is not None
     ]
     if not weighings:
         return None
@@ -518,11 +529,11 @@ def _walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
         "same share"
     )
     allowed = MASS_DIFFERENCE + PELVIS_M_S / (GRAVITY * float(np.sum(lengths)))
-    allowed += _offsets(trial.recording.plates) / trial.subject.weight
+    allowed += _estimate_offsets(trial.recording.plates) / trial.subject.weight
     return carried, allowed, message, cure
 
 
-def _offsets(plates: Sequence[ForcePlate]) -> float:
+def _estimate_offsets(plates: Sequence[ForcePlate]) -> float:
     """N, by which the readings of all plates that were never empty may be off together."""
     unknown = [
         p
@@ -532,14 +543,14 @@ def _offsets(plates: Sequence[ForcePlate]) -> float:
     return UNKNOWN_OFFSET_N * float(np.sqrt(len(unknown)))
 
 
-def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
+def _mark_fully_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
     """(nf,) where some foot is loaded and no foot stands beside a plate or partly so."""
     loaded = np.zeros((len(feet.time), 2), dtype=bool)
     doubtful = np.zeros(len(feet.time), dtype=bool)
     for step in trial.plate_contacts:
         if step.under_foot:
             loaded[step.frames, step.foot] = True
-        if not step.under_foot or any(overhang(trial, step)):
+        if not step.under_foot or any(check_overhang(trial, step)):
             doubtful[step.frames] = True
     doubtful = mark_near(
         doubtful, feet.time
@@ -551,7 +562,7 @@ def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
     return out
 
 
-def _mass(trial: TrialEvidence, run: slice) -> float | None:
+def _estimate_mass(trial: TrialEvidence, run: slice) -> float | None:
     """Mass (kg) that the plates carry in the frames `run`; None where the pelvis is not seen at
     both ends.
     """

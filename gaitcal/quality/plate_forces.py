@@ -1,30 +1,30 @@
-"""What a force plate says at some moments, as a fault of it acts, and what else tells of a fault.
+"""Wrenches of a force plate under possible faults, and side evidence of a fault.
 
-Force, centre of pressure, moment about that:
+Force, centre of pressure, moment about it:
 
-    w = [f; t + c x f]                  the wrench about the laboratory origin; c the centre of pressure, t free moment
+    w = [f; t + c x f]                  wrench about the laboratory origin; c centre of pressure, t free moment
     M = t + (c - m) x f                 the moment about the middle m of the plate's surface
 
-A fault of the force f -> f' keeps either what the file gives as centre of pressure and free moment
-(tables of forces), or the moments of the plate's channels (C3D, plate types 2 to 4):
+A fault of the force f -> f' keeps either the centre of pressure and the free moment (tables of
+forces), or the moments of the plate's channels (C3D, plate types 2 to 4):
 
-    centre kept   w' = [f'; t' + c x f']
-    moments kept  w' = [f'; M + m x f']
+    keep_centre   w' = [f'; t' + c x f']
+    keep_moments  w' = [f'; M + m x f']
 
 Side evidence is the foot under the centre of pressure, and the empty plate. For each plate and the
-foot that stands while it is loaded, with c the centre of pressure averaged by the load over frames
-of more than `LOADED_SHARE` of body weight, h and t heel and toe, L = |t - h|, u = (t - h) / L, n
+foot in contact while it is loaded, c is the load-weighted mean centre of pressure over frames with
+more than `LOADED_SHARE` of body weight. With heel h, toe t, L = |t - h|, u = (t - h) / L and n
 across u:
 
     z = (n . (c - h)) / ACROSS_M,     z = (u . (c - h) - MIDDLE L) / ALONG_M
 
-and for each plate that is ever empty, with its reading b there and an offset x that a cause takes
-away:
+and for each plate that is ever empty, with its reading b there and an offset x that a cause
+subtracts:
 
     z = (b - x) / EMPTY_N
 
-A cause gains sum (rho(z_0) - rho(z)) / 2 with rho(z) = B^2 log(1 + z^2 / B^2), B = `BELIEVED_Z`, so
-that no piece of it is believed beyond all bounds (Cauchy-like).
+A cause gains sum (rho(z_0) - rho(z)) / 2 with rho(z) = B^2 log(1 + z^2 / B^2), B = `CAUCHY_SCALE`,
+so that no single piece of evidence dominates (Cauchy).
 """
 
 from collections.abc import Sequence
@@ -40,51 +40,67 @@ from gaitcal.dynamics import foot_contact, inverse_dynamics
 from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
 from gaitcal.io.recording import ForcePlate, find_runs, measure_duration
 
-ACROSS_M, ALONG_M, MIDDLE = 0.020, 0.050, 0.70
-"""Over 39 steps of clean walks, centres of pressure lie 2 (SD 15) mm outside the line heel-toe, and
-at 0.69 (SD 0.21, steps cut short by the end of the valid frames included) of its 150 to 290 mm."""
-LOADED_SHARE, FEWEST = 0.4, 4  # Of body weight; frames
-EMPTY_N = 10.0  # N: unloaded plates read so much with nothing wrong
-BELIEVED_Z = 3.0
-STEADY_N, STEADY_S = (
-    10.0,
-    0.1,
-)  # An empty plate's reading stays this close to its own low for at least so long
-EMPTY_SHARE = 0.3  # Of body weight: a steady low reading above it is somebody standing
+ACROSS_M = 0.020  # Standard deviation (m) of the mean centre of pressure across the foot
+ALONG_M = 0.050  # The same along the foot
+MIDDLE = 0.70
+"""Expected position of the mean centre of pressure, in parts of the foot from heel to toe marker.
+Over 39 steps of clean walks it is 2 (SD 15) mm outside the line heel-toe, and at 0.69 (SD 0.21,
+steps cut short by the end of the valid frames included) of its 150 to 290 mm."""
+LOADED_SHARE = 0.4  # Of body weight: lighter loads have an uncertain centre of pressure
+FEWEST = 4  # Frames
+EMPTY_N = 10.0  # N, standard deviation of the reading of an unloaded plate without a fault
+CAUCHY_SCALE = 3.0  # Standard deviations from which side evidence counts less than Gaussian
+# The reading of an empty plate stays this close to its low value (N) for at least so long (s)
+STEADY_N, STEADY_S = 10.0, 0.1
+EMPTY_SHARE = 0.3  # Of body weight: a steady low reading above it is a person standing
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlateForces:
-    """One plate at the frames (k,) that a diagnosis looks at."""
+    """One plate at the frames (k,) of a diagnosis."""
 
     name: str
     force: Array  # (k, 3) N on the body
     centre: Array  # (k, 3) m, centre of pressure; the middle where the plate carries nothing
-    free: Array  # (k, 3) N·m about `centre`
-    middle: Array  # (3,) m of the surface: of its corners, or where feet stand on it
-    place: Array  # (3,) m, where the file says that it is: its corners, or else its load
-    path: CubicSpline  # s -> (n, 6) wrench about the laboratory origin: the plate at any other time
-    until: tuple[float, float]  # s, the time that `path` covers
+    free_moment: Array  # (k, 3) N·m about `centre`
+    middle: Array  # (3,) m of the surface: of its corners, or of the feet on it
+    position: Array  # (3,) m, position according to the file: of its corners, or else of its load
+    wrench_spline: CubicSpline  # s -> (n, 6) wrench about the laboratory origin
+    span: tuple[float, float]  # s, the time that `wrench_spline` covers
 
     @staticmethod
-    def of(
+    def from_spline(
         name: str,
-        path: CubicSpline,
-        until: tuple[float, float],
+        wrench_spline: CubicSpline,
+        span: tuple[float, float],
         time: Array,
         middle: Array | None = None,
-        place: Array | None = None,
+        position: Array | None = None,
     ) -> "PlateForces":
-        """At the times (k,) s. The centre of pressure lies at the height of `middle` (3,) m; it and
-        `place` (3,) m are the middle of the load where they are not known.
+        """Evaluate a plate's spline at some times.
+
+        Parameters
+        ----------
+        name
+            Name of the plate.
+        wrench_spline
+            s -> (n, 6) wrench about the laboratory origin, N and N·m.
+        span
+            Time that the spline covers, s.
+        time
+            (k,) s.
+        middle
+            (3,) m, middle of the surface; centres of pressure are at its height. None: not known,
+            the mean position of the load on the floor.
+        position
+            (3,) m, position according to the file; None: the mean position of the load.
         """
-        wrench = path(time)
+        wrench = wrench_spline(time)
         height = 0.0 if middle is None else float(middle[1])
         loaded = np.abs(wrench[:, 1]) > LOADED_N
         if not loaded.any():
-            loaded = (
-                np.abs(wrench[:, 1]) >= 0.5 * np.abs(wrench[:, 1]).max()
-            )  # in other units, or empty
+            # the force is in another unit, or the plate is empty
+            loaded = np.abs(wrench[:, 1]) >= 0.5 * np.abs(wrench[:, 1]).max()
         centre = np.zeros((len(time), 3))
         with np.errstate(all="ignore"):
             centre[loaded] = np.nan_to_num(compute_centre_on_ground(wrench[loaded], height))
@@ -96,69 +112,110 @@ class PlateForces:
             name=name,
             force=force,
             centre=centre,
-            free=wrench[:, 3:] - cross(centre, force),
+            free_moment=wrench[:, 3:] - cross(centre, force),
             middle=middle,
-            place=np.average(centre, axis=0, weights=np.abs(force[:, 1]) + 1e-9)
-            if place is None
-            else place,
-            path=path,
-            until=until,
+            position=np.average(centre, axis=0, weights=np.abs(force[:, 1]) + 1e-9)
+            if position is None
+            else position,
+            wrench_spline=wrench_spline,
+            span=span,
         )
 
     @cached_property
     def wrench(self) -> Array:
         """(k, 6) about the laboratory origin, as measured."""
-        return joined(self.force, self.centre, self.free)
+        return assemble_wrench(self.force, self.centre, self.free_moment)
 
-    def centre_kept(self, force: Array, free: Array | None = None) -> Array:
-        """(k, 6) wrench of another force (k, 3) at the same centre; free moment as measured unless
-        given.
+    def keep_centre(self, force: Array, free_moment: Array | None = None) -> Array:
+        """Compute the wrench of another force at the same centre of pressure.
+
+        Parameters
+        ----------
+        force
+            (k, 3) N.
+        free_moment
+            (k, 3) N·m; None: as measured.
+
+        Returns
+        -------
+        ndarray
+            (k, 6) about the laboratory origin.
         """
-        return joined(force, self.centre, self.free if free is None else free)
+        return assemble_wrench(
+            force, self.centre, self.free_moment if free_moment is None else free_moment
+        )
 
-    def moments_kept(self, force: Array, factor: float = 1.0) -> Array:
-        """(k, 6) wrench of another force (k, 3) with `factor` times the same moment about the
-        middle of the plate.
+    def keep_moments(self, force: Array, factor: float = 1.0) -> Array:
+        """Compute the wrench of another force with the same moment about the plate's middle.
+
+        Parameters
+        ----------
+        force
+            (k, 3) N.
+        factor
+            Multiplies the moment about the middle.
+
+        Returns
+        -------
+        ndarray
+            (k, 6) about the laboratory origin.
         """
-        about = self.free + cross(self.centre - self.middle, self.force)
-        return joined(force, self.middle, factor * about)
+        about = self.free_moment + cross(self.centre - self.middle, self.force)
+        return assemble_wrench(force, self.middle, factor * about)
 
-    def moved(self, change: Array) -> Array:
-        """(k, 6) wrench of the same plate, lying elsewhere by (3,) or (k, 3) m."""
-        return joined(self.force, self.centre + change, self.free)
+    def move(self, change: Array) -> Array:
+        """Compute the wrench (k, 6) of the plate displaced by `change`, (3,) or (k, 3) m."""
+        return assemble_wrench(self.force, self.centre + change, self.free_moment)
 
-    def nearer(self, factor: float) -> Array:
-        """(k, 6) wrench with centres of pressure `factor` times as far from the laboratory origin.
+    def scale_distance(self, factor: float) -> Array:
+        """Compute the wrench (k, 6) with centres of pressure `factor` times as far from the origin.
 
-        The free moment goes with them: a filter has mixed it with what far centres make of the
-        horizontal force.
+        The free moment is scaled as well: filtering has mixed it with the moment of the horizontal
+        force at distant centres.
         """
         return np.hstack([self.force, factor * self.wrench[:, 3:]])
 
-    def turned(self, turn: Array) -> Array:
-        """(k, 6) wrench of the plate turned about its middle by a rotation (3, 3)."""
-        arm = (self.centre - self.middle) @ turn.T
-        return joined(self.force @ turn.T, self.middle + arm, self.free @ turn.T)
+    def rotate_about_middle(self, rotation: Array) -> Array:
+        """Compute the wrench (k, 6) of the plate rotated (3, 3) about its middle."""
+        arm = (self.centre - self.middle) @ rotation.T
+        return assemble_wrench(
+            self.force @ rotation.T, self.middle + arm, self.free_moment @ rotation.T
+        )
 
-    def turned_in_the_room(self, turn: Array) -> Array:
-        """(k, 6) wrench turned about the laboratory origin by a rotation (3, 3)."""
-        return joined(self.force @ turn.T, self.centre @ turn.T, self.free @ turn.T)
+    def rotate_about_origin(self, rotation: Array) -> Array:
+        """Compute the wrench (k, 6) rotated (3, 3) about the laboratory origin."""
+        return assemble_wrench(
+            self.force @ rotation.T, self.centre @ rotation.T, self.free_moment @ rotation.T
+        )
 
-    def later(self, time: Array) -> Array:
-        """(k, 6) wrench at other times (k,) s; beyond the ends that at the end."""
-        out: Array = self.path(np.clip(time, *self.until))
+    def evaluate(self, time: Array) -> Array:
+        """Compute the wrench (k, 6) at other times (k,) s; beyond the ends that at the end."""
+        out: Array = self.wrench_spline(np.clip(time, *self.span))
         return out
 
 
-def joined(force: Array, point: Array, moment: Array) -> Array:
-    """(k, 6) wrench about the laboratory origin of forces (k, 3) at points (3,) or (k, 3) with
-    moments (k, 3) there.
+def assemble_wrench(force: Array, point: Array, moment: Array) -> Array:
+    """Assemble wrenches about the laboratory origin.
+
+    Parameters
+    ----------
+    force
+        (k, 3) N.
+    point
+        (3,) or (k, 3) m, where the force acts.
+    moment
+        (k, 3) N·m about `point`.
+
+    Returns
+    -------
+    ndarray
+        (k, 6) N, N·m.
     """
     return np.hstack([force, moment + cross(point, force)])
 
 
-def rotation(vector: Array) -> Array:
-    """(3, 3) rotation about an axis (3,) by its length, rad."""
+def build_rotation(vector: Array) -> Array:
+    """Build the rotation (3, 3) of a rotation vector (3,) rad."""
     out: Array = Rotation.from_rotvec(vector).as_matrix()
     return out
 
@@ -168,16 +225,29 @@ class Sole:
     """A foot on a plate."""
 
     plate: int
-    frames: IntArray  # Of the evidence
+    frames: IntArray  # (n,) frames of the evidence
     heel: Array  # (n, 2) m, x and z
     toe: Array  # (n, 2) m
 
 
-def soles_of(
+def list_soles(
     standing: IntArray, frames: IntArray, feet: foot_contact.FootPoints
 ) -> tuple[Sole, ...]:
-    """Every foot on every plate: `standing` (plates, k) as in the evidence, whose frames of the
-    trial are `frames`.
+    """List every foot on every plate.
+
+    Parameters
+    ----------
+    standing
+        (plates, k) foot in contact while a plate is loaded: 0 right, 1 left, -1 none.
+    frames
+        (k,) their frames of the trial.
+    feet
+        Heel and toe points of the trial.
+
+    Returns
+    -------
+    tuple of Sole
+        Each with at least `FEWEST` frames.
     """
     out = []
     for plate, row in enumerate(standing):
@@ -189,8 +259,21 @@ def soles_of(
     return tuple(out)
 
 
-def empty_reading(plate: ForcePlate, weight: float) -> float | None:
-    """N of vertical force while nobody is on the plate; None where somebody always is."""
+def estimate_empty_reading(plate: ForcePlate, weight: float) -> float | None:
+    """Estimate the vertical force (N) that a plate reads while it is empty.
+
+    Parameters
+    ----------
+    plate
+        The plate as recorded.
+    weight
+        Body weight, N.
+
+    Returns
+    -------
+    float or None
+        None if the plate is never empty.
+    """
     up = np.nan_to_num(plate.force[:, 1])
     low = float(np.quantile(up, 0.05))
     steady = [
@@ -205,9 +288,26 @@ def empty_reading(plate: ForcePlate, weight: float) -> float | None:
     return reading if abs(reading) < EMPTY_SHARE * weight else None
 
 
-def under_feet(wrenches: Array, soles: Sequence[Sole], heights: Array, weight: float) -> Array:
-    """(2 soles,) z of wrenches (plates, k, 6) on plates of `heights` (plates,) m; 0 where one
-    carries too little.
+def compute_foot_evidence(
+    wrenches: Array, soles: Sequence[Sole], heights: Array, weight: float
+) -> Array:
+    """Compute the deviation of centres of pressure from their usual position under the foot.
+
+    Parameters
+    ----------
+    wrenches
+        (plates, k, 6) about the laboratory origin.
+    soles
+        Feet on the plates.
+    heights
+        (plates,) m, of the plates' surfaces.
+    weight
+        Body weight, N.
+
+    Returns
+    -------
+    ndarray
+        (2 soles,) z across and along each foot; 0 where a plate carries too little.
     """
     out = np.zeros((len(soles), 2))
     for i, sole in enumerate(soles):
@@ -227,6 +327,6 @@ def under_feet(wrenches: Array, soles: Sequence[Sole], heights: Array, weight: f
     return out.ravel()
 
 
-def surprise(z: Array) -> float:
-    """Nats that side evidence (n,) speaks against what it is held against."""
-    return float(0.5 * BELIEVED_Z**2 * np.log1p((z / BELIEVED_Z) ** 2).sum())
+def compute_surprise(z: Array) -> float:
+    """Compute the evidence (nats) of z values (n,) against an assumption, by a Cauchy density."""
+    return float(0.5 * CAUCHY_SCALE**2 * np.log1p((z / CAUCHY_SCALE) ** 2).sum())

@@ -49,7 +49,7 @@ HALF_WINDOW = 5
 bends twice.
 """
 NOISE_M = 0.0002  # m, of cameras: what bends less cannot be told from it
-GAIN = float(np.log(2.0))
+SEAM_GAIN = float(np.log(2.0))
 """One path leaves twice the squares of two. In 36 clean recordings of nine laboratories, walks,
 turns and isolated trials, the median gain is at most 0.02; with one frame cut out of a walk or
 doubled anywhere, 1.2 to 4."""
@@ -61,7 +61,7 @@ FEWEST_MARKERS = 6
 FAR_FRAMES = 20.0  # Above that the velocity says nothing of where the body would be
 
 
-def rate(trial: TrialEvidence) -> Iterator[Finding]:
+def check_rate(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the frame rate is one of motion capture."""
     time = trial.recording.time
     if not trial.is_static and len(time) < FEWEST_FRAMES:
@@ -105,7 +105,7 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def speed(trial: TrialEvidence) -> Iterator[Finding]:
+def check_speed(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body goes at a speed of walking, which a wrong clock spoils."""
     time = trial.recording.time
     if not trial.is_gait or len(time) < 2:
@@ -117,9 +117,9 @@ def speed(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("time", found, cure, cause=cause, code=Code.TOO_FAST)
 
 
-def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
+def check_header_rate(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the time column of a TRC goes at the camera's rate that its header names."""
-    named = _header_rates(Path(trial.source))
+    named = _read_header_rates(Path(trial.source))
     hz = trial.recording.rate
     if not named or not np.isfinite(hz):
         return
@@ -139,7 +139,7 @@ def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def _header_rates(path: Path) -> dict[str, float]:
+def _read_header_rates(path: Path) -> dict[str, float]:
     if path.suffix.lower() != ".trc":
         return {}
     try:
@@ -160,13 +160,13 @@ def _header_rates(path: Path) -> dict[str, float]:
     return {}
 
 
-def splines(trial: TrialEvidence) -> Iterator[Finding]:
+def check_bandwidth(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the splines of the motion suit the frames, and the filter the plates."""
     time = trial.recording.time
     if trial.is_static or len(time) < FEWEST_FRAMES:
         return
     settings = trial.settings
-    passed, of_what = _passed(settings, time)
+    passed, of_what = _compute_bandwidth(settings, time)
     if settings.nodes is not None and settings.nodes > len(time):
         found, cure = (
             f"nodes = {settings.nodes} for {len(time)} frames",
@@ -205,7 +205,7 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.error("sampling", found, cure, cause=cause, code=Code.FORCE_FILTER)
 
 
-def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, str]:
+def _compute_bandwidth(settings: CalibrationSettings, time: Array) -> tuple[float | None, str]:
     """Hz that the motion passes (-3 dB), and of what; None where the data are to choose."""
     if settings.nodes is not None or settings.nodes_per_second is not None:
         nodes = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes).count_nodes(
@@ -219,7 +219,7 @@ def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, s
     ), f"bandwidth_hz = {settings.bandwidth_hz:g}: splines"
 
 
-def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def check_equal_rates(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Trials whose frame rate is not that of the others."""
     rates = {t.name: t.recording.rate for t in trials if len(t.recording.time) > 1}
     common = float(np.median(list(rates.values()))) if rates else 0.0
@@ -240,7 +240,7 @@ def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         )
 
 
-def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def check_duplicate_recordings(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Trials whose markers are the same in every frame, whatever their files are called: one would
     count twice.
 
@@ -259,7 +259,7 @@ def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             yield other.error("trials", found, cure, code=Code.SAME_RECORDING)
 
 
-def spikes(trial: TrialEvidence) -> Iterator[Finding]:
+def check_spikes(trial: TrialEvidence) -> Iterator[Finding]:
     """Single positions out of line with the frames before and after: those that were left out, and
     the rest.
     """
@@ -284,7 +284,7 @@ def spikes(trial: TrialEvidence) -> Iterator[Finding]:
     peak = (sides[1:-1] >= sides[:-2]) & (
         sides[1:-1] >= sides[2:]
     )  # a spike is out of line, and so are its neighbours
-    for one in seams(x):  # the frames on either side of a seam
+    for one in find_seams(x):  # the frames on either side of a seam
         peak[max(one.frame - 2, 0) : one.frame + 2] = False
     labels, largest = [], 0.0
     for label in trial.as_fitted.present:
@@ -325,11 +325,11 @@ class Seam:
         return count if abs(self.lost) < FAR_FRAMES else "far from the path before"
 
 
-def seam(trial: TrialEvidence) -> Iterator[Finding]:
+def check_seams(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether frames are missing and their times, too, one stands twice, or parts of recordings
     were joined.
     """
-    found = seams(trial.recording.markers)
+    found = find_seams(trial.recording.markers)
     if not found or trial.is_static:
         return
     where = listed([f"{trial.recording.time[one.frame]:.2f} s ({one.words})" for one in found])
@@ -352,18 +352,18 @@ def seam(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def seams(x: Array) -> list[Seam]:
+def find_seams(x: Array) -> list[Seam]:
     """Where the paths of markers x (nf, nm, 3) do not go on."""
     if len(x) < 2 * HALF_WINDOW:
         return []
-    one, two, ends = _fits()
+    one, two, ends = _build_projections()
     floor = 3 * one.shape[1] * NOISE_M**2
-    gain = np.log((_squares(x, one) + floor) / (_squares(x, two) + floor))
+    gain = np.log((_sum_squares(x, one) + floor) / (_sum_squares(x, two) + floor))
     seen = np.isfinite(gain).sum(axis=1) >= FEWEST_MARKERS
     typical = np.full(len(gain), -np.inf)
     typical[seen] = np.nanmedian(gain[seen], axis=1)
     out = []
-    for run in find_runs(typical > GAIN):
+    for run in find_runs(typical > SEAM_GAIN):
         k = run.start + int(np.argmax(typical[run]))
         if typical[k] < typical[max(k - HALF_WINDOW, 0) : k + HALF_WINDOW + 1].max():
             continue  # beside a larger one
@@ -376,7 +376,7 @@ def seams(x: Array) -> list[Seam]:
 
 
 @lru_cache(maxsize=1)
-def _fits() -> tuple[Array, Array, Array]:
+def _build_projections() -> tuple[Array, Array, Array]:
     """(2 H, 2 H - 6) what a quintic leaves, and two parabolas; (2 H, 3) the step between these,
     their mean velocity and its change there, a frame.
     """
@@ -390,7 +390,7 @@ def _fits() -> tuple[Array, Array, Array]:
     return left[0], left[1], np.stack(ends, axis=1)
 
 
-def _squares(x: Array, basis: Array) -> Array:
+def _sum_squares(x: Array, basis: Array) -> Array:
     """(nf - 2 H + 1, nm) sums of squares of x (nf, nm, 3) in the directions of a basis (2 H, n),
     from each frame on.
     """

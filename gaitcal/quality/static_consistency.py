@@ -21,7 +21,7 @@ from gaitcal.preprocess.static_disagreement import OFFSET_M, Contradiction, Faul
 from gaitcal.preprocess.trial_evidence import BODY_SIZE, TrialEvidence, side_of
 from gaitcal.quality import knee_axes, label_checks
 
-SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
+POSE_TRANSLATION_M, POSE_ROTATION_RAD = 0.012, np.deg2rad(7.0)
 """Of a segment's pose at its joints, from which a result is wrong by more than its error bar."""
 REFUSED_TIMES_LIMIT = 1.15
 """Times a limit: below, heavy skin can do as much, and the result is doubtful but not refused."""
@@ -31,7 +31,7 @@ BETWEEN_WALKS = 0.6
 """Factor of the limits of offsets between walks of one session: clean ones differ by 1.5 mm, the
 pelvis by 2.6.
 """
-WAYS = (("forward", "backward"), ("up", "down"), ("to the right", "to the left"))
+DIRECTIONS = (("forward", "backward"), ("up", "down"), ("to the right", "to the left"))
 PART_OF_OFFSET = 0.4  # A direction is named where it has so much of an offset
 FEWEST_WALKS = 3  # Of which one can be the odd one
 CODES = {
@@ -61,17 +61,17 @@ SHORTEST_M = 0.03  # Markers nearer to each other do not tell a scale
 UNITS = {"millimetres": 1e3, "centimetres": 1e2, "inches": 39.4}
 
 
-def static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def check_static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Everything in which moving trials contradict the static one or each other, one finding a
     cause.
     """
-    yield from body_scale(trials)
-    sized = [rescaled(t) for t in trials if not t.is_static]
+    yield from check_body_scale(trials)
+    sized = [rescale_trial(t) for t in trials if not t.is_static]
     found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[TrialEvidence, Contradiction]]] = {}
     spoilt: set[str] = set()
     for trial in sized:
         causes = trial.contradictions
-        if causes and (whole := _whole_trial(trial, causes)) is not None:
+        if causes and (whole := _explain_whole_trial(trial, causes)) is not None:
             yield whole
             spoilt.add(trial.name)
             continue
@@ -84,12 +84,14 @@ def static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
                 )
     sound = [t for t in sized if t.name not in spoilt]
     for group in found.values():
-        yield _of_cause(group, len(sound))
-    yield from knee_axes.knee_axes(sound, {side_of(segment) for _, segment, _ in found})
-    yield from _between_walks([t for t in sound if t.is_gait], {segment for _, segment, _ in found})
+        yield _report_contradiction(group, len(sound))
+    yield from knee_axes.check_knee_axes(sound, {side_of(segment) for _, segment, _ in found})
+    yield from _check_between_walks(
+        [t for t in sound if t.is_gait], {segment for _, segment, _ in found}
+    )
 
 
-def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: int) -> Finding:
+def _report_contradiction(group: list[tuple[TrialEvidence, Contradiction]], moving: int) -> Finding:
     """One cause, and the trials that show it, of so many moving ones."""
     trial, worst = max(group, key=lambda pair: pair[1].excess)
     names = list(dict.fromkeys(t.name for t, _ in group))
@@ -97,14 +99,14 @@ def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: int) -> 
     other = "another static trial"
     if several and len(names) == moving:
         other += " (all moving trials agree against this one)"
-    cause, found, cure = _told(worst, other)
+    cause, found, cure = _describe(worst, other)
     return Finding(
-        severity=_severity(worst),
+        severity=_judge_severity(worst),
         topic="one body",
         where=STUDY if several else trial.name,
         source="" if several else trial.source,
         cause=cause,
-        found=f"{found} ({f'throughout {listed(names)}' if several else _whole_time(trial)})",
+        found=f"{found} ({f'throughout {listed(names)}' if several else _format_whole_time(trial)})",
         cure=cure,
         leg=side_of(worst.segment),
         weight=worst.excess,
@@ -112,7 +114,7 @@ def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: int) -> 
     )
 
 
-def _severity(cause: Contradiction) -> Severity:
+def _judge_severity(cause: Contradiction) -> Severity:
     if cause.fault in (Fault.LABELS, Fault.MIRRORED):
         refused = True
     elif cause.fault is Fault.UNKNOWN:
@@ -121,13 +123,13 @@ def _severity(cause: Contradiction) -> Severity:
         # a way that only the joints tell, none of which is beyond its limit, is no measured one
         far = cause.fault is Fault.MARKER and cause.offset > BEYOND_SKIN_M and cause.excess > 1.0
         sure = cause.excess > REFUSED_TIMES_LIMIT or far
-        refused = sure and (cause.shift > SHIFT_M or cause.turn > TURN_RAD)
+        refused = sure and (cause.shift > POSE_TRANSLATION_M or cause.turn > POSE_ROTATION_RAD)
     return Severity.ERROR if refused else Severity.WARNING
 
 
-def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
+def _describe(cause: Contradiction, other: str) -> tuple[str, str, str]:
     """What is wrong, the evidence, and what to do; `other`: another static trial."""
-    place, labels = _part(cause.segment), [repr(label) for label in cause.labels]
+    place, labels = _name_segment(cause.segment), [repr(label) for label in cause.labels]
     mm, deg = 1e3 * cause.offset, np.rad2deg(cause.turn)
     if cause.fault is Fault.MARKER:
         which = " or ".join([labels[0], *map(repr, cause.rivals)])
@@ -143,7 +145,7 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
             )
         return (
             f"marker {which} is not where the static trial has it on the {place}",
-            f"{mm:.0f} mm off{_ways(cause)}; the pose of the segment is off by {pose}",
+            f"{mm:.0f} mm off{_describe_direction(cause)}; the pose of the segment is off by {pose}",
             cure,
         )
     if cause.fault is Fault.LABELS:
@@ -161,8 +163,8 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
         )
     if cause.fault is Fault.CLUSTER:
         offset = (
-            f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at "
-            f"{listed([_part(j) for j in cause.seen_at])}"
+            f"{mm:.0f} mm{_describe_direction(cause)} and {deg:.0f} deg, seen at "
+            f"{listed([_name_segment(j) for j in cause.seen_at])}"
         )
         plane = (
             f"; one of {listed(labels)} out of their plane would look alike"
@@ -183,34 +185,34 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
     )
 
 
-def _ways(cause: Contradiction) -> str:
+def _describe_direction(cause: Contradiction) -> str:
     """The directions of an offset in words."""
     directions = [
         f"{1e3 * abs(value):.0f} mm {ways[0] if value > 0 else ways[1]}"
-        for value, ways in zip(cause.direction, WAYS, strict=True)
+        for value, ways in zip(cause.direction, DIRECTIONS, strict=True)
         if abs(value) > PART_OF_OFFSET * cause.offset
     ]
     return f" ({', '.join(directions)})" if directions else ""
 
 
-def _part(name: str) -> str:
+def _name_segment(name: str) -> str:
     """`thigh_r` as `right thigh`."""
     return f"{SIDE_WORDS[name[-1]]} {name[:-2]}" if side_of(name) else name
 
 
-def _whole_time(trial: TrialEvidence) -> str:
+def _format_whole_time(trial: TrialEvidence) -> str:
     time = trial.recording.time
     return f"the whole trial, {time[0]:.2f}-{time[-1]:.2f} s"
 
 
-def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Finding | None:
+def _explain_whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Finding | None:
     """The exchange of all right and left labels, or a mirrored axis, where it explains everything."""
     if len(causes) < 2 and causes[0].fault is not Fault.UNKNOWN:
         return None
     found = []
     for change, words in (
-        (label_checks.sides_exchanged, "right and left labels are exchanged"),
-        (axis_mirrored, "one axis of the laboratory is mirrored"),
+        (label_checks.swap_sides, "right and left labels are exchanged"),
+        (mirror_axis, "one axis of the laboratory is mirrored"),
     ):
         changed = trial.with_recording(change(trial.recording))
         if changed.clusters and not changed.contradictions:
@@ -219,12 +221,12 @@ def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Findi
         return None
     most = max(1e3 * c.offset for c in causes)
     explained = (
-        f"explains contradictions at {listed([_part(c.segment) for c in causes])} of up to "
+        f"explains contradictions at {listed([_name_segment(c.segment) for c in causes])} of up to "
         f"{most:.0f} mm"
     )
     return trial.error(
         "one body",
-        f"undoing it {explained} ({_whole_time(trial)})",
+        f"undoing it {explained} ({_format_whole_time(trial)})",
         "exchange right and left in the labels of the file, or export it again with right-handed "
         "axes",
         cause=f"{', or '.join(found)}, in this trial or in the static one",
@@ -233,12 +235,12 @@ def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Findi
     )
 
 
-def axis_mirrored(recording: Recording) -> Recording:
+def mirror_axis(recording: Recording) -> Recording:
     """The recording in a mirror."""
     return replace(recording, markers=recording.markers * [1.0, 1.0, -1.0])
 
 
-def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
+def _check_between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
     """The walk of a session in which a cluster has another shape than in the rest; not of segments
     `told`.
     """
@@ -260,10 +262,10 @@ def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[F
             names = [f"'{cluster.labels[k]}' {1e3 * away[k]:.0f} mm" for k in np.argsort(-away)]
             yield trial.warning(
                 "one body",
-                f"{listed(names, 3)} ({_whole_time(trial)})",
+                f"{listed(names, 3)} ({_format_whole_time(trial)})",
                 f'weights = {{ "{cluster.labels[int(away.argmax())]}" = 0 }} under [markers], or '
                 "leave the trial out",
-                cause=f"the markers of the {_part(segment)} sit otherwise than in the other "
+                cause=f"the markers of the {_name_segment(segment)} sit otherwise than in the other "
                 f"{len(walks) - 1} walks",
                 leg=side_of(segment),
                 weight=worst,
@@ -271,20 +273,20 @@ def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[F
             )
 
 
-def scale_of(trial: TrialEvidence) -> float | None:
+def measure_scale(trial: TrialEvidence) -> float | None:
     """Median size of the trial's clusters; None with too few."""
     ratios = [cluster.size_ratio for cluster in trial.clusters.values()]
     return float(np.median(ratios)) if len(ratios) >= FEWEST_CLUSTERS else None
 
 
-def odd_scale(trial: TrialEvidence) -> float | None:
+def detect_odd_scale(trial: TrialEvidence) -> float | None:
     """The scale of a trial where it is not that of the static trial.
 
     It is uncertain by 2 (1.25 (1.48 median |r - median r|) / sqrt(n)), twice the standard error of
     a median of n sizes r, and by what soft tissue does where no posture is like that of the static
     trial, in all segments alike; and scatter alone enlarges a cluster a little.
     """
-    scale = scale_of(trial)
+    scale = measure_scale(trial)
     if scale is None:
         return None
     ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
@@ -295,20 +297,22 @@ def odd_scale(trial: TrialEvidence) -> float | None:
     return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 
 
-def rescaled(trial: TrialEvidence) -> TrialEvidence:
+def rescale_trial(trial: TrialEvidence) -> TrialEvidence:
     """The trial in the size of the static one, where it has another: what else is wrong can be seen
     then.
     """
-    scale = odd_scale(trial)
+    scale = detect_odd_scale(trial)
     return trial if scale is None else trial.with_markers(trial.recording.markers / scale)
 
 
-def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def check_body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Whether all trials show a body of one size."""
     scales = {
-        t.name: (t, scale) for t in trials if not t.is_static and (scale := scale_of(t)) is not None
+        t.name: (t, scale)
+        for t in trials
+        if not t.is_static and (scale := measure_scale(t)) is not None
     }
-    odd = [(t, scale) for t, scale in scales.values() if odd_scale(t) is not None]
+    odd = [(t, scale) for t, scale in scales.values() if detect_odd_scale(t) is not None]
     if not odd:
         return
     away = {t.name: max(SCALE[0] - scale, scale - SCALE[1]) for t, scale in odd}
@@ -339,7 +343,7 @@ def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         )
 
 
-def size(trial: TrialEvidence) -> Iterator[Finding]:
+def check_size(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the cloud of markers has the size of a body."""
     height, found = trial.subject.height, trial.extent
     if trial.has_body_size or found is None:
@@ -366,9 +370,9 @@ def size(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def scale(trial: TrialEvidence) -> Iterator[Finding]:
+def check_scale(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether lengths within segments are those of the static trial."""
-    ratios = [] if trial.is_static else list(_length_ratios(trial))
+    ratios = [] if trial.is_static else list(_compute_length_ratios(trial))
     if not ratios:
         return
     ratio = float(np.median(ratios))
@@ -385,7 +389,7 @@ def scale(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("units", message, cure, code=Code.OTHER_SCALE)
 
 
-def _length_ratios(trial: TrialEvidence) -> Iterator[float]:
+def _compute_length_ratios(trial: TrialEvidence) -> Iterator[float]:
     """Median distance of every pair of markers with weight in a segment, over that in the static
     posture.
     """

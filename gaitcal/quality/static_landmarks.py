@@ -30,7 +30,7 @@ from gaitcal.model.body_plan import (
     sum_squared_deviations,
 )
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.trial_role import standing_legs
+from gaitcal.quality.trial_role import measure_standing_legs
 
 EXCHANGE_SAVES = 12.0
 """Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than
@@ -57,7 +57,7 @@ STEPS = 6
 STEP_M = 1e-4
 
 LEG = ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
-LEGS_TOLD, LEGS_DOUBTED = 1.96, 3.29
+LEGS_REPORTED, LEGS_DOUBTED = 1.96, 3.29
 """Standard deviations of people's legs beside a body height: beyond lie 1 person in 20 and 1 in
 1000.
 """
@@ -67,7 +67,7 @@ GROSS_M = 0.060
 trial is refused.
 """
 EVIDENCE = 3  # Measures that are told as evidence
-_WAYS = (("back", "forward"), ("down", "up"), ("left", "right"))
+_DIRECTIONS = (("back", "forward"), ("down", "up"), ("left", "right"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class SwappedLandmarks:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Displaced:
+class DisplacedLandmark:
     """One landmark that lies elsewhere than on its bone."""
 
     landmark: str
@@ -95,7 +95,7 @@ class Displaced:
         return float(np.linalg.norm(self.away))
 
 
-def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
+def estimate_height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
     """Factor of the given body height (m) that all lengths together ask for; 1 where they agree
     with it.
     """
@@ -110,9 +110,9 @@ def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
     return factor if abs(factor - 1.0) > HEIGHT_OFF and gain > HEIGHT_SAVES else 1.0
 
 
-def faults(
+def find_faults(
     p: Landmarks, height: float, *, even: bool = True
-) -> Iterator[SwappedLandmarks | Displaced]:
+) -> Iterator[SwappedLandmarks | DisplacedLandmark]:
     """What is wrong with the landmarks p ((3,) m each, y up) of a person of this height (m), one
     after another.
 
@@ -121,16 +121,16 @@ def faults(
     """
     p = dict(p)
     for _ in range(MOST_FAULTS):
-        found = _worst(p, height, even)
+        found = _find_worst_fault(p, height, even)
         if found is None:
             return
         yield found
-        if isinstance(found, Displaced):
+        if isinstance(found, DisplacedLandmark):
             return
-        p = exchanged(p, found.pairs)
+        p = swap_landmarks(p, found.pairs)
 
 
-def exchanged(p: Landmarks, pairs: tuple[tuple[str, str], ...]) -> dict[str, Array]:
+def swap_landmarks(p: Landmarks, pairs: tuple[tuple[str, str], ...]) -> dict[str, Array]:
     """The landmarks with these pairs carrying each other's positions."""
     out = dict(p)
     for a, b in pairs:
@@ -138,7 +138,9 @@ def exchanged(p: Landmarks, pairs: tuple[tuple[str, str], ...]) -> dict[str, Arr
     return out
 
 
-def _worst(p: Landmarks, height: float, even: bool) -> SwappedLandmarks | Displaced | None:
+def _find_worst_fault(
+    p: Landmarks, height: float, even: bool
+) -> SwappedLandmarks | DisplacedLandmark | None:
     present = measure_landmarks(p, height, even=even)
     worst = sorted(present, key=lambda m: -abs(m.z))
     if not worst or abs(worst[0].z) < SUSPICIOUS_Z:
@@ -146,13 +148,13 @@ def _worst(p: Landmarks, height: float, even: bool) -> SwappedLandmarks | Displa
     j = sum_squared_deviations(present)
     best, pairs = min(
         (
-            (sum_squared_deviations(measure_landmarks(exchanged(p, c), height, even=even)), c)
-            for c in _candidates(p)
+            (sum_squared_deviations(measure_landmarks(swap_landmarks(p, c), height, even=even)), c)
+            for c in _list_swaps(p)
         ),
         key=lambda found: found[0],
     )
     moved = sorted(
-        (_displace(p, height, name, even) for name in p if name != "sacrum"),
+        (_fit_displacement(p, height, name, even) for name in p if name != "sacrum"),
         key=lambda found: found[1],
     )
     suspicious = tuple(m for m in worst if abs(m.z) >= SUSPICIOUS_Z)
@@ -166,10 +168,10 @@ def _worst(p: Landmarks, height: float, even: bool) -> SwappedLandmarks | Displa
         # blame
         return None
     rivals = tuple((n, float(np.linalg.norm(a))) for n, c, a in moved[1:] if c - least < RIVAL)
-    return Displaced(landmark=name, away=away, rivals=rivals, before=suspicious)
+    return DisplacedLandmark(landmark=name, away=away, rivals=rivals, before=suspicious)
 
 
-def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
+def _list_swaps(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
     """Exchanges that people make: sides of a landmark, joint, segment or leg; the two sides of a
     joint; two joints.
     """
@@ -200,7 +202,9 @@ def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
     yield ()
 
 
-def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, float, Array]:
+def _fit_displacement(
+    p: Landmarks, height: float, name: str, even: bool
+) -> tuple[str, float, Array]:
     """The landmark, the least cost with it put elsewhere, and by how much it lies off (3,) m, in
     body axes.
     """
@@ -229,14 +233,14 @@ def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, 
     return name, float(r @ r), d if axes is None else d @ axes
 
 
-def proportions(trial: TrialEvidence) -> Iterator[Finding]:
+def check_proportions(trial: TrialEvidence) -> Iterator[Finding]:
     """Landmarks that carry each other's labels, or lie off their bones, in a static trial; a height
     that is wrong.
     """
-    p = landmarks(trial)
+    p = collect_landmarks(trial)
     if not p:
         return
-    given, below = trial.subject.height, hip_height(trial)
+    given, below = trial.subject.height, measure_hip_height(trial)
     if below is not None and below < 0:
         yield trial.error(
             "landmarks",
@@ -251,37 +255,37 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
         # told already as what keeps the nominal model from being made: the rest would be read askew
         # without it
         return
-    found = list(faults(p, given))
-    if any(isinstance(fault, Displaced) for fault in found):
+    found = list(find_faults(p, given))
+    if any(isinstance(fault, DisplacedLandmark) for fault in found):
         # A leg that is bent or lifted looks like landmarks off their bones: then only what posture
         # leaves alone counts.
-        stands = standing_legs(p, given)
+        stands = measure_standing_legs(p, given)
         even = stands is None or not (stands.uneven or stands.bent or stands.sitting)
-        found = found if even else list(faults(p, given, even=False))
+        found = found if even else list(find_faults(p, given, even=False))
     swapped = [
         pairs for fault in found if isinstance(fault, SwappedLandmarks) for pairs in fault.pairs
     ]
-    sound = exchanged(p, tuple(swapped))
-    stands = standing_legs(sound, given)
+    sound = swap_landmarks(p, tuple(swapped))
+    stands = measure_standing_legs(sound, given)
     straight = stands is None or not (stands.bent or stands.sitting)
-    factor = height_factor(sound, given, even=straight)
-    legs = hip_height(trial) if straight else None
+    factor = estimate_height_factor(sound, given, even=straight)
+    legs = measure_hip_height(trial) if straight else None
     beyond = 0.0 if legs is None or found else abs(legs / given - HIP_HEIGHT[0]) / HIP_HEIGHT[1]
-    if factor != 1.0 or beyond > LEGS_TOLD:
+    if factor != 1.0 or beyond > LEGS_REPORTED:
         severity = Severity.INFO if factor == 1.0 and beyond < LEGS_DOUBTED else Severity.WARNING
-        yield _height(trial, sound, severity, factor, legs)
-        found = list(faults(p, factor * given))
+        yield _report_height(trial, sound, severity, factor, legs)
+        found = list(find_faults(p, factor * given))
     for fault in found:
         yield (
-            _exchanged(trial, fault)
+            _report_swap(trial, fault)
             if isinstance(fault, SwappedLandmarks)
-            else _displaced(trial, fault)
+            else _report_displacement(trial, fault)
         )
     if not found:
-        yield from _impossible(trial, measure_landmarks(sound, factor * given))
+        yield from _check_impossible_lengths(trial, measure_landmarks(sound, factor * given))
 
 
-def hip_height(trial: TrialEvidence) -> float | None:
+def measure_hip_height(trial: TrialEvidence) -> float | None:
     """m, median height of the ASIS above the lateral malleoli."""
     paths = [
         trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES
@@ -294,7 +298,7 @@ def hip_height(trial: TrialEvidence) -> float | None:
     return float(np.median(difference)) if len(difference) else None
 
 
-def landmarks(trial: TrialEvidence) -> dict[str, Array]:
+def collect_landmarks(trial: TrialEvidence) -> dict[str, Array]:
     """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty
     where there is none.
     """
@@ -302,46 +306,48 @@ def landmarks(trial: TrialEvidence) -> dict[str, Array]:
     return {name: point for name, point in (trial.posture or {}).items() if name in used}
 
 
-def _exchanged(trial: TrialEvidence, fault: SwappedLandmarks) -> Finding:
-    pairs = label_pairs(trial, fault.pairs)
+def _report_swap(trial: TrialEvidence, fault: SwappedLandmarks) -> Finding:
+    pairs = list_label_pairs(trial, fault.pairs)
     exchanged_labels = listed([f"'{a}' and '{b}'" for a, b in pairs], 4)
     if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
         exchanged_labels = f"right and left ({exchanged_labels}), or an axis is mirrored: they"
     swaps = ", ".join(f'"{a}" = "{b}", "{b}" = "{a}"' for a, b in pairs)
     return trial.error(
         "landmarks",
-        _evidence(fault.before),
+        _format_measures(fault.before),
         "exchange the labels in this file or, where every trial that has them has them so, with "
         "[markers] rename = "
         f"{{ {swaps} }}",
         cause=f"{exchanged_labels} carry each other's labels in the static trial",
-        leg=_leg(*(name for pair in fault.pairs for name in pair)),
+        leg=_get_leg(*(name for pair in fault.pairs for name in pair)),
         weight=10.0,
         code=Code.LANDMARKS_EXCHANGED,
     )
 
 
-def _displaced(trial: TrialEvidence, fault: Displaced) -> Finding:
+def _report_displacement(trial: TrialEvidence, fault: DisplacedLandmark) -> Finding:
     way = int(np.argmax(np.abs(fault.away)))
-    where = _WAYS[way][int(fault.away[way] > 0)]
-    name = label_words(trial, fault.landmark)
-    rivals = [f"{label_words(trial, other)} by {1e3 * m:.0f} mm" for other, m in fault.rivals[:3]]
+    where = _DIRECTIONS[way][int(fault.away[way] > 0)]
+    name = describe_labels(trial, fault.landmark)
+    rivals = [
+        f"{describe_labels(trial, other)} by {1e3 * m:.0f} mm" for other, m in fault.rivals[:3]
+    ]
     return trial.finding(
         Severity.ERROR if fault.size > GROSS_M else Severity.WARNING,
         "landmarks",
-        _evidence(fault.before)
+        _format_measures(fault.before)
         + (f"; as well it could be {' or '.join(rivals)}" if rivals else ""),
         "look where the marker sat (person, photograph, video), and record or label the static "
         "trial again",
         cause=f"{name} lies about {1e3 * fault.size:.0f} mm off its bone in the static trial, "
         f"mostly {where}",
-        leg=_leg(fault.landmark),
+        leg=_get_leg(fault.landmark),
         weight=fault.size / 0.02,
         code=Code.LANDMARK_DISPLACED,
     )
 
 
-def _height(
+def _report_height(
     trial: TrialEvidence, p: Landmarks, severity: Severity, factor: float, legs: float | None
 ) -> Finding:
     given = trial.subject.height
@@ -362,7 +368,7 @@ def _height(
     return trial.finding(
         severity,
         "height",
-        f"{found}{likely}{'; ' + _evidence(lengths) if factor != 1.0 and lengths else ''}",
+        f"{found}{likely}{'; ' + _format_measures(lengths) if factor != 1.0 and lengths else ''}",
         "correct subject.height_m, or the unit or scale of the markers",
         cause=f"a body height of {given:.2f} m does not go with the markers",
         weight=3.0,
@@ -370,18 +376,18 @@ def _height(
     )
 
 
-def _impossible(trial: TrialEvidence, found: Sequence[LandmarkMeasure]) -> Iterator[Finding]:
+def _check_impossible_lengths(
+    trial: TrialEvidence, found: Sequence[LandmarkMeasure]
+) -> Iterator[Finding]:
     """Lengths that no body has, where no single fault explains them."""
     worst = [m for m in found if m.absolute and abs(m.z) > IMPOSSIBLE_Z]
     if worst:
         names = dict.fromkeys(name for m in worst for name in m.landmarks)
-        cure = (
-            f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit"
-        )
+        cure = f"look at {', '.join(describe_labels(trial, name) for name in names)}: labels, place, unit"
         cause = "the static trial shows lengths that nobody has"
         yield trial.error(
             "landmarks",
-            _evidence(worst),
+            _format_measures(worst),
             cure,
             cause=cause,
             weight=10.0,
@@ -389,18 +395,20 @@ def _impossible(trial: TrialEvidence, found: Sequence[LandmarkMeasure]) -> Itera
         )
 
 
-def _evidence(found: Sequence[LandmarkMeasure]) -> str:
+def _format_measures(found: Sequence[LandmarkMeasure]) -> str:
     worst = sorted(found, key=lambda m: -abs(m.z))
     return ", ".join(m.description for m in worst[:EVIDENCE])
 
 
-def label_words(trial: TrialEvidence, landmark: str) -> str:
+def describe_labels(trial: TrialEvidence, landmark: str) -> str:
     """The markers of a landmark, in words."""
     labels = trial.marker_set.landmarks.get(landmark, (landmark,))
     return " and ".join(f"'{label}'" for label in labels)
 
 
-def label_pairs(trial: TrialEvidence, pairs: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
+def list_label_pairs(
+    trial: TrialEvidence, pairs: tuple[tuple[str, str], ...]
+) -> list[tuple[str, str]]:
     """The markers of exchanged landmarks, pair by pair."""
     of = trial.marker_set.landmarks
     return [
@@ -408,7 +416,7 @@ def label_pairs(trial: TrialEvidence, pairs: tuple[tuple[str, str], ...]) -> lis
     ]
 
 
-def _leg(*names: str) -> str:
+def _get_leg(*names: str) -> str:
     """The leg that all these landmarks belong to; empty for both."""
     sides = {name[-1] for name in names if name != "sacrum"}
     return sides.pop() if len(sides) == 1 else ""

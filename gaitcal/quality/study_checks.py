@@ -27,7 +27,7 @@ from gaitcal.quality import (
     static_landmarks,
     trial_role,
 )
-from gaitcal.quality.verdict import SPOILS_BODY, without_consequences
+from gaitcal.quality.verdict import SPOILS_BODY, remove_consequences
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.study import Study, read_marker_set
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
@@ -35,68 +35,71 @@ from gaitcal.study.study_trial import Trial, read_trial
 
 TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
 
-UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
+UNIT_CHECKS: tuple[TrialCheck, ...] = (
+    static_consistency.check_size,
+    static_consistency.check_scale,
+)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left
 out.
 """
 
-AS_READ: tuple[TrialCheck, ...] = (label_checks.sides, label_checks.exchanged)
+AS_READ: tuple[TrialCheck, ...] = (label_checks.check_sides, label_checks.check_swapped_labels)
 """These look for exchanged labels; all others see the trial with what was exchanged undone."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
-    marker_checks.outliers,
-    marker_checks.missing,
-    marker_checks.rebuilt,
-    marker_checks.not_rebuilt,
-    marker_checks.too_few,
-    marker_checks.never_seen,
-    marker_checks.one_sacral,
-    marker_checks.unknown,
-    marker_checks.doubled,
-    marker_checks.bare_segments,
-    marker_checks.followed,
-    trial_role.upright,
-    trial_role.heading,
-    label_checks.sides,
-    label_checks.exchanged,
-    sampling.spikes,
-    sampling.seam,
-    marker_checks.gaps,
-    marker_slip.frozen,
-    marker_slip.flat,
-    marker_slip.marker_slip,
-    trial_role.declared_joint,
-    trial_role.one_joint_alone,
-    trial_role.length,
-    trial_role.stillness,
-    static_landmarks.proportions,
-    trial_role.standing_straight,
-    trial_role.standing_flat,
-    joint_positions.given_hips,
-    marker_checks.on_segments,
-    sampling.rate,
-    sampling.header_rate,
-    sampling.speed,
-    sampling.splines,
-    plate_checks.told_on_reading,
-    plate_checks.signals,
-    plate_checks.corners,
-    plate_checks.step_loads,
-    plate_checks.covered,
-    foot_on_plate.contacts,
-    plate_checks.horizontal,
-    plate_checks.free_moment,
-    plate_checks.beside_feet,
+    marker_checks.check_outliers,
+    marker_checks.check_missing,
+    marker_checks.check_reconstructed,
+    marker_checks.check_not_reconstructed,
+    marker_checks.check_base_segment,
+    marker_checks.check_empty_labels,
+    marker_checks.check_single_psis,
+    marker_checks.check_unknown_labels,
+    marker_checks.check_duplicates,
+    marker_checks.check_bare_segments,
+    marker_checks.check_single_markers,
+    trial_role.check_upright,
+    trial_role.check_heading,
+    label_checks.check_sides,
+    label_checks.check_swapped_labels,
+    sampling.check_spikes,
+    sampling.check_seams,
+    marker_checks.check_gaps,
+    marker_slip.check_frozen,
+    marker_slip.check_constant_coordinates,
+    marker_slip.check_displaced_markers,
+    trial_role.check_declared_joint,
+    trial_role.check_single_joint,
+    trial_role.check_static_length,
+    trial_role.check_stillness,
+    static_landmarks.check_proportions,
+    trial_role.check_straight_legs,
+    trial_role.check_flat_feet,
+    joint_positions.check_given_hips,
+    marker_checks.check_marker_positions,
+    sampling.check_rate,
+    sampling.check_header_rate,
+    sampling.check_speed,
+    sampling.check_bandwidth,
+    plate_checks.report_reader_notes,
+    plate_checks.check_signals,
+    plate_checks.check_corners,
+    plate_checks.check_step_loads,
+    plate_checks.check_time_overlap,
+    foot_on_plate.check_contacts,
+    plate_checks.check_horizontal_signs,
+    plate_checks.check_free_moment_sign,
+    plate_checks.check_pressure_beside_feet,
 )
 
-OF_SKIN: tuple[TrialCheck, ...] = (
-    label_checks.exchanged,
-    marker_slip.marker_slip,
-    marker_checks.doubled,
-    marker_checks.on_segments,
-    trial_role.standing_straight,
-    trial_role.standing_flat,
-    static_landmarks.proportions,
+SKIN_MARKER_CHECKS: tuple[TrialCheck, ...] = (
+    label_checks.check_swapped_labels,
+    marker_slip.check_displaced_markers,
+    marker_checks.check_duplicates,
+    marker_checks.check_marker_positions,
+    trial_role.check_straight_legs,
+    trial_role.check_flat_feet,
+    static_landmarks.check_proportions,
 )
 """These ask where a hand put each marker, and whether it stayed there: nothing to ask of points
 that are no markers.
@@ -112,7 +115,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     try:
         file = load_study_file(path)
         marker_set = read_marker_set(file, path)
-        trials, unreadable = _read(file, marker_set)
+        trials, unreadable = _read_trials(file, marker_set)
         if unreadable:
             return unreadable
         study = Study.assemble(file, marker_set, trials, path)
@@ -121,7 +124,9 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     return check_study(study)
 
 
-def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[Trial, ...], tuple[Finding, ...]]:
+def _read_trials(
+    file: StudyFile, marker_set: MarkerSet
+) -> tuple[tuple[Trial, ...], tuple[Finding, ...]]:
     """The trials that can be read, and why the others cannot."""
 
     def read(trial: TrialTable) -> Trial | Finding:
@@ -175,33 +180,33 @@ def check_preprocessed(of: PreprocessedStudy) -> tuple[Finding, ...]:
     measured: list[TrialEvidence] = []
     for trial in of.trials:
         found = _check_trial(trial)
-        findings += _worst_first(
-            without_consequences([*(of.faults if trial.name == static else ()), *found])
+        findings += _sort_worst_first(
+            remove_consequences([*(of.faults if trial.name == static else ()), *found])
         )
         if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
             measured.append(trial.undone)
     if static in [trial.name for trial in measured] and study.marker_set.noise is None:
-        findings += static_consistency.static_consistency(measured)
+        findings += static_consistency.check_static_consistency(measured)
     return (
         *findings,
-        *(knee_axes.knee_lines(measured, findings) if study.marker_set.noise is None else ()),
-        *named_joint_centres.named_centres(of.trials),
-        *plate_checks.body_mass(of.trials),
-        *sampling.rates_differ(of.trials),
-        *sampling.same_recording(of.trials),
-        *trial_role.statics_agree(of.trials),
+        *(knee_axes.check_knee_lines(measured, findings) if study.marker_set.noise is None else ()),
+        *named_joint_centres.check_named_centres(of.trials),
+        *plate_checks.check_body_mass(of.trials),
+        *sampling.check_equal_rates(of.trials),
+        *sampling.check_duplicate_recordings(of.trials),
+        *trial_role.check_statics_agree(of.trials),
     )
 
 
 @np.errstate(all="ignore")
 def check_further(evidence: TrialEvidence) -> tuple[Finding, ...]:
     """All findings on one further trial (`preprocess_trial`), the worst first."""
-    found = without_consequences(_check_trial(evidence))
+    found = remove_consequences(_check_trial(evidence))
     of_body = (
-        *plate_checks.body_mass((evidence,)),
-        *static_consistency.static_consistency((evidence.undone,)),
+        *plate_checks.check_body_mass((evidence,)),
+        *static_consistency.check_static_consistency((evidence.undone,)),
     )
-    return tuple(_worst_first([*found, *of_body]))
+    return tuple(_sort_worst_first([*found, *of_body]))
 
 
 def _check_trial(trial: TrialEvidence) -> list[Finding]:
@@ -210,11 +215,11 @@ def _check_trial(trial: TrialEvidence) -> list[Finding]:
         return units[:1]
     asked = TRIAL_CHECKS
     if trial.marker_set.noise is not None:
-        asked = tuple(check for check in TRIAL_CHECKS if check not in OF_SKIN)
+        asked = tuple(check for check in TRIAL_CHECKS if check not in SKIN_MARKER_CHECKS)
     mended = trial.undone
     found = units + [f for check in asked for f in check(trial if check in AS_READ else mended)]
-    return [*found, *foot_on_plate.outside_sole(mended, found)]
+    return [*found, *foot_on_plate.check_pressure_outside_sole(mended, found)]
 
 
-def _worst_first(findings: Sequence[Finding]) -> list[Finding]:
+def _sort_worst_first(findings: Sequence[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda finding: finding.severity.rank)

@@ -78,7 +78,7 @@ against moving)."""
 GROSS_M = 0.020  # From here it moves a joint by more than nominal joints are uncertain: an error
 
 
-def upright(trial: TrialEvidence) -> Iterator[Finding]:
+def check_upright(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body is the right way up in the y-up axes that were made of the file's, in every
     kind of trial.
 
@@ -91,7 +91,7 @@ def upright(trial: TrialEvidence) -> Iterator[Finding]:
         np.arccos(np.clip(trial.pelvis.rotation[trial.pelvis.determined][:, 1, 1], -1, 1))
     )
     allowed = LYING_DEG if trial.is_isolated else TILT_DEG
-    middle, above = float(np.median(tilt)), _feet_above(trial)
+    middle, above = float(np.median(tilt)), _measure_feet_above_pelvis(trial)
     found = (
         f"the pelvis is tilted by {middle:.0f} deg against the vertical found; allowed: "
         f"{allowed:.0f} deg"
@@ -117,7 +117,7 @@ def upright(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.error("axes", found, cure, cause=cause, weight=10.0, code=Code.NOT_UPRIGHT)
 
 
-def _feet_above(trial: TrialEvidence) -> float | None:
+def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
     """m, median height of knees, ankles or heels, or else of all markers of the legs, over the
     ASIS.
     """
@@ -136,7 +136,7 @@ def _feet_above(trial: TrialEvidence) -> float | None:
     return float(np.nanmedian(np.array(feet)) - np.nanmedian(np.array(hips)))
 
 
-def length(trial: TrialEvidence) -> Iterator[Finding]:
+def check_static_length(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the static trial is long enough to tell that anybody stands still; one that is not is
     taken as it is.
     """
@@ -165,9 +165,9 @@ def length(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def stillness(trial: TrialEvidence) -> Iterator[Finding]:
+def check_stillness(trial: TrialEvidence) -> Iterator[Finding]:
     """How still the person stood."""
-    if not trial.is_static or trial.model is None or any(length(trial)):
+    if not trial.is_static or trial.model is None or any(check_static_length(trial)):
         return
     try:
         window = find_still_window(trial.recording, trial.marker_set.labels)
@@ -190,7 +190,7 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def heading(trial: TrialEvidence) -> Iterator[Finding]:
+def check_heading(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried
     along sideways.
     """
@@ -218,7 +218,7 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
             "and back, or "
         )
         cure += "sides), or time runs backwards"
-        feet, drifts = trial.feet, plate_checks.drifts(trial)
+        feet, drifts = trial.feet, plate_checks.compute_drifts(trial)
         ahead = (
             np.zeros(2)
             if feet is None
@@ -241,7 +241,7 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
+def check_single_joint(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body stays where it is, and the other leg still, while one joint moves."""
     declared = trial.trial.joint
     if not trial.is_isolated or declared is None:
@@ -270,7 +270,7 @@ def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("role", found, cure, cause=cause, weight=5.0, code=Code.LOOKS_LIKE_WALK)
 
 
-def declared_joint(trial: TrialEvidence) -> Iterator[Finding]:
+def check_declared_joint(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the joint that moves is the one for which the trial is declared."""
     declared = trial.trial.joint
     turns = {joint: link.rms for joint, link in trial.links.items()} if trial.is_isolated else {}
@@ -320,7 +320,7 @@ class StandingLegs:
         return min(self.thighs) > SITTING_DEG
 
 
-def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
+def measure_standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
     """The stance that landmarks p ((3,) m each, y up) of a person of this height (m) show; None
     where some lack.
     """
@@ -338,7 +338,7 @@ def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
     return StandingLegs(knees=(knees[0], knees[1]), thighs=(thighs[0], thighs[1]), heels=heels)
 
 
-def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
+def check_flat_feet(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the feet of a static trial stand as the zero of the ankle angles was taken from them."""
     p, rule = trial.posture, AnkleZero(trial.settings.ankle_rule)
     if (
@@ -373,11 +373,11 @@ def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
+def check_straight_legs(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the person of a static trial stands on both straight legs."""
     if trial.posture is None:
         return
-    found = standing_legs(trial.posture, trial.subject.height)
+    found = measure_standing_legs(trial.posture, trial.subject.height)
     if found is None:
         return
     knees = f"knees bent by {found.knees[0]:.0f} deg (right) and {found.knees[1]:.0f} deg (left)"
@@ -413,7 +413,7 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Whether further static trials show the body of the first."""
     standing = [trial for trial in trials if trial.is_static]
     if not standing:
@@ -424,9 +424,9 @@ def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         positions = other.still_positions
         disagreeing = [
             (away, label, segment)
-            for segment, labels in _segments(first).items()
+            for segment, labels in _list_segments(first).items()
             if (
-                found := _disagreement(
+                found := _find_disagreement(
                     [m for m in labels if m in reference and m in positions], reference, positions
                 )
             )
@@ -459,7 +459,7 @@ def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         )
 
 
-def _segments(trial: TrialEvidence) -> dict[str, list[str]]:
+def _list_segments(trial: TrialEvidence) -> dict[str, list[str]]:
     """Segment -> its markers that decide anything, those of the static trial alone and landmarks
     included.
     """
@@ -474,7 +474,7 @@ def _segments(trial: TrialEvidence) -> dict[str, list[str]]:
     return {segment: labels for segment, labels in out.items() if not segment.startswith(loose)}
 
 
-def _disagreement(
+def _find_disagreement(
     labels: list[str], reference: dict[str, Array], positions: dict[str, Array]
 ) -> tuple[float, str] | None:
     """The largest disagreement (m) and the marker that is named for it."""
@@ -484,16 +484,19 @@ def _disagreement(
     if len(labels) == 2:
         away = abs(float(np.linalg.norm(a[1] - a[0]) - np.linalg.norm(b[1] - b[0])))
         return away, labels[0] + "' or '" + labels[1]
-    left = _left(a, b)
+    left = _compute_rigid_residuals(a, b)
     if len(labels) == 3:
         return float(left.max()), labels[int(left.argmax())]
-    without = [_left(np.delete(a, k, axis=0), np.delete(b, k, axis=0)) for k in range(len(labels))]
+    without = [
+        _compute_rigid_residuals(np.delete(a, k, axis=0), np.delete(b, k, axis=0))
+        for k in range(len(labels))
+    ]
     culprit = int(np.argmin([float(np.sum(rest**2)) for rest in without]))
     kept = [k for k in range(len(labels)) if k != culprit]
-    return float(_left(a, b, kept)[culprit]), labels[culprit]
+    return float(_compute_rigid_residuals(a, b, kept)[culprit]), labels[culprit]
 
 
-def _left(a: Array, b: Array, fitted: list[int] | None = None) -> Array:
+def _compute_rigid_residuals(a: Array, b: Array, fitted: list[int] | None = None) -> Array:
     """(nm,) m, distances of b (nm, 3) from a (nm, 3) after the rigid motion that fits the markers
     `fitted` best.
     """

@@ -33,9 +33,9 @@ itself.
 """
 SPOILS_BODY = ("units", "axes", "sides", "landmarks")
 """Topics of errors of a trial that put its whole body in disorder against the other trials'."""
-OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
+FORCE_TOPICS = ("forces", "plates", "plate to foot", "body mass")
 """Topics of what is wrong with the forces of a walk, by which no joint was found."""
-FORCES, PLACES, BOUNDS, MARKERS_AFTER_FIT = (
+FORCES, JOINT_POSITIONS, BOUNDS, MARKERS_AFTER_FIT = (
     "forces",
     "joint places",
     "physical bounds",
@@ -48,25 +48,25 @@ _UNEXPLAINED = (Code.UNEXPLAINED_RESIDUAL, Code.FORCES_CONTRADICT)
 _LABEL = re.compile(r"'([^']+)'")
 
 
-def touches_model(topic: str) -> bool:
+def has_effect_on_joints(topic: str) -> bool:
     """Whether a fault of one walk is in the joints as well."""
-    return topic not in OF_FORCES
+    return topic not in FORCE_TOPICS
 
 
-def without_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+def remove_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The findings without those that only follow from a warning or an error among them."""
     said = [f for f in findings if f.severity is not Severity.INFO]
-    return tuple(f for f in findings if not any(_follows(f, cause) for cause in said))
+    return tuple(f for f in findings if not any(_is_consequence(f, cause) for cause in said))
 
 
-def _follows(effect: Finding, cause: Finding) -> bool:
+def _is_consequence(effect: Finding, cause: Finding) -> bool:
     """The graph: whether one finding only follows from another, which is no note."""
     here, error = cause.where == effect.where, cause.severity is Severity.ERROR
     if here and error and cause.cause and effect.topic in SPOILS.get(cause.topic, ()):
         return True
     # where markers do not tell how a leg moves, its motion asks for torques and forces that nobody
     # exerted
-    lost_leg = here and error and bool(cause.leg) and touches_model(cause.topic)
+    lost_leg = here and error and bool(cause.leg) and has_effect_on_joints(cause.topic)
     lost_leg &= cause.topic not in (BOUNDS, MARKERS_AFTER_FIT)
     # a fault of the forces of this walk, or of all, is what motion and forces say against each
     # other
@@ -87,10 +87,13 @@ def _follows(effect: Finding, cause: Finding) -> bool:
         )
     # joints of another body lie elsewhere, and one that lies where nobody has it is beyond its
     # bounds
-    if effect.topic == PLACES:
+    if effect.topic == JOINT_POSITIONS:
         return cause.code is Code.OTHER_BODY
     if effect.code is Code.JOINT_AT_BOUND:
-        return cause.topic == PLACES and f" {joint_words(effect.cause.split()[0])} " in cause.cause
+        return (
+            cause.topic == JOINT_POSITIONS
+            and f" {joint_words(effect.cause.split()[0])} " in cause.cause
+        )
     return False
 
 
@@ -108,7 +111,7 @@ class Judgement(Enum):
         return max(of, key=order.index, default=cls.TRUSTWORTHY)
 
 
-_JUDGED = {
+_JUDGEMENT_OF_SEVERITY = {
     Severity.ERROR: Judgement.REFUSED,
     Severity.WARNING: Judgement.DOUBTFUL,
     Severity.INFO: Judgement.TRUSTWORTHY,
@@ -207,27 +210,34 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     of them. `forced`: whether errors of the checks were passed over.
     """
     shared = [f for f in findings if f.where not in walks]
-    of_all = _of_legs(shared)
+    of_all = _judge_legs(shared)
     spoilt = {
         f.where
         for f in findings
-        if f.where in walks and f.severity is Severity.ERROR and touches_model(f.topic)
+        if f.where in walks and f.severity is Severity.ERROR and has_effect_on_joints(f.topic)
     }
     trials: dict[str, WalkVerdict] = {}
     for walk in walks:
-        of_walk = _of_legs([f for f in findings if f.where == walk])
+        of_walk = _judge_legs([f for f in findings if f.where == walk])
         legs = {side: Judgement.worst((of_walk[side], of_all[side])) for side in SIDES}
         whole = Judgement.worst((of_walk[""], of_all[""]))
         legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
         if spoilt - {walk}:
             legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}
-        trials[walk] = WalkVerdict(judgement=Judgement.worst((whole, _of_both(legs))), legs=legs)
+        trials[walk] = WalkVerdict(
+            judgement=Judgement.worst((whole, _combine_legs(legs))), legs=legs
+        )
     return Verdict(
-        judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced
+        judgement=_judge_overall(of_all, trials),
+        reasons=collect_reasons(findings),
+        trials=trials,
+        forced=forced,
     )
 
 
-def stopping(findings: Sequence[Finding], walks: Sequence[str]) -> tuple[Finding, ...]:
+def select_stopping_errors(
+    findings: Sequence[Finding], walks: Sequence[str]
+) -> tuple[Finding, ...]:
     """The errors that leave nothing to compute, the first one first; none where every walk keeps a
     leg.
 
@@ -238,19 +248,19 @@ def stopping(findings: Sequence[Finding], walks: Sequence[str]) -> tuple[Finding
     return errors if verdict.refused or verdict.judgement is Judgement.REFUSED else ()
 
 
-_GOOD = Judgement.TRUSTWORTHY
+_TRUSTWORTHY = Judgement.TRUSTWORTHY
 
 
-def _of_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:
+def _judge_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:
     """The worst of the findings about each leg, and about neither (``""``)."""
-    out = dict.fromkeys(("", *SIDES), _GOOD)
+    out = dict.fromkeys(("", *SIDES), _TRUSTWORTHY)
     for f in findings:
         leg = f.leg if f.leg in SIDES else ""
-        out[leg] = Judgement.worst((out[leg], _JUDGED[f.severity]))
+        out[leg] = Judgement.worst((out[leg], _JUDGEMENT_OF_SEVERITY[f.severity]))
     return out
 
 
-def _of_both(legs: Mapping[str, Judgement]) -> Judgement:
+def _combine_legs(legs: Mapping[str, Judgement]) -> Judgement:
     """Of two legs together: refused where both are, in doubt where one is."""
     worst = Judgement.worst(legs.values())
     if worst is Judgement.REFUSED and any(leg is not Judgement.REFUSED for leg in legs.values()):
@@ -258,7 +268,7 @@ def _of_both(legs: Mapping[str, Judgement]) -> Judgement:
     return worst
 
 
-def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVerdict]) -> Judgement:
+def _judge_overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVerdict]) -> Judgement:
     """Refused where all is: a walk that is refused beside others that are not leaves doubt alone."""
     walks = [trial.judgement for trial in trials.values()]
     everything = [*shared.values(), *walks]
@@ -269,10 +279,10 @@ def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVerdict])
     )
     if shared[""] is Judgement.REFUSED or nothing_left:
         return Judgement.REFUSED
-    return _GOOD if all(j is _GOOD for j in everything) else Judgement.DOUBTFUL
+    return _TRUSTWORTHY if all(j is _TRUSTWORTHY for j in everything) else Judgement.DOUBTFUL
 
 
-def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
+def collect_reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
     """One reason a cause, of errors and warnings, the worst first."""
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
@@ -283,7 +293,8 @@ def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
     for group in groups.values():
         group.sort(key=_rank)
     return tuple(
-        _reason(group) for group in sorted(groups.values(), key=lambda group: _rank(group[0]))
+        _summarise_reason(group)
+        for group in sorted(groups.values(), key=lambda group: _rank(group[0]))
     )
 
 
@@ -291,7 +302,7 @@ def _rank(finding: Finding) -> tuple[int, float]:
     return finding.severity.rank, -finding.weight
 
 
-def _reason(group: Sequence[Finding]) -> Reason:
+def _summarise_reason(group: Sequence[Finding]) -> Reason:
     first = group[0]
     trials = tuple(dict.fromkeys(f.where for f in group if f.where != STUDY))
     several = len(trials) > 1

@@ -22,7 +22,7 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.io.result_folder import read_json_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.quality.verdict import Judgement, Verdict, touches_model
+from gaitcal.quality.verdict import Judgement, Verdict, has_effect_on_joints
 from gaitcal.results.stride_files import summarise_means
 from gaitcal.results.table_files import Json, convert_to_columns, format_refused_lines, write_csv
 from gaitcal.results.trial_tables import (
@@ -598,7 +598,7 @@ def find_model_doubts(summary: Mapping[str, object]) -> tuple[Finding, ...]:
     shared = [
         r
         for r in get_entries(summary, "reasons")
-        if touches_model(str(r.get("topic"))) or not _list_names(r) or _list_names(r) - walks
+        if has_effect_on_joints(str(r.get("topic"))) or not _list_names(r) or _list_names(r) - walks
     ]
     if not shared:
         return ()

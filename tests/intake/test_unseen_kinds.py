@@ -21,7 +21,7 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.preprocess.marker_clusters import SPREAD_RAD, tissue_spread
 from gaitcal.preprocess.preprocessed_study import preprocess_study
-from gaitcal.quality.named_joint_centres import computed_of_pair
+from gaitcal.quality.named_joint_centres import identify_computed_points
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
 from tests.intake.folders import write
@@ -115,9 +115,9 @@ def test_a_centre_with_the_very_label_of_the_set_is_put_aside(
 
 def test_of_a_rigid_pair_the_inner_point_is_computed_and_both_where_the_body_lies_between() -> None:
     middle, inner, outer = np.zeros(3), np.array([0.0, 0.5, 0.08]), np.array([0.01, 0.5, 0.14])
-    assert computed_of_pair(inner, outer, middle) == (True, False)
-    assert computed_of_pair(outer, inner, middle) == (False, True)
-    assert computed_of_pair(inner, inner * [1.0, 1.0, -1.0], middle) == (True, True)
+    assert identify_computed_points(inner, outer, middle) == (True, False)
+    assert identify_computed_points(outer, inner, middle) == (False, True)
+    assert identify_computed_points(inner, inner * [1.0, 1.0, -1.0], middle) == (True, True)
 
 
 def test_a_real_file_of_the_names_of_bts_is_understood(case: Callable[[str], Draft]) -> None:

@@ -18,9 +18,9 @@ from gaitcal.quality.after_fit import (
     SPEEDS_DEG_S,
     TORQUES_PERCENT_BWH,
     TrackedMarkers,
-    impossible,
-    large_changes,
-    marker_findings,
+    check_angle_changes,
+    check_physical_limits,
+    check_tracked_markers,
 )
 from gaitcal.quality.verdict import Judgement, judge
 from gaitcal.synthetic.synthetic_motion import simulate_gait
@@ -73,7 +73,7 @@ def shifted(motion: Motion, coordinate: str, degrees: float) -> Motion:
 
 def test_walking_is_possible() -> None:
     walk = walking()
-    assert impossible(walk, WEIGHT, loads(walk), all_of(walk)) == ()
+    assert check_physical_limits(walk, WEIGHT, loads(walk), all_of(walk)) == ()
 
 
 @pytest.mark.parametrize("side", ["r", "l"])
@@ -81,7 +81,7 @@ def test_walking_is_possible() -> None:
 def test_an_angle_beyond_anatomy_is_refused(name: str, side: str) -> None:
     low, high = ANGLES_DEG[name]
     for degrees in (high + 80.0, low - 80.0):
-        (found,) = impossible(shifted(walking(), f"{name}_{side}", degrees), WEIGHT)
+        (found,) = check_physical_limits(shifted(walking(), f"{name}_{side}", degrees), WEIGHT)
         assert found.severity is Severity.ERROR and found.leg == side
         assert f"{name}_{side}" in found.found
         check_finding(found, Code.IMPOSSIBLE_LEG, Severity.ERROR, f"{low:.0f}", f"{high:.0f}")
@@ -91,7 +91,7 @@ def test_a_jump_of_an_angle_is_refused() -> None:
     walk = walking()
     coefficients = walk.coefficients.copy()
     coefficients[len(coefficients) // 2, COORDINATE_INDEX["knee_angle_l"]] += np.deg2rad(600.0)
-    (found,) = impossible(replace(walk, coefficients=coefficients), WEIGHT)
+    (found,) = check_physical_limits(replace(walk, coefficients=coefficients), WEIGHT)
     check_finding(found, Code.IMPOSSIBLE_LEG, Severity.ERROR, "knee_angle_l", leg="l")
 
 
@@ -109,7 +109,7 @@ def test_speed_at_the_ends_of_splines_is_no_finding(node: int) -> None:
     walk = bent(walking(), node, 60.0)
     at = COORDINATE_INDEX["knee_angle_l"]
     assert np.abs(np.rad2deg(walk.velocity[:, at])).max() > SPEEDS_DEG_S["knee_angle"]
-    assert impossible(walk, WEIGHT) == ()
+    assert check_physical_limits(walk, WEIGHT) == ()
 
 
 @pytest.mark.parametrize("name", TORQUES_PERCENT_BWH)
@@ -120,35 +120,35 @@ def test_a_torque_beyond_sprinting_is_refused_in_valid_frames_only(name: str) ->
     if name == "knee_adduction":
         torque = moments.knee_adduction
     torque[30, k] = -0.011 * TORQUES_PERCENT_BWH[name] * moments.bwh
-    (found,) = impossible(walk, WEIGHT, moments, valid)
+    (found,) = check_physical_limits(walk, WEIGHT, moments, valid)
     check_finding(found, Code.IMPOSSIBLE_LEG, Severity.ERROR, name, leg="r")
     assert f"({walk.time[30]:.2f}-" in found.found
     valid[30] = False
-    assert impossible(walk, WEIGHT, moments, valid) == ()
+    assert check_physical_limits(walk, WEIGHT, moments, valid) == ()
 
 
 def test_a_residual_of_many_body_weights_is_refused() -> None:
     walk = walking()
     moments = replace(loads(walk), residual_force=np.full((len(walk.time), 3), 10.0 * WEIGHT))
-    (found,) = impossible(walk, WEIGHT, moments, all_of(walk))
+    (found,) = check_physical_limits(walk, WEIGHT, moments, all_of(walk))
     check_finding(found, Code.FORCES_OF_ANOTHER, Severity.ERROR, 1732, leg="")
 
 
 def test_a_marker_far_from_the_model_is_refused() -> None:
     walk = walking()
     far = replace(walk.errors, distance=np.full((len(walk.time), 1), 0.3))
-    (found,) = impossible(replace(walk, errors=far), WEIGHT)
+    (found,) = check_physical_limits(replace(walk, errors=far), WEIGHT)
     check_finding(found, Code.IMPOSSIBLE_LEG, Severity.ERROR, "R.Heel", 300)
     light = replace(far, weight=np.full(1, 0.02))
-    assert impossible(replace(walk, errors=light), WEIGHT) == ()
+    assert check_physical_limits(replace(walk, errors=light), WEIGHT) == ()
 
 
 def test_large_changes_are_notes_and_very_large_ones_warnings() -> None:
     walk = walking()
-    assert list(large_changes(walk, shifted(walk, "ankle_angle_r", 5.0))) == []
-    (note,) = large_changes(walk, shifted(walk, "subtalar_angle_r", 23.0))
+    assert list(check_angle_changes(walk, shifted(walk, "ankle_angle_r", 5.0))) == []
+    (note,) = check_angle_changes(walk, shifted(walk, "subtalar_angle_r", 23.0))
     check_finding(note, Code.ANGLES_MOVED, Severity.INFO, "subtalar_angle_r", 23)
-    (warning,) = large_changes(walk, shifted(walk, "subtalar_angle_r", -60.0))
+    (warning,) = check_angle_changes(walk, shifted(walk, "subtalar_angle_r", -60.0))
     assert warning.severity is Severity.WARNING
 
 
@@ -188,7 +188,7 @@ def changed(markers: TrackedMarkers, k: int, frames: slice, path: Array) -> Trac
 
 @pytest.mark.parametrize("seed", range(6))
 def test_slow_skin_and_a_crude_arm_are_not_told(seed: int) -> None:
-    assert marker_findings(tracked(seed)) == ()
+    assert check_tracked_markers(tracked(seed)) == ()
 
 
 @pytest.mark.parametrize("k", [0, 2, 3, 4])
@@ -197,7 +197,7 @@ def test_a_marker_elsewhere_is_named_with_its_time(seed: int, k: int) -> None:
     sound = tracked(seed)
     start = int(np.random.default_rng(seed).integers(20, 150))
     frames = slice(start, start + 30)
-    (found,) = marker_findings(
+    (found,) = check_tracked_markers(
         changed(sound, k, frames, sound.measured[frames, k] + [0.0, 0.15, 0.1])
     )
     check_finding(found, Code.MARKER_AWAY, f"{LABELS[k]}")
@@ -214,7 +214,7 @@ def test_a_held_marker_and_a_straight_line() -> None:
             sound.measured[end, 1] - sound.measured[60, 1]
         )
         line = line + [0.0, 0.06, 0.0]
-        (found,) = marker_findings(changed(sound, 1, frames, line))
+        (found,) = check_tracked_markers(changed(sound, 1, frames, line))
         check_finding(found, Code.MARKER_AWAY, Severity.ERROR, "R.Toe")
 
 
@@ -223,14 +223,14 @@ def test_two_markers_that_swap_are_told_once() -> None:
     frames = slice(80, 121)
     swapped = changed(sound, 0, frames, sound.measured[frames, 4])
     swapped = changed(swapped, 4, frames, sound.measured[frames, 0])
-    (found,) = marker_findings(swapped)
+    (found,) = check_tracked_markers(swapped)
     assert "'R.Heel'" in found.cause and "'R.Wrist'" in found.cause
     check_finding(found, Code.EXCHANGED_LABELS, Severity.ERROR)
 
 
 def test_a_marker_far_off_throughout() -> None:
     sound = tracked(3)
-    (found,) = marker_findings(
+    (found,) = check_tracked_markers(
         changed(sound, 2, slice(None), sound.measured[:, 2] + [0.0, 0.0, 0.09])
     )
     check_finding(found, Code.MARKER_OFF_STATIC, Severity.ERROR, "R.Mid", "foot_r")
@@ -240,8 +240,11 @@ def test_a_marker_far_off_throughout() -> None:
 def test_what_has_no_weight_is_left_out() -> None:
     sound = tracked(4)
     spoilt = changed(sound, 0, slice(50, 90), sound.measured[50:90, 0] + [0.0, 0.15, 0.0])
-    assert len(marker_findings(spoilt)) == 1
-    assert marker_findings(replace(spoilt, weight=sound.weight * [0.0, 1.0, 1.0, 1.0, 1.0])) == ()
+    assert len(check_tracked_markers(spoilt)) == 1
+    assert (
+        check_tracked_markers(replace(spoilt, weight=sound.weight * [0.0, 1.0, 1.0, 1.0, 1.0]))
+        == ()
+    )
 
 
 def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_bears_no_leg() -> (

@@ -20,7 +20,7 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.preprocess.clean_trial import clean_trial
 from gaitcal.preprocess.plate_contacts import Feet
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.foot_on_plate import contacts, outside_sole
+from gaitcal.quality.foot_on_plate import check_contacts, check_pressure_outside_sole
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
@@ -48,7 +48,7 @@ def evidence(recording: Recording, plates: dict[str, str] | None = None) -> Tria
 
 def told(trial: TrialEvidence) -> list[Finding]:
     """What is said of centres of pressure, with nothing else found."""
-    return list(outside_sole(trial, ()))
+    return list(check_pressure_outside_sole(trial, ()))
 
 
 def outline(back: float, front: float, left: float, right: float) -> Array:
@@ -84,7 +84,7 @@ def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, cor
         f"{DIVIDED} (plates 1 and 2)",
     )
     check_finding(found, Code.DIVIDED_FORCE, 0.02, 0.1, 0.54, 0.62, 220, 416)
-    assert [f for f in contacts(trial) if f.severity is not Severity.INFO] == []
+    assert [f for f in check_contacts(trial) if f.severity is not Severity.INFO] == []
 
 
 @pytest.mark.parametrize("every", [0.5, 1.0])
@@ -104,7 +104,9 @@ def test_a_total_on_both_plates_throughout_is_told_once(every: float) -> None:
     (found,) = told(trial)
     assert found.cause.startswith(DIVIDED) and "0.00-1.03 s" in found.found
     assert [
-        f for f in contacts(trial) if f.severity is not Severity.INFO and f.topic == "plate to foot"
+        f
+        for f in check_contacts(trial)
+        if f.severity is not Severity.INFO and f.topic == "plate to foot"
     ] == []
 
 
@@ -168,7 +170,9 @@ def test_inside_the_sole_nobody_is_accused_and_80_mm_off_it_always(
     out = np.array([np.cos(way), np.sin(way)])
     path = path + (float((edge @ out).max()) + 0.08 - path @ out)[:, None] * out
     trial = evidence(replace(recording, plates=(pressed(path, ARCH),)))
-    (found,) = [f for f in (*told(trial), *contacts(trial)) if f.severity is not Severity.INFO]
+    (found,) = [
+        f for f in (*told(trial), *check_contacts(trial)) if f.severity is not Severity.INFO
+    ]
     if found.leg:  # otherwise it is so far from both feet that `contacts` says so
         assert (found.code, found.leg) == (Code.PRESSURE_LEAVES_FOOT, "r")
         assert {0.2, 0.8, 100} <= {*numbers(found.found)}
@@ -302,8 +306,10 @@ def test_one_fault_is_told_once(
     walk = moved(treadmill, -0.12, 0.0)
     cause = cause.format(heel=walk.marker_set.landmarks["heel_r"][0])
     blamed = walk.warning(topic, cause, "", code=Code.CLOCKS_DIFFER)
-    assert [f.leg for f in outside_sole(walk, [blamed])] == legs
-    assert len(list(outside_sole(walk, [replace(blamed, severity=Severity.INFO)]))) == 1
+    assert [f.leg for f in check_pressure_outside_sole(walk, [blamed])] == legs
+    assert (
+        len(list(check_pressure_outside_sole(walk, [replace(blamed, severity=Severity.INFO)]))) == 1
+    )
 
 
 def test_a_plate_that_is_loaded_for_a_part_of_a_stance_is_no_matter_of_clocks(sound: Study) -> None:
@@ -315,7 +321,7 @@ def test_a_plate_that_is_loaded_for_a_part_of_a_stance_is_no_matter_of_clocks(so
         return replace(p, force=p.force * inside[:, None])
 
     walk = spoilt.with_trial(sound, "walk", lambda r: replace(r, plates=(part(r.plates[0]),)))
-    found = list(contacts(spoilt.evidence(walk, walk.trials[1])))
+    found = list(check_contacts(spoilt.evidence(walk, walk.trials[1])))
     assert found and Code.CLOCKS_DIFFER not in {f.code for f in found}
 
 
@@ -342,10 +348,10 @@ def test_plates_that_nobody_loads_are_a_fault_only_where_a_foot_stands_on_them(
     square = None if corners is None else outline(corners - 0.5, corners + 0.5, -0.5, 0.5)
     plate = pressed(np.zeros((61, 2)), np.zeros(61), corners=square)
     recording = replace(standing(AHEAD), plates=(plate,))
-    (found,) = contacts(evidence(recording))
+    (found,) = check_contacts(evidence(recording))
     assert (found.code, found.severity) == (Code.NO_STEP_ON_PLATE, severity)
     unseen = replace(
         recording, labels=("R.Heel", "a", "L.Heel", "b")
     )  # toes that the static trial alone has
-    assert [f.severity for f in contacts(evidence(unseen))] == [Severity.WARNING]
+    assert [f.severity for f in check_contacts(evidence(unseen))] == [Severity.WARNING]
     assert found.found == "no plate is stepped on: at most 0 N" + (f", {words}" if words else "")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.expected_residual import BASELINE_RESIDUAL, CORRELATION_S
-from gaitcal.quality.force_causes import ForceFault, causes_of
-from gaitcal.quality.force_choice import choose, fits, named, told_size
-from gaitcal.quality.force_evidence import BROKEN_S, ForceEvidence, ForceResidual
-from gaitcal.quality.plate_forces import rotation
+from gaitcal.quality.force_causes import ForceFault, list_causes
+from gaitcal.quality.force_choice import choose, fit_causes, get_reported_size, select_named
+from gaitcal.quality.force_evidence import SEPARATE_S, ForceEvidence, ForceResidual
+from gaitcal.quality.plate_forces import build_rotation
 from tests.quality.walks import exact_walk
 
 LEFT = 0.05
@@ -81,14 +81,16 @@ ROWS = [
 def test_a_cause_undoes_its_own_fault(row: str) -> None:
     made = fault(row)
     evidence = exact_walk().evidence(made.change)
-    _, found = fits(ForceResidual([evidence]))
+    _, found = fit_causes(ForceResidual([evidence]))
     own = next(fit for fit in found if fit.cause.kind is made.kind and fit.cause.unit == made.unit)
     assert own.explained > 1.0 - LEFT
     if made.kind is ForceFault.FREE_MOMENT:
         assert 1.0 + own.x[0] == pytest.approx(1.0 / made.size[0], abs=0.2)
     elif made.size:
-        np.testing.assert_allclose(told_size(own), made.size, atol=SIZE * np.linalg.norm(made.size))
-    assert made.kind in [fit.cause.kind for fit in named(found)]
+        np.testing.assert_allclose(
+            get_reported_size(own), made.size, atol=SIZE * np.linalg.norm(made.size)
+        )
+    assert made.kind in [fit.cause.kind for fit in select_named(found)]
 
 
 def test_without_a_fault_nothing_is_named() -> None:
@@ -97,14 +99,14 @@ def test_without_a_fault_nothing_is_named() -> None:
 
 def test_coefficients_of_zero_change_nothing_and_linear_causes_are_linear() -> None:
     evidence = exact_walk().evidence()
-    clean = evidence.residual(evidence.wrenches)
-    for cause in causes_of([evidence]):
+    clean = evidence.compute_residual(evidence.wrenches)
+    for cause in list_causes([evidence]):
         if not cause.parameters:
             continue
 
         def residual(x: np.ndarray, undo: Any = cause.undo) -> np.ndarray:
             undone = undo(evidence, x)
-            return np.asarray(evidence.residual(undone.wrenches, undone.required_wrench))
+            return np.asarray(evidence.compute_residual(undone.wrenches, undone.required_wrench))
 
         assert np.abs(residual(np.zeros(cause.parameters)) - clean).max() < 1e-6, cause.key
         if not cause.starts:
@@ -122,9 +124,9 @@ def test_markers_upright_is_a_turn_of_gravity_about_the_mass_centre() -> None:
     than before.
     """
     evidence = exact_walk().evidence()
-    cause = next(c for c in causes_of([evidence]) if c.kind is ForceFault.MARKERS_TILTED)
+    cause = next(c for c in list_causes([evidence]) if c.kind is ForceFault.MARKERS_TILTED)
     x = np.array([0.07, -0.04])
-    turn = rotation(np.array([x[0], 0.0, x[1]]))
+    turn = build_rotation(np.array([x[0], 0.0, x[1]]))
     required = cause.undo(evidence, x).required_wrench
     assert required is not None
     weight = np.array([0.0, evidence.weight_of_model, 0.0])
@@ -150,7 +152,7 @@ def dense(trials: list[ForceEvidence]) -> np.ndarray:
     blocks = []
     for trial in trials:
         apart = np.abs(trial.time[:, None] - trial.time[None, :])
-        piece = np.concatenate([[0], np.cumsum(np.diff(trial.time) >= BROKEN_S)])
+        piece = np.concatenate([[0], np.cumsum(np.diff(trial.time) >= SEPARATE_S)])
         memory = np.where(piece[:, None] == piece[None, :], np.exp(-apart / CORRELATION_S), 0.0)
         scale = np.diag((BASELINE_RESIDUAL * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
         blocks.append(np.kron(memory, scale))
@@ -167,12 +169,12 @@ def test_whitened_squares_are_those_of_the_dense_covariance() -> None:
     rng = np.random.default_rng(0)
     trials = [some_frames(8), some_frames(12)]
     residuals = [rng.normal(size=(len(t.time), 6)) * [20, 30, 10, 5, 2, 8] for t in trials]
-    y = ForceResidual(trials).whitened(residuals)
+    y = ForceResidual(trials).whiten(residuals)
     stacked = np.concatenate([r.ravel() for r in residuals])
     expected = stacked @ np.linalg.solve(dense(trials), stacked)
     np.testing.assert_allclose(y @ y, expected, rtol=RELATIVE)
     residual = ForceResidual(trials)
-    np.testing.assert_allclose(residual.squares(y).sum(), y @ y, rtol=RELATIVE)
+    np.testing.assert_allclose(residual.sum_squares(y).sum(), y @ y, rtol=RELATIVE)
 
 
 def test_an_error_that_inertial_parameters_can_make_weighs_little() -> None:
@@ -180,6 +182,6 @@ def test_an_error_that_inertial_parameters_can_make_weighs_little() -> None:
     usual = trial.spread[:, :, 3]
     other = np.random.default_rng(1).permutation(usual.ravel()).reshape(usual.shape)
     residual = ForceResidual([trial])
-    as_inertia, as_anything = (float((y := residual.whitened([r])) @ y) for r in (usual, other))
+    as_inertia, as_anything = (float((y := residual.whiten([r])) @ y) for r in (usual, other))
     assert as_inertia <= 1.0 + RELATIVE  # one standard deviation of one unknown
     assert as_anything > 3.0 * as_inertia

@@ -19,9 +19,9 @@ from gaitcal.model.nominal import nominal_model
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.quality import force_choice
-from gaitcal.quality.force_causes import ForceFault, causes_of
+from gaitcal.quality.force_causes import ForceFault, list_causes
 from gaitcal.quality.force_choice import ForceFit, choose
-from gaitcal.quality.force_diagnosis import force_findings, torque_change
+from gaitcal.quality.force_diagnosis import compute_torque_change, find_force_faults
 from gaitcal.quality.force_evidence import FORCE_UNITS
 from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import simulate_gait
@@ -73,7 +73,7 @@ def real_walk(real_study: Callable[[str], Study]) -> Walk:
 def test_faults_of_a_real_walk_are_errors_and_named(
     real_walk: Walk, fault: Callable[[ForcePlate], ForcePlate], code: Code, name: str
 ) -> None:
-    diagnosis = force_findings([real_walk.evidence(plates(fault))])
+    diagnosis = find_force_faults([real_walk.evidence(plates(fault))])
     (finding,) = diagnosis.findings
     check_finding(finding, code, Severity.ERROR, name)
     assert finding.weight > 1.0 and finding.cure
@@ -81,18 +81,18 @@ def test_faults_of_a_real_walk_are_errors_and_named(
 
 
 def test_a_late_clock_of_a_real_walk_is_told_in_milliseconds(real_walk: Walk) -> None:
-    (finding,) = force_findings([real_walk.evidence(plates(later))]).findings
+    (finding,) = find_force_faults([real_walk.evidence(plates(later))]).findings
     check_finding(finding, Code.CLOCKS_DIFFER)
     assert numbers(finding.cause) == [pytest.approx(1e3 * LATE, abs=MS)]
 
 
 def test_a_clean_real_walk_is_left_in_peace(real_walk: Walk) -> None:
-    diagnosis = force_findings([real_walk.evidence()])
+    diagnosis = find_force_faults([real_walk.evidence()])
     assert diagnosis.findings == () and not diagnosis.faulty
 
 
 def test_a_moderate_fault_is_a_warning() -> None:
-    (finding,) = force_findings([exact_walk().evidence(plates(times(1.1)))]).findings
+    (finding,) = find_force_faults([exact_walk().evidence(plates(times(1.1)))]).findings
     assert finding.severity is Severity.WARNING and 0.0 < finding.weight < 1.0
     check_finding(finding, Code.FORCE_GAIN, "mass_kg")
     assert any(9 <= number <= 11 for number in numbers(finding.evidence))
@@ -101,11 +101,11 @@ def test_a_moderate_fault_is_a_warning() -> None:
 def test_a_fault_common_to_all_trials_is_told_once_and_that_of_one_with_its_name() -> None:
     walk = exact_walk()
     late = [walk.evidence(plates(later), name) for name in ("one", "two")]
-    common = force_findings(late)
+    common = find_force_faults(late)
     (finding,) = common.findings
     check_finding(finding, Code.CLOCKS_DIFFER, "one", "two", where=STUDY)
     assert common.faulty == {"one", "two"}
-    alone = force_findings([walk.evidence(name="three"), late[1]])
+    alone = find_force_faults([walk.evidence(name="three"), late[1]])
     (finding,) = alone.findings
     assert finding.where == "two" and alone.faulty == {"two"}
 
@@ -125,18 +125,18 @@ def test_a_disagreement_that_no_fault_explains_is_told_as_such(
     evidence = exact_walk().evidence()
     noise = 60.0 * np.random.default_rng(0).normal(size=evidence.required_wrench.shape)
     shaken = replace(evidence, required_wrench=evidence.required_wrench + noise)
-    (finding,) = force_findings([shaken]).findings
+    (finding,) = find_force_faults([shaken]).findings
     check_finding(finding, Code.UNEXPLAINED_RESIDUAL, Severity.WARNING)
-    assert force_findings([shaken]).faulty == {"walk"}
+    assert find_force_faults([shaken]).faulty == {"walk"}
     monkeypatch.setattr(force_choice, "UNEXPLAINED", 1e6)
-    assert force_findings([shaken]).findings == ()
+    assert find_force_faults([shaken]).findings == ()
 
 
 def test_the_torques_that_a_fault_moves_are_those_of_inverse_dynamics() -> None:
     walk = exact_walk()
     evidence = walk.evidence(plates(times(2.0)))
     (named,), *_ = choose([evidence])
-    torque, change = torque_change([evidence], named.fits[0])
+    torque, change = compute_torque_change([evidence], named.fits[0])
     frames = np.searchsorted(walk.motion.time, evidence.time - 1e-9)
     foot = np.stack([plate.wrench()[frames] for plate in made_plates(simulate_gait())], axis=1)
     dynamics = Dynamics(evidence.parameters)
@@ -184,7 +184,7 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
 ) -> None:
     """Clocks of real walks: 14 ms late with nothing wrong gain 11 nats by that, 42 ms late 56 nats."""
     size = dict(zip("12345", late, strict=True))
-    cause = next(c for c in causes_of([exact_walk().evidence()]) if c.kind is ForceFault.CLOCK)
+    cause = next(c for c in list_causes([exact_walk().evidence()]) if c.kind is ForceFault.CLOCK)
 
     def fit_of(names: Sequence[str], x: float) -> ForceFit:
         best = np.array([56.0 * (size[name] / 0.042) ** 1.5 for name in names])
@@ -216,7 +216,7 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
 ) -> None:
     """19 % and 14 nats: what single frames without markers left in a clean real walk."""
     evidence = exact_walk().evidence()
-    causes = {c.kind: c for c in causes_of([evidence]) if not c.plates}
+    causes = {c.kind: c for c in list_causes([evidence]) if not c.plates}
     found = [
         ForceFit(
             cause=causes[kind],
@@ -227,8 +227,14 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
         )
         for kind in (ForceFault.MARKERS_TILTED, ForceFault.PLACE, ForceFault.TILT)
     ]
-    assert len(force_choice.named(found)) == 3 and force_choice.named(found, shaken=True) == ()
-    assert len(force_choice.named([replace(fit, explained=0.3) for fit in found], shaken=True)) == 3
+    assert (
+        len(force_choice.select_named(found)) == 3
+        and force_choice.select_named(found, shaken=True) == ()
+    )
+    assert (
+        len(force_choice.select_named([replace(fit, explained=0.3) for fit in found], shaken=True))
+        == 3
+    )
     monkeypatch.setattr(force_choice, "fits", lambda residual, only=None: (1.0, found))
     assert len(choose([evidence])[0]) == 1 and choose([replace(evidence, missing=0.05)])[:2] == (
         [],
@@ -241,7 +247,7 @@ def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(
 ) -> None:
     """18 to 27 %: what a foot without its toe, or thighs and shanks of one marker, left in a walk."""
     evidence = replace(exact_walk().evidence(), doubtful=True)
-    (gain,) = [c for c in causes_of([evidence]) if c.kind is ForceFault.GAIN and not c.plates][:1]
+    (gain,) = [c for c in list_causes([evidence]) if c.kind is ForceFault.GAIN and not c.plates][:1]
     fit = ForceFit(
         cause=gain, x=np.array([-0.58]), gain=20.0, explained=0.27, gains=np.array([20.0])
     )

@@ -17,7 +17,7 @@ from gaitcal.errors import Code, Finding, Severity
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, Parameters
-from gaitcal.quality.joint_positions import RARE, UNUSUAL, JointPosition, joint_place_findings
+from gaitcal.quality.joint_positions import RARE, UNUSUAL, JointPosition, check_joint_positions
 from gaitcal.quality.verdict import Judgement, judge
 from gaitcal.study.cohort_prior import JointPrior
 from tests.messages import check_finding, check_text, numbers
@@ -40,7 +40,7 @@ def told(
     parameters: Parameters, influence: ErrorSources = EXACT, prior: JointPrior = ANATOMY
 ) -> list[Finding]:
     """What makes doubtful."""
-    found = joint_place_findings(MODEL, parameters, influence, prior)
+    found = check_joint_positions(MODEL, parameters, influence, prior)
     return [finding for finding in found if finding.severity is not Severity.INFO]
 
 
@@ -85,13 +85,13 @@ def test_a_hip_beside_its_socket_is_doubted_and_says_where() -> None:
 def test_what_is_unusual_is_named_in_a_note_that_doubts_nothing(
     far: dict[str, float], code: Code
 ) -> None:
-    (note,) = joint_place_findings(MODEL, moved(**far), EXACT, ANATOMY)
+    (note,) = check_joint_positions(MODEL, moved(**far), EXACT, ANATOMY)
     distance = round(1e3 * abs(*far.values()))
     check_finding(note, code, Severity.INFO, 20, distance, leg="l", cure="")
     assert judge([note], ["walk"]).judgement is Judgement.TRUSTWORTHY
     assert (
         list(
-            joint_place_findings(
+            check_joint_positions(
                 MODEL, moved(**{name: 0.7 * d for name, d in far.items()}), EXACT, ANATOMY
             )
         )
@@ -160,7 +160,9 @@ def test_too_few_markers_to_show_moving_skin_are_told() -> None:
     weight[thigh[2:]] = 0.0
     few = replace(MODEL, markers=replace(markers, weight=weight))
     far = moved(knee_r__thigh__sup=-0.045)
-    found = [next(joint_place_findings(model, far, EXACT, ANATOMY)).found for model in (MODEL, few)]
+    found = [
+        next(check_joint_positions(model, far, EXACT, ANATOMY)).found for model in (MODEL, few)
+    ]
     assert "too few markers" not in found[0]
     check_text(found[1], 2)
 
@@ -205,6 +207,6 @@ def test_a_parameter_three_scatters_of_people_off_is_named_however_wide_its_erro
     wide[LEGS.index("knee_r.thigh.ant")] = 0.030
     errors = ErrorSources(LEGS, wide, ("markers/walk/R.Thigh/x",))
     far, near = moved(knee_r__thigh__ant=0.031), moved(knee_r__thigh__ant=0.020)
-    (found,) = joint_place_findings(MODEL, far, errors, ANATOMY)
+    (found,) = check_joint_positions(MODEL, far, errors, ANATOMY)
     assert found.severity is Severity.INFO and found.code is Code.KNEE_AXIS and found.leg == "r"
-    assert list(joint_place_findings(MODEL, near, errors, ANATOMY)) == []
+    assert list(check_joint_positions(MODEL, near, errors, ANATOMY)) == []

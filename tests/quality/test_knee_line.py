@@ -8,8 +8,14 @@ import pytest
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.model.body_plan import compute_body_axes
 from gaitcal.preprocess.preprocessed_study import preprocess_study
-from gaitcal.quality.knee_axes import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
-from gaitcal.quality.static_landmarks import landmarks
+from gaitcal.quality.knee_axes import (
+    ODD_BOTH,
+    OddLine,
+    check_knee_lines,
+    find_odd_lines,
+    measure_bending,
+)
+from gaitcal.quality.static_landmarks import collect_landmarks
 from gaitcal.study.study import Study
 from tests.messages import check_finding
 from tests.quality.spoilt import Array, findings, moved, with_trial
@@ -21,7 +27,7 @@ def told(study: Study) -> list[Finding]:
 
 def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
     trials = preprocess_study(study).trials
-    return landmarks(next(t for t in trials if t.is_static)), bending(trials)
+    return collect_landmarks(next(t for t in trials if t.is_static)), measure_bending(trials)
 
 
 def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study:
@@ -48,9 +54,9 @@ def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
     check_finding(back, Code.KNEE_MARKERS, leg="")
     left = off(sound, 0.022, -0.022, "L")
     p, turns = seen(left)
-    (one,) = odd_lines(p, turns)
-    assert one.sides == ("l",) and one.turn == pytest.approx(25.0, abs=8.0)
-    (said,) = knee_lines(preprocess_study(left).trials, ())
+    (one,) = find_odd_lines(p, turns)
+    assert one.sides == ("l",) and one.angle == pytest.approx(25.0, abs=8.0)
+    (said,) = check_knee_lines(preprocess_study(left).trials, ())
     check_finding(said, Code.KNEE_MARKERS, leg="l")
 
 
@@ -77,16 +83,19 @@ def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[
 def test_somebody_whose_bones_are_twisted_bends_about_the_epicondyles(sound: Study) -> None:
     p, turns = seen(sound)
     twisted = turned(p, 35.0, ("knee_lat", "knee_med"))
-    assert list(odd_lines(twisted, turns)) == []  # the axis of bending went along
-    (found,) = odd_lines(twisted, {side: x + 35.0 for side, x in turns.items()})
+    assert list(find_odd_lines(twisted, turns)) == []  # the axis of bending went along
+    (found,) = find_odd_lines(twisted, {side: x + 35.0 for side, x in turns.items()})
     assert isinstance(found, OddLine) and found.sides == ("r", "l")
-    assert found.turn == pytest.approx(35.0, abs=4.0)
+    assert found.angle == pytest.approx(35.0, abs=4.0)
 
 
 def test_without_malleoli_two_witnesses_are_left(sound: Study) -> None:
     p, turns = seen(off(sound, 0.02, -0.02))
     some = {name: x for name, x in p.items() if not name.startswith("ankle_med")}
-    (found,) = odd_lines(some, turns)
+    (found,) = find_odd_lines(some, turns)
     assert set(found.side_evidence) == {"bending", "pelvis"}
     assert found.baseline > ODD_BOTH * 4.3
-    assert list(odd_lines({n: x for n, x in some.items() if not n.startswith("asis")}, turns)) == []
+    assert (
+        list(find_odd_lines({n: x for n, x in some.items() if not n.startswith("asis")}, turns))
+        == []
+    )

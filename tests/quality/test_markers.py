@@ -15,8 +15,8 @@ from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.preprocess.clean_trial import without_outliers
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.preprocess.study_model import nominal_of
-from gaitcal.quality.label_checks import exchanged
-from gaitcal.quality.marker_checks import gaps
+from gaitcal.quality.label_checks import check_swapped_labels
+from gaitcal.quality.marker_checks import check_gaps
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.spline import NodeRule
@@ -47,7 +47,7 @@ def accused(study: Study, seed: int) -> list[Finding]:
         markers[rng.random(markers.shape[:2]) < 0.2] = np.nan
         markers[:, rng.random(markers.shape[1]) < 0.1] = np.nan
         spoilt = replace(trial, recording=replace(trial.recording, markers=markers))
-        out += exchanged(evidence(study, spoilt, model))
+        out += check_swapped_labels(evidence(study, spoilt, model))
     return out
 
 
@@ -72,7 +72,7 @@ def test_arms_that_turn_under_their_skin_are_not_accused(real_study: RealStudies
     """
     study = real_study("functional_c3d")
     (trial,) = [t for t in study.trials if t.name == "knee_r"]
-    found = exchanged(evidence(study, trial, nominal_of(study)))
+    found = check_swapped_labels(evidence(study, trial, nominal_of(study)))
     assert [f.found for f in found if "LHE" in f.found] == []
 
 
@@ -98,7 +98,7 @@ def pelvis_found(study: Study) -> tuple[Finding, ...]:
     """What is said of the walk's gaps, beside each marker's own."""
     return tuple(
         f
-        for f in gaps(evidence(study, study.trials[1], nominal_of(study)))
+        for f in check_gaps(evidence(study, study.trials[1], nominal_of(study)))
         if f.code is Code.PELVIS_LOST
     )
 

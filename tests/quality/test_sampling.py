@@ -11,7 +11,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, Severity
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.quality.sampling import HALF_WINDOW, seams
+from gaitcal.quality.sampling import HALF_WINDOW, find_seams
 from gaitcal.synthetic.synthetic_motion import simulate_gait
 from tests.quality.spoilt import findings, sound_study, with_trial
 from tests.synthetic_studies import made_recording
@@ -53,9 +53,9 @@ def places(x: Array) -> range:
 @pytest.mark.parametrize("count", [1, 2, -1])
 def test_a_frame_lost_or_doubled_is_found_wherever_it_is(count: int) -> None:
     x = walk()
-    assert seams(x) == []
+    assert find_seams(x) == []
     for at in places(x):
-        [found] = seams(cut(x, at, count))
+        [found] = find_seams(cut(x, at, count))
         assert abs(found.frame - (at if count < 0 else at - 1)) <= 1
         assert found.lost == pytest.approx(count, abs=NEAR)
 
@@ -63,15 +63,15 @@ def test_a_frame_lost_or_doubled_is_found_wherever_it_is(count: int) -> None:
 @pytest.mark.parametrize("name", REAL)
 def test_real_walks_have_no_seam_until_a_frame_is_cut_out(name: str, data_dir: Path) -> None:
     x = read_recording(data_dir / name).markers
-    assert seams(x) == []
-    missed = [at for at in places(x) for count in (1, -1) if not seams(cut(x, at, count))]
+    assert find_seams(x) == []
+    missed = [at for at in places(x) for count in (1, -1) if not find_seams(cut(x, at, count))]
     assert missed == []
 
 
 def test_parts_joined_across_the_way_of_walking_are_a_seam() -> None:
     x = walk().copy()
     x[100:] += [0.0, 0.0, 0.3]
-    assert [one.frame for one in seams(x)] == [99]
+    assert [one.frame for one in find_seams(x)] == [99]
 
 
 def test_a_body_that_stops_at_once_steps_nowhere() -> None:
@@ -83,14 +83,14 @@ def test_a_body_that_stops_at_once_steps_nowhere() -> None:
         1.0,
         0.0,
     ]
-    assert seams(x) == []
+    assert find_seams(x) == []
 
 
 def test_few_markers_or_a_body_at_rest_tell_nothing() -> None:
     x = walk()
     still = x[:1] + np.random.default_rng(7).normal(0.0, CAMERAS_M, x.shape)
-    assert seams(cut(x[:, :5], 80, 1)) == []
-    assert seams(cut(still, 80, 1)) == []
+    assert find_seams(cut(x[:, :5], 80, 1)) == []
+    assert find_seams(cut(still, 80, 1)) == []
 
 
 @pytest.mark.parametrize(

@@ -24,15 +24,15 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.static_landmarks import (
-    Displaced,
+    DisplacedLandmark,
     SwappedLandmarks,
-    exchanged,
-    faults,
-    height_factor,
-    landmarks,
-    proportions,
+    check_proportions,
+    collect_landmarks,
+    estimate_height_factor,
+    find_faults,
+    swap_landmarks,
 )
-from gaitcal.quality.trial_role import standing_legs, standing_straight
+from gaitcal.quality.trial_role import check_straight_legs, measure_standing_legs
 from gaitcal.study.study import Study
 from gaitcal.synthetic.subject import make_synthetic_model, place_on_floor, record_motion
 from gaitcal.synthetic.synthetic_motion import (
@@ -64,7 +64,7 @@ trial = [{{ name = "static", role = "static", file = "static.c3d" }}]
 
 
 def body(study: Study) -> tuple[dict[str, Array], float]:
-    return landmarks(evidence(study, study.static)), study.subject.height
+    return collect_landmarks(evidence(study, study.static)), study.subject.height
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +79,8 @@ def spoilt(study: Study, change: Change) -> list[Finding]:
 
 def test_no_landmark_of_sound_people_is_accused(people: People) -> None:
     for name, (p, height) in people.items():
-        assert list(faults(p, height)) == [], name
-        assert height_factor(p, height) == 1.0
+        assert list(find_faults(p, height)) == [], name
+        assert estimate_height_factor(p, height) == 1.0
         assert max(abs(m.z) for m in measure_landmarks(p, height)) < 3.0, name
 
 
@@ -89,7 +89,7 @@ def test_a_foot_without_a_landmark_turns_nobody(people: People) -> None:
     for name, (p, height) in people.items():
         for lost in ("toe_l", "heel_r", "ankle_lat_l"):
             some = {landmark: x for landmark, x in p.items() if landmark != lost}
-            assert list(faults(some, height)) == [], (name, lost)
+            assert list(find_faults(some, height)) == [], (name, lost)
     p, _ = people["subject01"]
     outward = Rotation.from_rotvec([0.0, -0.45, 0.0]).as_matrix()
     for lost, kept in (("toe_l", "r"), ("heel_r", "l")):
@@ -134,7 +134,7 @@ def test_exchanged_landmarks_are_found_on_everybody(
 ) -> None:
     for name, (p, height) in people.items():
         if all(landmark in p for pair in pairs for landmark in pair):
-            first = next(faults(exchanged(p, pairs), height))
+            first = next(find_faults(swap_landmarks(p, pairs), height))
             assert isinstance(first, SwappedLandmarks) and first.pairs == pairs, (name, first)
 
 
@@ -152,8 +152,10 @@ def test_a_landmark_90_mm_off_is_found_and_named(people: People) -> None:
         )
         name = f"{landmark}_{rng.choice(['r', 'l'])}"
         if name in p:
-            first = next(faults({**p, name: p[name] + 0.09 * way / np.linalg.norm(way)}, height))
-            assert isinstance(first, Displaced)
+            first = next(
+                find_faults({**p, name: p[name] + 0.09 * way / np.linalg.norm(way)}, height)
+            )
+            assert isinstance(first, DisplacedLandmark)
             told = (first.landmark, *(other for other, _ in first.rivals))
             # A heel straight up leaves both feet as unlike each other as the other heel down: of
             # uf3 that one is told.
@@ -173,10 +175,12 @@ def test_how_often_a_landmark_40_mm_off_is_found(people: People) -> None:
             if name == "sacrum":
                 continue
             away = rng.normal(size=3)
-            found = list(faults({**p, name: p[name] + 0.04 * away / np.linalg.norm(away)}, height))
+            found = list(
+                find_faults({**p, name: p[name] + 0.04 * away / np.linalg.norm(away)}, height)
+            )
             of += 1
             told += bool(found)
-            if found and isinstance(found[0], Displaced):
+            if found and isinstance(found[0], DisplacedLandmark):
                 named += name in (found[0].landmark, *(other for other, _ in found[0].rivals))
     assert told > 0.75 * of
     assert named > 0.7 * of
@@ -228,9 +232,9 @@ def test_what_is_told_of_a_landmark(
 @pytest.mark.parametrize("factor", [0.87, 1.15])
 def test_a_height_that_no_length_goes_with(people: People, factor: float) -> None:
     for name, (p, height) in people.items():
-        found = height_factor(p, factor * height)
+        found = estimate_height_factor(p, factor * height)
         assert abs(found * factor - 1.0) < 0.08, name
-        assert list(faults(p, factor * height)) == [], name
+        assert list(find_faults(p, factor * height)) == [], name
 
 
 def bent(knee: float, other: float) -> Recording:
@@ -263,10 +267,10 @@ def test_how_somebody_stands_is_told_and_no_landmark_accused(
     sound: Study, knees: tuple[float, float], cause: str | None, severity: Severity | None
 ) -> None:
     trial = evidence(sound, replace(sound.static, recording=bent(*knees)))
-    stands = standing_legs(landmarks(trial), sound.subject.height)
+    stands = measure_standing_legs(collect_landmarks(trial), sound.subject.height)
     assert stands is not None and np.allclose(stands.knees, knees, atol=2.0)
-    assert list(proportions(trial)) == []
-    found = list(standing_straight(trial))
+    assert list(check_proportions(trial)) == []
+    found = list(check_straight_legs(trial))
     assert [(f.severity, cause in f.cause) for f in found if cause] == (
         [(severity, True)] if cause else []
     )
@@ -286,7 +290,9 @@ def test_legs_are_doubted_where_hardly_anybody_has_them(
     monkeypatch.setattr(
         "gaitcal.quality.static_landmarks.hip_height", lambda t: share * t.subject.height
     )
-    assert [f.severity for f in proportions(trial)] == ([] if severity is None else [severity])
+    assert [f.severity for f in check_proportions(trial)] == (
+        [] if severity is None else [severity]
+    )
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
@@ -306,8 +312,8 @@ def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Pat
     (tmp_path / "study.toml").write_text(STANDS.format(mass=model.subject.mass), encoding="utf-8")
     study = Study.load(tmp_path / "study.toml")
     (static,) = preprocess_study(study).trials
-    assert list(proportions(static)) == []
-    p, height = landmarks(static), study.subject.height
+    assert list(check_proportions(static)) == []
+    p, height = collect_landmarks(static), study.subject.height
     assert compute_build_cost(p, height) < 0.8 * sum_squared_deviations(
         measure_landmarks(p, height)
     )

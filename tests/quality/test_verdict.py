@@ -14,15 +14,15 @@ from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.quality.verdict import (
     BOUNDS,
     FORCES,
+    JOINT_POSITIONS,
     MARKERS_AFTER_FIT,
-    PLACES,
     SPOILS,
     Judgement,
     Verdict,
+    collect_reasons,
     judge,
-    reasons,
-    stopping,
-    without_consequences,
+    remove_consequences,
+    select_stopping_errors,
 )
 from tests.messages import check_text, numbers
 
@@ -130,7 +130,7 @@ def test_more_findings_never_make_it_better(findings: list[Finding]) -> None:
 
 @given(st.lists(FINDINGS, min_size=1, max_size=5))
 def test_one_reason_a_cause_the_worst_first(findings: list[Finding]) -> None:
-    told = reasons(findings)
+    told = collect_reasons(findings)
     said = [f for f in findings if f.severity is not Severity.INFO]
     assert sorted(r.cause for r in told) == sorted({f.cause for f in said})
     order = list(Severity)
@@ -147,7 +147,7 @@ def test_the_worst_of_one_severity_is_told_first() -> None:
         for cause, weight in (("a", 1), ("b", 9), ("c", 4))
     ]
     for order in permutations(some):
-        assert [r.cause for r in reasons(order)] == ["b", "c", "a"]
+        assert [r.cause for r in collect_reasons(order)] == ["b", "c", "a"]
 
 
 def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> None:
@@ -161,10 +161,15 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
             cure="fill",
         )
 
-    (told,) = reasons([plain("a", "no marker for 0.3 s"), plain("b", "no marker for 0.51 s")])
+    (told,) = collect_reasons(
+        [plain("a", "no marker for 0.3 s"), plain("b", "no marker for 0.51 s")]
+    )
     assert told.trials == ("a", "b")
     assert numbers(told.line) == [0.3, 0.51] and told.line.startswith("a, b: gaps: ")
-    assert len(reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")])) == 2
+    assert (
+        len(collect_reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")]))
+        == 2
+    )
 
 
 CONTRADICTED = found(
@@ -178,18 +183,18 @@ def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
         found(Severity.WARNING, where, "the forces come late") for where in ("walk", STUDY)
     )
     off = found(Severity.WARNING, "walk", "marker 'R.Heel' is odd", topic=MARKERS_AFTER_FIT)
-    assert without_consequences([CONTRADICTED, off]) == (CONTRADICTED, off)
-    assert without_consequences([CONTRADICTED, late]) == (late,)
-    assert without_consequences([CONTRADICTED, everywhere]) == (everywhere,)
-    assert without_consequences([CONTRADICTED, replace(late, where="walk2")])[0] == CONTRADICTED
+    assert remove_consequences([CONTRADICTED, off]) == (CONTRADICTED, off)
+    assert remove_consequences([CONTRADICTED, late]) == (late,)
+    assert remove_consequences([CONTRADICTED, everywhere]) == (everywhere,)
+    assert remove_consequences([CONTRADICTED, replace(late, where="walk2")])[0] == CONTRADICTED
     before = found(Severity.WARNING, "walk", "marker 'R.Heel' left its place", topic="clusters")
-    assert without_consequences([before, off]) == (before,)
+    assert remove_consequences([before, off]) == (before,)
     for other in (
         {"where": "hip_r"},
         {"severity": Severity.INFO},
         {"cause": "marker 'L.Heel' left its place"},
     ):
-        assert without_consequences([replace(before, **other), off])[-1] == off  # type: ignore[arg-type]
+        assert remove_consequences([replace(before, **other), off])[-1] == off  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -198,13 +203,13 @@ def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
 def test_what_puts_a_trial_in_disorder_is_told_alone(topic: str, spoilt: str) -> None:
     cause = found(Severity.ERROR, "walk", topic=topic)
     effect = found(Severity.WARNING, "walk", "b", topic=spoilt)
-    assert without_consequences([effect, cause]) == (cause,)
+    assert remove_consequences([effect, cause]) == (cause,)
     for other in (
         replace(cause, where="walk2"),
         replace(cause, severity=Severity.WARNING),
         replace(cause, cause=""),
     ):
-        assert without_consequences([effect, other]) == (effect, other)
+        assert remove_consequences([effect, other]) == (effect, other)
 
 
 @pytest.mark.parametrize("where", ["walk", STUDY])
@@ -213,11 +218,11 @@ def test_a_residual_that_a_named_fault_explains_is_not_told_beside_it(where: str
         Severity.WARNING, "walk", "motion and forces disagree", code=Code.UNEXPLAINED_RESIDUAL
     )
     late = found(Severity.WARNING, where, "the forces come late")
-    assert without_consequences([residual]) == (residual,)
-    assert without_consequences([late, residual]) == (late,)
-    assert without_consequences([replace(late, where="walk2"), residual])[1:] == (residual,)
+    assert remove_consequences([residual]) == (residual,)
+    assert remove_consequences([late, residual]) == (late,)
+    assert remove_consequences([replace(late, where="walk2"), residual])[1:] == (residual,)
     off = replace(DISAGREE, where=where)
-    assert without_consequences([off, residual]) == (off,)
+    assert remove_consequences([off, residual]) == (off,)
 
 
 def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() -> None:
@@ -236,42 +241,46 @@ def test_errors_stop_only_where_they_leave_a_walk_no_leg() -> None:
     always does.
     """
     left, right = both_legs("walk")
-    assert stopping([left], WALKS) == () == stopping([replace(left, where="walk2"), right], WALKS)
-    assert stopping([replace(left, where="static")], WALKS) == ()
-    assert stopping([left, right], WALKS) == (left, right)
-    assert stopping([replace(left, where="ankle_l"), right], WALKS) == (
+    assert (
+        select_stopping_errors([left], WALKS)
+        == ()
+        == select_stopping_errors([replace(left, where="walk2"), right], WALKS)
+    )
+    assert select_stopping_errors([replace(left, where="static")], WALKS) == ()
+    assert select_stopping_errors([left, right], WALKS) == (left, right)
+    assert select_stopping_errors([replace(left, where="ankle_l"), right], WALKS) == (
         replace(left, where="ankle_l"),
         right,
     )
     for where in (*WALKS, "static", STUDY):
-        assert stopping([found(Severity.WARNING, where)], WALKS) == ()
-        assert len(stopping([found(Severity.ERROR, where)], WALKS)) == 1
-    assert stopping([left], ()) == (left,)
+        assert select_stopping_errors([found(Severity.WARNING, where)], WALKS) == ()
+        assert len(select_stopping_errors([found(Severity.ERROR, where)], WALKS)) == 1
+    assert select_stopping_errors([left], ()) == (left,)
 
 
 def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> None:
     lost = found(Severity.ERROR, "walk", "one marker alone follows foot_l", "l", topic="one marker")
     bounds = found(Severity.ERROR, "walk", "no leg bends so", "l", topic=BOUNDS)
-    assert without_consequences([lost, bounds, DISAGREE, CONTRADICTED]) == (lost,)
-    assert judge(without_consequences([lost, DISAGREE]), ("walk",)).refused_legs("walk") == ("l",)
+    assert remove_consequences([lost, bounds, DISAGREE, CONTRADICTED]) == (lost,)
+    assert judge(remove_consequences([lost, DISAGREE]), ("walk",)).refused_legs("walk") == ("l",)
     for elsewhere in (
         replace(bounds, leg="r"),
         replace(bounds, where="walk2"),
         replace(DISAGREE, where="walk2"),
     ):
-        assert without_consequences([lost, elsewhere]) == (lost, elsewhere)
+        assert remove_consequences([lost, elsewhere]) == (lost, elsewhere)
     doubt = replace(lost, severity=Severity.WARNING)
-    assert without_consequences([doubt, bounds, DISAGREE]) == (doubt, bounds, DISAGREE)
+    assert remove_consequences([doubt, bounds, DISAGREE]) == (doubt, bounds, DISAGREE)
 
 
 def test_a_joint_that_lies_where_nobody_has_it_is_told_once() -> None:
     cause = "the right hip joint lies where fewer than 1 in 1000 people have one"
-    place = found(Severity.WARNING, STUDY, cause, "r", topic=PLACES, code=Code.JOINT_PLACE)
+    place = found(Severity.WARNING, STUDY, cause, "r", topic=JOINT_POSITIONS, code=Code.JOINT_PLACE)
     words = "is further from its position in the static trial than in people"
     hip, knee = (
         replace(place, topic="a", code=Code.JOINT_AT_BOUND, cause=f"{j} {words}")
         for j in ("hip_r", "knee_r")
     )
-    assert without_consequences([hip, place, knee]) == (place, knee)
+    assert remove_consequences([hip, place, knee]) == (place, knee)
     another = replace(hip, code=Code.OTHER_BODY, severity=Severity.ERROR)
-    assert without_consequences([place, another]) == (another,)
+    assert remove_consequences([place, another]) == (another,)

@@ -10,7 +10,7 @@ from gaitcal.dynamics.ground_reactions import FORCE_HZ, compute_motion_reactions
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.quality.force_evidence import ForceEvidence, force_evidence
+from gaitcal.quality.force_evidence import ForceEvidence, build_force_evidence
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.synthetic_motion import simulate_gait
 from gaitcal.tracking.motion import Motion, track_motion
@@ -39,7 +39,7 @@ class Walk:
         reactions = compute_motion_reactions(
             self.model, parameters, motion, recording, {}, FORCE_HZ
         )
-        found = force_evidence(trial, recording, self.model, parameters, motion, reactions)
+        found = build_force_evidence(trial, recording, self.model, parameters, motion, reactions)
         assert found is not None
         return found
 

@@ -40,8 +40,8 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.force_causes import ForceFault
-from gaitcal.quality.force_choice import ForceFit, Named, choose, fits, told_size
-from gaitcal.quality.force_evidence import ForceEvidence, ForceResidual, force_evidence
+from gaitcal.quality.force_choice import ForceFit, NamedFault, choose, fit_causes, get_reported_size
+from gaitcal.quality.force_evidence import ForceEvidence, ForceResidual, build_force_evidence
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
@@ -99,7 +99,7 @@ def evidence_of(
     settings: CalibrationSettings,
 ) -> ForceEvidence | None:
     reactions = compute_trial_reactions(prepared, model, parameters, motion, settings)
-    return force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
+    return build_force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
 
 
 def person(name: str, study: Study) -> Person:
@@ -225,8 +225,8 @@ def _seen_along_the_walk(fault: Fault, trial: ForceEvidence) -> Fault:
 
 def _outcome(
     fault: Fault,
-    about: list[Named],
-    wrongly: list[Named],
+    about: list[NamedFault],
+    wrongly: list[NamedFault],
     person: Person,
     struck: list[int],
     names: list[str],
@@ -261,7 +261,7 @@ def ratio(fault: Fault, fit: ForceFit) -> float | None:
     """
     if not fault.size:
         return None
-    true, found = np.array(fault.size), told_size(fit)
+    true, found = np.array(fault.size), get_reported_size(fit)
     if len(true) > 1:
         return float(found @ true / (true @ true))
     if fault.kind is ForceFault.YAW:
@@ -291,7 +291,7 @@ def print_clean(everybody: list[Person]) -> None:
     )
     for person in everybody:
         for trial in person.clean:
-            size, found = fits(ForceResidual([trial]))
+            size, found = fit_causes(ForceResidual([trial]))
             best = (
                 f"{found[0].cause.kind.value} gain {found[0].gain:.1f} explained "
                 f"{found[0].explained:.2f}"

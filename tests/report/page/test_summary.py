@@ -20,7 +20,7 @@ from gaitcal.gait.moments import parameter_words
 from gaitcal.gait.strides import strides_of
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.quality.force_diagnosis import beyond_expected
+from gaitcal.quality.force_diagnosis import check_pelvis_residual
 from gaitcal.report.page import key_figures
 from gaitcal.report.page.joint_sections import build_joint_blocks
 from gaitcal.report.page.key_figures import (
@@ -96,7 +96,7 @@ def test_one_residual_above_its_limit_is_beyond_its_errors(
     larger = replace(larger, trials=(held(larger.trials[0]), *larger.trials[1:]))
     assert (agreement(larger)["tone"], "too high" in agreement(larger)["text"]) == ("look", True)
     loads = larger.trials[0].loads
-    (told,) = beyond_expected("walk", loads.expected, trunk_seen=True)
+    (told,) = check_pelvis_residual("walk", loads.expected, trunk_observed=True)
     assert told.severity is Severity.WARNING and told.weight > 1.0, (
         "what the page holds up, the verdict does"
     )
