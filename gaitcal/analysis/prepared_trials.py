@@ -172,7 +172,7 @@ def session_of(of: PreprocessedStudy, checked: Sequence[Finding] = ()) -> Calibr
         trials.append(prepare_trial(evidence.trial, model, study.settings))
     prior, moves = (
         joint_prior.make_study_prior(study.settings.joint_prior, study.joint_prior, model.noise),
-        of.moves(),
+        of.find_possible_moves(),
     )
     return CalibrationState(
         model=model,
@@ -198,7 +198,9 @@ def _doubted(
         for p in JOINT_PARAMETERS:
             move = moves.get(trial.name, {}).get(p.segment)
             if move is not None and p.name in shown:
-                by = move.shift if p.kind is ParameterKind.POSITION else float(move.turn[p.axis])
+                by = (
+                    move.shift if p.kind is ParameterKind.POSITION else float(move.rotation[p.axis])
+                )
                 out[p.name] = max(by, out.get(p.name, 0.0))
     return out
 

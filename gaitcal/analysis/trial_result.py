@@ -300,7 +300,7 @@ def axis_deviations(
     by = 1.0 if model.noise is None else model.noise.joints
     out = {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
     for segment, move in (moves or {}).items():
-        x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.turn)).tolist()
+        x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.rotation)).tolist()
         out[segment] = x, y, z
     return out
 

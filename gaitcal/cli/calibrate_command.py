@@ -240,7 +240,7 @@ def print_calibration(console: Console, calibration: Calibration) -> None:
     for total in truth_comparison.sums(calibration, calibration.truth) if calibration.truth else ():
         console.line(total.sentence)
     _print_verdict(console, calibration.verdict)
-    for note in drafting.faulty_notes(calibration.left_out):
+    for note in drafting.list_faulty_notes(calibration.left_out):
         console.line(note)
     _print_remarks(console, (), calibration.notes)
 

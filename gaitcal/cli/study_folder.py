@@ -14,11 +14,11 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.intake import draft_file as drafts
-from gaitcal.intake.drafting import draft_of, draft_study, rejected_forces
+from gaitcal.intake.drafting import draft_folder, draft_study, find_rejected_forces
 from gaitcal.intake.recordings_folder import Folder, read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io import atomic, formats
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.quality.study_checks import check_file, check_study
 from gaitcal.study.study_trial import Role
 
@@ -80,16 +80,18 @@ def draft_study_file(
     if draft.fault:
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
     atomic.write_text_atomically(
-        target, drafts.draft_text(draft, atomic.resolve_path(target).parent)
+        target, drafts.format_draft(draft, atomic.resolve_path(target).parent)
     )
     console.line(f"study: {target}")
     if draft.problem:
         raise InputError(f"is written, but {draft.problem}", source=target, code=Code.FOLDER)
     if draft.missing:
-        give = f"write it there, or run again with --force {drafts.missing_options(draft)}"
-        message = f"is written, but {drafts.missing_words(draft)}: {give}"
+        give = f"write it there, or run again with --force {drafts.list_missing_options(draft)}"
+        message = f"is written, but {drafts.describe_missing_fields(draft)}: {give}"
         raise InputError(message, source=target, code=Code.WHO_IT_IS)
-    nominal_of(drafts.study_of(draft, proposed=True))  # an error of the static trial is told now
+    build_nominal_model(
+        drafts.build_study(draft, proposed=True)
+    )  # an error of the static trial is told now
     if draft.choice is not None and (proposal := draft.choice.proposal) is not None:
         for label in sorted(proposal.asked):
             console.line(f"asked: is {label} {proposal.rename[label]}?")
@@ -134,7 +136,7 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | dra
 
 def _asked(folder: Folder, options: Options, console: Console) -> drafts.Draft:
     """The draft, after a question at the terminal for each thing that nobody tells."""
-    draft = draft_of(folder, options)
+    draft = draft_folder(folder, options)
     if (
         draft.fault
         or draft.problem
@@ -169,12 +171,12 @@ def _answered(options: Options, field: str, answer: str) -> Options:
 
 def print_seen(console: Console, draft: drafts.Draft) -> None:
     """A row for every file of the folder: what it is, what it shows, what it is used as, why."""
-    if not draft.seen:
+    if not draft.rows:
         return
     table = frameless_table(("file", "is"), ("frames",))
     for head in ("labels", "shows", "used as", "reason"):
         table.add_column(head)
-    for row in draft.seen:
+    for row in draft.rows:
         frames = "" if row.frames is None else str(row.frames)
         cells = (
             row.name,
@@ -193,7 +195,7 @@ def print_seen(console: Console, draft: drafts.Draft) -> None:
 
 def tell_draft(console: Console, draft: drafts.Draft) -> None:
     """In some lines, what was made of a folder."""
-    if line := drafts.marker_set_line(draft):
+    if line := drafts.describe_marker_set(draft):
         console.line(line)
     for role in Role:
         names = [
@@ -203,7 +205,7 @@ def tell_draft(console: Console, draft: drafts.Draft) -> None:
         ]
         if names:
             console.line(f"{role.value}: {', '.join(names)}")
-    for line in drafts.doubtful_lines(draft):
+    for line in drafts.list_uncertain_choices(draft):
         console.line(line)
 
 
@@ -227,7 +229,7 @@ def check_recordings(
         if isinstance(source, Path):
             findings = check_file(source)
         else:
-            findings = (*check_study(drafts.study_of(source)), *rejected_forces(source))
+            findings = (*check_study(drafts.build_study(source)), *find_rejected_forces(source))
     shown = [f for f in findings if console.verbose or f.severity is not Severity.INFO]
     if shown:
         if not console.out.is_terminal:

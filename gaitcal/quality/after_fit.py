@@ -28,7 +28,7 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model import coordinates, linkage
-from gaitcal.preprocess.displaced_markers import STRAIGHT_M, bend
+from gaitcal.preprocess.displaced_markers import STRAIGHT_M, measure_bend
 from gaitcal.quality.verdict import BOUNDS, MARKERS_AFTER_FIT
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from gaitcal.tracking.spline import DEGREE, ORDER
@@ -210,7 +210,9 @@ def _exchanged_with(tracked: TrackedMarkers, k: int, frames: BoolArray) -> int |
 
 def _straight(path: Array) -> bool:
     """Whether a path (n, 3) is even motion along a line, or no motion."""
-    return bool(len(path) > SHORTEST_FRAMES and np.isfinite(path).all() and bend(path) < STRAIGHT_M)
+    return bool(
+        len(path) > SHORTEST_FRAMES and np.isfinite(path).all() and measure_bend(path) < STRAIGHT_M
+    )
 
 
 def _displaced(tracked: TrackedMarkers, k: int, baseline: Array) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ LEGS = ("thigh", "shank", "foot")
 def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
     back = trial.put_back
-    for k, found in enumerate((*back, *trial.exchanges)):
+    for k, found in enumerate((*back, *trial.swapped_labels)):
         count = int(found.frames.sum())
         what = (
             "carry each other's label"
@@ -51,13 +51,15 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
                 "no harm done, as both have little weight or none; label that part again to use "
                 "them"
             )
-        elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > MOST_OF_A_PART:
+        elif (
+            count / max(int(trial.visible[:, trial.column[found.label]].sum()), 1) > MOST_OF_A_PART
+        ):
             cure = "exchange the two labels in the file"
         elif not _harmful(trial, found):
             severity = Severity.WARNING
         code = Code.EXCHANGED_BACK if k < len(back) else Code.EXCHANGED_LABELS
         weight = 1.0 if severity is Severity.INFO else float(count)
-        yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=code)
+        yield trial.make_finding(severity, "exchanged", message, cure, weight=weight, code=code)
 
 
 def _harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
@@ -93,7 +95,7 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
             when = find_runs(bad)
     if wrong:
         crossed = trial.is_isolated and farthest < CROSSED_M
-        yield trial.finding(
+        yield trial.make_finding(
             Severity.WARNING if crossed else Severity.ERROR,
             "sides",
             f"right markers lie to the left of their left ones: {listed(wrong)} "
@@ -116,7 +118,7 @@ def _namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
             tracking.get(f"{segment}_r", ()), tracking.get(f"{segment}_l", ()), strict=False
         )
     yield from (
-        (a, b) for a, b in pairs if a in trial.place and b in trial.place and is_right_of(a, b)
+        (a, b) for a, b in pairs if a in trial.column and b in trial.column and is_right_of(a, b)
     )
 
 

@@ -326,7 +326,7 @@ def _displaced(trial: TrialEvidence, fault: Displaced) -> Finding:
     where = _WAYS[way][int(fault.away[way] > 0)]
     name = label_words(trial, fault.landmark)
     rivals = [f"{label_words(trial, other)} by {1e3 * m:.0f} mm" for other, m in fault.rivals[:3]]
-    return trial.finding(
+    return trial.make_finding(
         Severity.ERROR if fault.size > GROSS_M else Severity.WARNING,
         "landmarks",
         _evidence(fault.before)
@@ -359,7 +359,7 @@ def _height(
         if factor != 1.0
         else "other lengths do not decide"
     )
-    return trial.finding(
+    return trial.make_finding(
         severity,
         "height",
         f"{found}{likely}{'; ' + _evidence(lengths) if factor != 1.0 and lengths else ''}",

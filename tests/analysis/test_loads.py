@@ -74,7 +74,9 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
         apply_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
     )
     problem = done.joint.artefact.displace_markers(problem)
-    turned = axis_deviations(study.settings, done.nominal, preprocess_study(study).moves()["walk"])
+    turned = axis_deviations(
+        study.settings, done.nominal, preprocess_study(study).find_possible_moves()["walk"]
+    )
     errors = ForceErrors(
         problem,
         trial.body.coefficients,
