@@ -229,7 +229,7 @@ def prepare_calibration(
         prepare_trial(evidence.trial, model, study.settings) for evidence in preprocessed.moving
     )
     prior = joint_prior.make_study_prior(study.settings.joint_prior, study.joint_prior, model.noise)
-    moves = preprocessed.moves()
+    moves = preprocessed.find_possible_moves()
     possible_errors = _collect_possible_errors(moves, study.moving)
     return CalibrationState(
         model=model,
@@ -257,8 +257,10 @@ def _collect_possible_errors(
             move = moves.get(trial.name, {}).get(p.segment)
             if move is None or p.name not in names:
                 continue
-            size = move.shift if p.kind is ParameterKind.POSITION else float(move.turn[p.axis])
-            out[p.name] = max(size, out.get(p.name, 0.0))
+            size = (
+                    move.shift if p.kind is ParameterKind.POSITION else float(move.rotation[p.axis])
+                )
+                out[p.name] = max(size, out.get(p.name, 0.0))
     return out
 
 

@@ -361,7 +361,7 @@ def estimate_axis_deviations(
         segment: (scale * x, scale * y, scale * z) for segment, (x, y, z) in PALPATED_DEG.items()
     }
     for segment, move in (moves or {}).items():
-        x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.turn)).tolist()
+        x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.rotation)).tolist()
         out[segment] = x, y, z
     return out
 

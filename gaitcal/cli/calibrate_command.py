@@ -271,7 +271,7 @@ def print_calibration(console: Console, calibration: Calibration) -> None:
         for total in truth_comparison.summarise_errors(calibration, calibration.truth):
             console.print_line(total.sentence)
     _print_verdict(console, calibration.verdict)
-    for note in drafting.faulty_notes(calibration.left_out):
+    for note in drafting.list_faulty_notes(calibration.left_out):
         console.print_line(note)
     _print_remarks(console, (), calibration.notes)
 

@@ -14,11 +14,11 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.intake import draft_file as drafts
-from gaitcal.intake.drafting import draft_of, draft_study, rejected_forces
+from gaitcal.intake.drafting import draft_folder, draft_study, find_rejected_forces
 from gaitcal.intake.recordings_folder import Folder, read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io import atomic, formats
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.quality.study_checks import check_file, check_study
 from gaitcal.study.study_trial import Role
 
@@ -111,17 +111,17 @@ def draft_study_file(
     if draft.fault:
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
     atomic.write_text_atomically(
-        target, drafts.draft_text(draft, atomic.resolve_path(target).parent)
+        target, drafts.format_draft(draft, atomic.resolve_path(target).parent)
     )
     console.print_line(f"study: {target}")
     if draft.problem:
         raise InputError(f"is written, but {draft.problem}", source=target, code=Code.FOLDER)
     if draft.missing:
-        give = f"write it there, or run again with --force {drafts.missing_options(draft)}"
-        message = f"is written, but {drafts.missing_words(draft)}: {give}"
+        give = f"write it there, or run again with --force {drafts.list_missing_options(draft)}"
+        message = f"is written, but {drafts.describe_missing_fields(draft)}: {give}"
         raise InputError(message, source=target, code=Code.WHO_IT_IS)
     # Building the nominal model raises the errors of the static trial now.
-    nominal_of(drafts.study_of(draft, proposed=True))
+    build_nominal_model(drafts.build_study(draft, proposed=True))
     proposal = None if draft.choice is None else draft.choice.proposal
     if proposal is not None:
         for label in sorted(proposal.asked):
@@ -184,7 +184,7 @@ def _complete_draft(folder: Folder, options: Options, console: Console) -> draft
 
     No question is asked if the output is quiet, or if input or output is not a terminal.
     """
-    draft = draft_of(folder, options)
+    draft = draft_folder(folder, options)
     if (
         draft.fault
         or draft.problem
@@ -228,12 +228,12 @@ def print_files(console: Console, draft: drafts.Draft) -> None:
     draft
         Draft of the folder.
     """
-    if not draft.seen:
+    if not draft.rows:
         return
     table = make_frameless_table(("file", "type"), ("frames",))
     for head in ("labels", "shows", "used as", "reason"):
         table.add_column(head)
-    for row in draft.seen:
+    for row in draft.rows:
         frames = "" if row.frames is None else str(row.frames)
         cells = (
             row.name,
@@ -258,7 +258,7 @@ def print_draft(console: Console, draft: drafts.Draft) -> None:
     draft
         Draft of a folder.
     """
-    line = drafts.marker_set_line(draft)
+    line = drafts.describe_marker_set(draft)
     if line:
         console.print_line(line)
     for role in Role:
@@ -269,7 +269,7 @@ def print_draft(console: Console, draft: drafts.Draft) -> None:
         ]
         if names:
             console.print_line(f"{role.value}: {', '.join(names)}")
-    for line in drafts.doubtful_lines(draft):
+    for line in drafts.list_uncertain_choices(draft):
         console.print_line(line)
 
 
@@ -297,7 +297,7 @@ def check_recordings(
         if isinstance(source, Path):
             findings = check_file(source)
         else:
-            findings = (*check_study(drafts.study_of(source)), *rejected_forces(source))
+            findings = (*check_study(drafts.build_study(source)), *find_rejected_forces(source))
     shown = [f for f in findings if console.verbose or f.severity is not Severity.INFO]
     if shown:
         if not console.out.is_terminal:

@@ -22,7 +22,7 @@ from pydantic import Field, field_validator
 from gaitcal.errors import Code, InputError, alike, nearest
 from gaitcal.intake.draft_file import STUDY
 from gaitcal.intake.recordings_folder import MARKER_ENDINGS
-from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
+from gaitcal.intake.subject_metadata import NO_OPTIONS, Options
 from gaitcal.io import result_folder, snapshot
 from gaitcal.io.csv_recordings import is_force_header, read_header
 from gaitcal.io.toml import Table, format_value, read_validated, require_file, validate_table
@@ -60,7 +60,7 @@ class CohortPerson:
     session: str = ""  # Empty where there is only one
     group: str = ""
     told: Options = (
-        NOTHING_SAID  # What the user says of the person, for a folder without a study file
+        NO_OPTIONS  # What the user says of the person, for a folder without a study file
     )
 
     @property

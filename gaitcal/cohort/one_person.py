@@ -30,7 +30,7 @@ from gaitcal.gait import profile_score, spatiotemporal
 from gaitcal.gait.cycles import WALKING, CurveKind, kind_of
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
 from gaitcal.intake import draft_file as drafts
-from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.drafting import draft_folder
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.io.result_folder import MANIFEST, compute_sha256, read_json_object
 from gaitcal.model.linkage import SIDES
@@ -87,7 +87,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
             code=Code.FOLDER,
         )
     folder = read_folder(person.folder)
-    source = drafts.own_study(folder) or _ready(draft_of(folder, person.told))
+    source = drafts.find_study_in_folder(folder) or _ready(draft_folder(folder, person.told))
     del folder  # the recordings of all files, also of those that are not used
     settings = RunSettings(
         normal=common.normal, priors=common.priors, calibration=common.calibration
@@ -118,7 +118,7 @@ def _ready(draft: drafts.Draft) -> drafts.Draft:
     if draft.missing:
         fields = ", ".join(draft.missing)
         raise PersonError(
-            drafts.missing_words(draft),
+            drafts.describe_missing_fields(draft),
             f"give {fields} in people.csv or cohort.toml",
             code=Code.WHO_IT_IS,
         )

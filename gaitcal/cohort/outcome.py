@@ -32,7 +32,7 @@ from gaitcal.cohort.one_person import (
 )
 from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
-from gaitcal.intake.draft_file import study_files
+from gaitcal.intake.draft_file import list_study_files
 from gaitcal.intake.recordings_folder import MARKER_ENDINGS, TABLE_ENDINGS
 from gaitcal.io import atomic, opensim_files
 from gaitcal.io.csv_recordings import locate_plates_file
@@ -197,7 +197,7 @@ def _files(folder: Path) -> Iterator[Path]:
             and b"landmarks" in path.read_bytes()
         ):
             yield path  # a marker set for everyone
-    for study in study_files(folder):
+    for study in list_study_files(folder):
         yield study
         yield from _named_in(study)
 

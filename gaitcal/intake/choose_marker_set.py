@@ -34,15 +34,17 @@ look at.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explained:
+class LabelCoverage:
     """How well a marker set explains labels."""
 
     known: int  # How many labels of the files the set knows
     left_over: tuple[str, ...]  # Labels of the files that it does not know
     missing: tuple[str, ...]  # Required landmarks that none of the labels gives
-    legs: int  # How many of the known labels are on pelvis or legs
-    single: int  # How many segments of pelvis and legs are followed by one marker only
-    unused: int  # How many markers that the set tracks are in no file
+    leg_markers: int  # How many of the known labels are on pelvis or legs
+    single_marker_segments: (
+        int  # How many segments of pelvis and legs are followed by one marker only
+    )
+    unused_markers: int  # How many markers that the set tracks are in no file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +56,12 @@ class SetChoice:
     rename: Mapping[str, str] = field(
         default_factory=dict
     )  # Label in the files -> label in the set
-    explained: Explained  # Of the labels of its recordings together
+    coverage: LabelCoverage  # Of the labels of its recordings together
     members: tuple[int, ...]  # Which recordings are of this set
     clashes: tuple[
         str, ...
     ] = ()  # Labels that could be renamed but for another one of the same name
-    people: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    people_prefixes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     """Recording -> prefixes under which it has the same markers more than once: those of several
     people.
     """
@@ -76,7 +78,7 @@ class SetChoice:
     it.
     """
 
-    further: "LabelProposal | None" = (
+    further_markers: "LabelProposal | None" = (
         None  # What moves with the segments besides the markers that the set knows
     )
 
@@ -86,15 +88,15 @@ class SetChoice:
         over that only some recordings have on one side of the body, as landmarks of a static trial
         are.
         """
-        found = self.explained
+        found = self.coverage
         known = found.known / max(found.known + len(found.left_over), 1)
         doubted = found.missing or self.sided_unknown or self.centres
         return self.proposal is None and known >= KNOWN_SHARE and not doubted
 
 
-def explained(
+def measure_label_coverage(
     marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()
-) -> Explained:
+) -> LabelCoverage:
     """How well a set explains labels, spelt as in the set, and those of points that another program
     computed.
     """
@@ -104,28 +106,30 @@ def explained(
     on_legs = {m for segment in LOWER_BODY for m in told.tracked.get(segment, ())}
     on_legs |= {m for name in REQUIRED for m in told.landmarks.get(name, ())}
     tracked = {m for labels in told.tracked.values() for m in labels}
-    return Explained(
+    return LabelCoverage(
         known=len(given) - len(unknown),
         left_over=told.unknown,
         missing=told.required_missing,
-        legs=len(on_legs),
-        single=sum(len(told.tracked.get(segment, ())) == 1 for segment in LOWER_BODY),
-        unused=len({m for group in marker_set.tracking.values() for m in group} - tracked),
+        leg_markers=len(on_legs),
+        single_marker_segments=sum(
+            len(told.tracked.get(segment, ())) == 1 for segment in LOWER_BODY
+        ),
+        unused_markers=len({m for group in marker_set.tracking.values() for m in group} - tracked),
     )
 
 
-def candidates(own: Sequence[tuple[str, MarkerSet]]) -> list[tuple[str, MarkerSet]]:
+def list_candidate_sets(own: Sequence[tuple[str, MarkerSet]]) -> list[tuple[str, MarkerSet]]:
     """Entry of the study file and set: those of the folder first, then all built-in ones."""
-    return [*own, *_built_in()]
+    return [*own, *_load_built_in_sets()]
 
 
 @cache
-def _built_in() -> tuple[tuple[str, MarkerSet], ...]:
+def _load_built_in_sets() -> tuple[tuple[str, MarkerSet], ...]:
     """Read once: they come with the package."""
     return tuple((name, load_marker_set(name)) for name in list_built_in_sets())
 
 
-def choose_set(
+def rank_marker_sets(
     recordings: Sequence[tuple[str, ...]],
     own: Sequence[tuple[str, MarkerSet]] = (),
     computed: Sequence[tuple[str, ...]] | None = None,
@@ -137,10 +141,12 @@ def choose_set(
     computed points of each recording.
     """
     points = computed or [()] * len(recordings)
-    sets = candidates(own)
-    spellings = [spelt_otherwise(marker_set, recordings) for _, marker_set in sets]
-    spelt = [[respelt(labels, rename) for labels in recordings] for rename, _ in spellings]
-    legs = [_legs(s, labels, points) for (_, s), labels in zip(sets, spelt, strict=True)]
+    sets = list_candidate_sets(own)
+    spellings = [find_respellings(marker_set, recordings) for _, marker_set in sets]
+    spelt = [[apply_renames(labels, rename) for labels in recordings] for rename, _ in spellings]
+    legs = [
+        _count_leg_markers(s, labels, points) for (_, s), labels in zip(sets, spelt, strict=True)
+    ]
     best = [max(counts) for counts in zip(*legs, strict=True)]
     choices: list[SetChoice] = []
     for (entry, marker_set), (rename, clashes), labels, counts in zip(
@@ -149,7 +155,7 @@ def choose_set(
         members = tuple(
             i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i])
         )
-        found = explained(
+        found = measure_label_coverage(
             marker_set,
             [m for i in members for m in labels[i]],
             [m for i in members for m in points[i]],
@@ -166,32 +172,34 @@ def choose_set(
                 for old, new in rename.items()
                 if any(old in recordings[i] for i in members)
             },
-            explained=found,
+            coverage=found,
             members=members,
             clashes=clashes,
             sided_unknown=tuple(
                 label for label in some if any(other_side(label, other) for other in some)
             ),
-            people={
-                i: prefixes for i in members if (prefixes := people_in(marker_set, recordings[i]))
+            people_prefixes={
+                i: prefixes
+                for i in members
+                if (prefixes := find_person_prefixes(marker_set, recordings[i]))
             },
         )
         choices.append(choice)
     return sorted(choices, key=_rank)
 
 
-def _legs(
+def _count_leg_markers(
     marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: Sequence[tuple[str, ...]]
 ) -> list[int]:
     """How many markers of pelvis and legs each recording has, as the set spells them; most have the
     same labels.
     """
-    forgiven = _forgiven(marker_set)
+    forgiven = _list_accepted_spellings(marker_set)
 
     @cache
     def count(labels: tuple[str, ...], computed: tuple[str, ...]) -> int:
         some = sum(label.casefold() in forgiven for label in labels) >= FEWEST_LABELS
-        return explained(marker_set, labels, computed).legs if some else 0
+        return measure_label_coverage(marker_set, labels, computed).leg_markers if some else 0
 
     return [count(*key) for key in zip(recordings, points, strict=True)]
 
@@ -201,26 +209,26 @@ def _rank(choice: SetChoice) -> tuple[int | str, ...]:
     with one marker, more labels explained, fewer of the set unused; of sets with the same labels
     the one that gives reasons for its weights.
     """
-    found = choice.explained
+    found = choice.coverage
     return (
         -len(choice.members),
         len(found.missing),
         choice.entry in list_built_in_sets(),
-        found.single,
+        found.single_marker_segments,
         -found.known,
         len(choice.rename),
-        found.unused,
+        found.unused_markers,
         -len(choice.marker_set.reasons),
         choice.entry,
     )
 
 
-def respelt(labels: Iterable[str], rename: Mapping[str, str]) -> tuple[str, ...]:
+def apply_renames(labels: Iterable[str], rename: Mapping[str, str]) -> tuple[str, ...]:
     """Labels as the set spells them."""
     return tuple(rename.get(label, label) for label in labels)
 
 
-def spelt_otherwise(
+def find_respellings(
     marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]]
 ) -> tuple[dict[str, str], tuple[str, ...]]:
     """Label in the files -> label of the set that differs from it in case, separators or a prefix
@@ -228,24 +236,24 @@ def spelt_otherwise(
     frequent is renamed. Of several prefixes in one recording only the one with most labels of the
     set: a body has one, another is somebody else's.
     """
-    forgiven = _forgiven(marker_set)
+    forgiven = _list_accepted_spellings(marker_set)
     by_key: dict[str, list[str]] = {}
     for label in marker_set.labels:
         for spelling in (label, *marker_set.aliases.get(label, ())):
-            if label not in (same := by_key.setdefault(_key(spelling), [])):
+            if label not in (same := by_key.setdefault(_normalise_label(spelling), [])):
                 same.append(label)
     count = Counter(label for labels in recordings for label in labels)
     theirs = {
         label
         for labels in recordings
-        for prefix, own in _by_prefix(marker_set, labels)[1:]
+        for prefix, own in _group_by_prefix(marker_set, labels)[1:]
         for label in labels
-        if label.rpartition(":")[0] == prefix and _key(label) in own
+        if label.rpartition(":")[0] == prefix and _normalise_label(label) in own
     }
     rename: dict[str, str] = {}
     clashes = []
     for label, _ in sorted(count.items(), key=lambda item: (-item[1], item[0])):
-        targets = by_key.get(_key(label), [])
+        targets = by_key.get(_normalise_label(label), [])
         if len(targets) != 1 or label.casefold() in forgiven or label in theirs:
             continue
         spelt = {form.casefold() for form in (targets[0], *marker_set.aliases.get(targets[0], ()))}
@@ -260,51 +268,53 @@ def spelt_otherwise(
     return rename, tuple(clashes)
 
 
-def people_in(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:
+def find_person_prefixes(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:
     """Prefixes under which labels of the set occur that occur under another prefix, too; empty for
     one person.
     """
-    groups = _by_prefix(marker_set, labels)
+    groups = _group_by_prefix(marker_set, labels)
     return tuple(
         p for p, own in groups if any(own & other for prefix, other in groups if prefix != p)
     )
 
 
-def _by_prefix(marker_set: MarkerSet, labels: Sequence[str]) -> list[tuple[str, set[str]]]:
+def _group_by_prefix(marker_set: MarkerSet, labels: Sequence[str]) -> list[tuple[str, set[str]]]:
     """Prefix -> keys of the set's labels that occur under it, the prefix with most of them first."""
-    known = {_key(label) for label in _forgiven(marker_set)}
+    known = {_normalise_label(label) for label in _list_accepted_spellings(marker_set)}
     out: dict[str, set[str]] = {}
     for label in labels:
-        if (prefix := label.rpartition(":")[0]) and (key := _key(label)) in known:
+        if (prefix := label.rpartition(":")[0]) and (key := _normalise_label(label)) in known:
             out.setdefault(prefix, set()).add(key)
     return sorted(out.items(), key=lambda item: (-len(item[1]), item[0]))
 
 
-def _forgiven(marker_set: MarkerSet) -> frozenset[str]:
+def _list_accepted_spellings(marker_set: MarkerSet) -> frozenset[str]:
     """Spellings that the set knows by itself, without capitals."""
     others = (other for group in marker_set.aliases.values() for other in group)
     return frozenset(label.casefold() for label in (*marker_set.labels, *others))
 
 
-def _key(label: str) -> str:
+def _normalise_label(label: str) -> str:
     """What is left of a label without prefix, case and separators."""
     return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
 
 
-def choices_of(
+def rank_sets_of_recordings(
     recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]
 ) -> list[SetChoice]:
     """The marker sets that the recordings may be of; none of no recordings."""
     computed = [() if r.computed is None else r.computed.labels for r in recordings]
-    return choose_set([r.labels for r in recordings], own, computed) if recordings else []
+    return rank_marker_sets([r.labels for r in recordings], own, computed) if recordings else []
 
 
-def no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
+def describe_unknown_labels(
+    recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]
+) -> str:
     """Which labels no marker set knows, and what the nearest set misses."""
     labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
     nearest, found = max(
-        ((entry, explained(s, labels)) for entry, s in candidates(own)),
-        key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
+        ((entry, measure_label_coverage(s, labels)) for entry, s in list_candidate_sets(own)),
+        key=lambda pair: (pair[1].leg_markers, -len(pair[1].missing)),
     )
     lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
     shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")

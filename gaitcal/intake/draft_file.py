@@ -21,10 +21,10 @@ from gaitcal.intake.recordings_folder import (
     Folder,
     FolderFile,
     ForceChoice,
-    declares_study,
+    is_study,
     read_folder,
 )
-from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
+from gaitcal.intake.subject_metadata import NO_OPTIONS, Options
 from gaitcal.io.toml import format_toml_table, format_toml_value, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import list_built_in_sets
@@ -40,7 +40,7 @@ NEEDED = {"mass_kg": "--mass KG", "height_m": "--height M"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class FileRow:
     """One file of the folder, as it was understood."""
 
     name: str
@@ -53,7 +53,7 @@ class Seen:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drafted:
+class DraftedTrial:
     """One trial of the drafted study."""
 
     name: str
@@ -71,11 +71,11 @@ class Draft:
 
     folder: Folder
     choice: choose_marker_set.SetChoice | None  # None: no marker set explains the labels
-    person: Mapping[str, subject_metadata.Known]
-    trials: tuple[Drafted, ...]
-    seen: tuple[Seen, ...]
+    person: Mapping[str, subject_metadata.KnownField]
+    trials: tuple[DraftedTrial, ...]
+    rows: tuple[FileRow, ...]
     fault: str = ""  # Why no study follows from the folder; empty where one does
-    strangers: bool = (
+    has_other_people: bool = (
         False  # Whether recordings of the same labels show another person, or another session
     )
     problem: str = ""  # Why the drafted study cannot be run as it is, apart from what is missing
@@ -103,19 +103,19 @@ class Draft:
         return (*height, *(() if "sex" in self.person else ("sex",)))
 
     @property
-    def left_out(self) -> tuple[Seen, ...]:
+    def left_out(self) -> tuple[FileRow, ...]:
         """Files that are not used."""
-        return tuple(row for row in self.seen if not row.used)
+        return tuple(row for row in self.rows if not row.used)
 
-    def without(self, trials: Mapping[str, str]) -> "Draft":
+    def drop_trials(self, trials: Mapping[str, str]) -> "Draft":
         """The draft without these trials, name -> why."""
         out = {trial.file.name: trials[trial.name] for trial in self.trials if trial.name in trials}
         return replace(
             self,
             trials=tuple(trial for trial in self.trials if trial.name not in trials),
-            seen=tuple(
+            rows=tuple(
                 replace(row, used="", reason=out[row.name]) if row.name in out else row
-                for row in self.seen
+                for row in self.rows
             ),
         )
 
@@ -123,14 +123,14 @@ class Draft:
 FIRST_LABELS = 8  # Shown of a recording that no marker set explains
 
 
-def row_of(
+def build_row(
     file: FolderFile, *, labels: str = "", shows: str = "", used: str = "", reason: str = ""
-) -> Seen:
+) -> FileRow:
     """A file as it was read, and what became of it."""
     frames = None if file.recording is None else len(file.recording.time)
     if file.recording is not None and not labels:
         labels = f"{len(file.recording.labels)}: {' '.join(file.recording.labels[:FIRST_LABELS])}"
-    return Seen(
+    return FileRow(
         name=file.name,
         kind=file.kind.value,
         frames=frames,
@@ -148,41 +148,44 @@ MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m"}
 """
 
 
-def draft_text(draft: Draft, folder: Path | None) -> str:
+def format_draft(draft: Draft, folder: Path | None) -> str:
     """The study as the text of a study file, paths relative to `folder`; absolute with None."""
     lines = [
         f"# Drafted from the folder '{draft.folder.name}'. Each line says what told it; look at "
         "what is 'likely'.",
         "",
-        *_subject(draft),
-        *_markers(draft, folder),
+        *_format_subject(draft),
+        *_format_markers(draft, folder),
     ]
     for trial in draft.trials:
-        lines += _trial(trial, folder)
+        lines += _format_trial(trial, folder)
     left = [
         row for row in draft.left_out if row.kind != FileKind.STUDY.value
     ]  # one of them is this text, later
     if left:
         lines += [
             "# Not used:",
-            *(f"#   {_one_line(row.name)}: {_one_line(row.reason or row.kind)}" for row in left),
+            *(
+                f"#   {_join_lines(row.name)}: {_join_lines(row.reason or row.kind)}"
+                for row in left
+            ),
         ]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def settings_text(
+def format_settings(
     settings: CalibrationSettings, priors: Path | None = None, folder: Path | None = None
 ) -> str:
     """What is said of how to calibrate, as the table of a study file in `folder`; empty where
     nothing is.
     """
     said = settings.model_dump(exclude_unset=True) | (
-        {} if priors is None else {"priors": _path(priors, folder)}
+        {} if priors is None else {"priors": _make_relative(priors, folder)}
     )
     return "\n" + format_toml_table("[calibration]", said) if said else ""
 
 
-def _subject(draft: Draft) -> list[str]:
+def _format_subject(draft: Draft) -> list[str]:
     lines = ["[subject]"]
     for field in (
         "name",
@@ -196,10 +199,10 @@ def _subject(draft: Draft) -> list[str]:
     ):
         known = draft.person.get(field)
         if known is not None:
-            lines += _line(field, known.value, known.reason, known.certain)
+            lines += _format_line(field, known.value, known.reason, known.certain)
         elif field in MISSING:
             write = f"write {MISSING[field]}, and take the first # away"
-            lines.append(f"# {field} =   # MISSING: {_nobody(draft)} says it; {write}")
+            lines.append(f"# {field} =   # MISSING: {_get_file_subject(draft)} says it; {write}")
     for field in (
         "knee_width_mm",
         "ankle_width_mm",
@@ -208,7 +211,7 @@ def _subject(draft: Draft) -> list[str]:
         "marker_diameter_mm",
     ):
         if (known := draft.person.get(field)) is not None:
-            lines += _line(field, known.value, known.reason, known.certain)
+            lines += _format_line(field, known.value, known.reason, known.certain)
     if "sex" not in draft.person:
         lines.append(
             '# sex = "female"   # no file says it; without it the mean of both tables counts, with '
@@ -229,26 +232,26 @@ def _subject(draft: Draft) -> list[str]:
     return [*lines, ""]
 
 
-def _markers(draft: Draft, folder: Path | None) -> list[str]:
+def _format_markers(draft: Draft, folder: Path | None) -> list[str]:
     choice = draft.choice
     if choice is None:
         raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
-    found = choice.explained
+    found = choice.coverage
     reason = (
         f"knows {found.known} of {found.known + len(found.left_over)} labels of "
         f"{len(choice.members)} files"
     )
-    reason += left_over_words(choice)
+    reason += describe_left_over(choice)
     if choice.clashes:
         reason += f"; not renamed, as the name is taken: {', '.join(choice.clashes[:4])}"
     built_in = choice.entry in list_built_in_sets()
     if choice.proposal is not None:
-        return [*_proposed(choice.proposal), ""]
+        return [*_format_proposal(choice.proposal), ""]
     lines = [
         "[markers]",
-        *_line(
+        *_format_line(
             "set",
-            choice.entry if built_in else _path(Path(choice.entry), folder),
+            choice.entry if built_in else _make_relative(Path(choice.entry), folder),
             reason,
             choice.certain,
         ),
@@ -259,21 +262,21 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
             reason += (
                 f"; or lie outwards of joint centres, which these name: {', '.join(choice.centres)}"
             )
-        lines += _line("rename", dict(sorted(choice.rename.items())), reason, False)
+        lines += _format_line("rename", dict(sorted(choice.rename.items())), reason, False)
     if found.missing:
         lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
-    if choice.further is not None:
-        lines += _followers(choice.further)
+    if choice.further_markers is not None:
+        lines += _format_followers(choice.further_markers)
     return [*lines, ""]
 
 
-def _proposed(proposal: "LabelProposal") -> list[str]:
+def _format_proposal(proposal: "LabelProposal") -> list[str]:
     """What labels mean that say nothing, each with its evidence, to be confirmed; what is asked is
     a comment.
     """
     lines = [
         "[markers]",
-        f"# likely: no marker set knows the labels; {proposal.told}",
+        f"# likely: no marker set knows the labels; {proposal.basis}",
         'set = "landmarks"',
         "# MISSING: a person's look at each line of rename and tracking; then write true",
         "confirmed = false",
@@ -286,10 +289,10 @@ def _proposed(proposal: "LabelProposal") -> list[str]:
             "markers.tracking"
         )
         lines.append(f"# {line}{question}" if label in proposal.asked else line)
-    return lines + _followers(proposal)
+    return lines + _format_followers(proposal)
 
 
-def _followers(proposal: "LabelProposal") -> list[str]:
+def _format_followers(proposal: "LabelProposal") -> list[str]:
     """Markers that move with segments, each with its evidence, and labels that are nowhere."""
     lines = (
         ["[markers.tracking]  # segment = further markers that move with it"]
@@ -312,15 +315,15 @@ def _followers(proposal: "LabelProposal") -> list[str]:
             for label, weight in proposal.weights.items()
         ]
     return lines + [
-        f"# not used: {_one_line(label)}: {why}" for label, why in proposal.unused.items()
+        f"# not used: {_join_lines(label)}: {why}" for label, why in proposal.unused.items()
     ]
 
 
-def left_over_words(choice: choose_marker_set.SetChoice) -> str:
+def describe_left_over(choice: choose_marker_set.SetChoice) -> str:
     """`; left over: ...`, and which labels of the set they look like; empty where the set knows all
     labels.
     """
-    left = choice.explained.left_over
+    left = choice.coverage.left_over
     if not left:
         return ""
     more = f" and {len(left) - 8} more" if len(left) > 8 else ""
@@ -331,9 +334,9 @@ def left_over_words(choice: choose_marker_set.SetChoice) -> str:
     )
 
 
-def _trial(trial: Drafted, folder: Path | None) -> list[str]:
+def _format_trial(trial: DraftedTrial, folder: Path | None) -> list[str]:
     lines = ["[[trial]]", f"name = {format_toml_value(trial.name)}  # after the file"]
-    lines += _line("role", trial.role, trial.reason, trial.certain)
+    lines += _format_line("role", trial.role, trial.reason, trial.certain)
     if trial.joint:
         lines.append(
             f"joint = {format_toml_value(trial.joint)}  # the one that turns most, see role"
@@ -349,35 +352,35 @@ def _trial(trial: Drafted, folder: Path | None) -> list[str]:
             if trial.forces
             else ", no forces: angles, no torques"
         )
-    lines.append(f"file = {format_toml_value(_path(trial.file.path, folder))}  # {frames}")
+    lines.append(f"file = {format_toml_value(_make_relative(trial.file.path, folder))}  # {frames}")
     if trial.forces is not None:
-        lines += _line(
+        lines += _format_line(
             "forces",
-            _path(trial.forces.file.path, folder),
+            _make_relative(trial.forces.file.path, folder),
             trial.forces.reason,
             trial.forces.certain,
         )
     return [*lines, ""]
 
 
-def _line(field: str, value: object, reason: str, certain: bool) -> list[str]:
+def _format_line(field: str, value: object, reason: str, certain: bool) -> list[str]:
     """`field = value  # sure: reason`, the comment above where the line would be long."""
-    comment = f"# {'sure' if certain else 'likely'}: {_one_line(reason)}"
-    text = _assignment(field, value)
+    comment = f"# {'sure' if certain else 'likely'}: {_join_lines(reason)}"
+    text = _format_assignment(field, value)
     return [f"{text}  {comment}"] if len(text) <= WIDEST else [comment, text]
 
 
-def _assignment(field: str, value: object) -> str:
+def _format_assignment(field: str, value: object) -> str:
     if isinstance(value, Mapping) and set(value) <= set(SIDES):
         return f"{field} = {{ {', '.join(f'{side} = {v:g}' for side, v in value.items())} }}"
     return f"{field} = {format_toml_value(value)}"
 
 
-def _one_line(text: str) -> str:
+def _join_lines(text: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
-def _path(path: Path, folder: Path | None) -> Path:
+def _make_relative(path: Path, folder: Path | None) -> Path:
     whole = path.parent.resolve() / path.name
     if folder is None:
         return whole
@@ -387,27 +390,27 @@ def _path(path: Path, folder: Path | None) -> Path:
         return whole
 
 
-def missing_words(draft: Draft) -> str:
+def describe_missing_fields(draft: Draft) -> str:
     """What nobody tells."""
     doubts = f" ({'; '.join(draft.doubts[:2])})" if draft.doubts else ""
     return (
-        f"{_nobody(draft)} says "
+        f"{_get_file_subject(draft)} says "
         + ", ".join(f"subject.{field}" for field in draft.missing)
         + doubts
     )
 
 
-def _nobody(draft: Draft) -> str:
+def _get_file_subject(draft: Draft) -> str:
     """Who says nothing; a file of another person may say something."""
-    return "no file that is used" if draft.strangers else "no file"
+    return "no file that is used" if draft.has_other_people else "no file"
 
 
-def missing_options(draft: Draft) -> str:
+def list_missing_options(draft: Draft) -> str:
     """The options that tell it."""
     return " ".join(NEEDED[field] for field in draft.missing)
 
 
-def unconfirmed_words(draft: Draft) -> str:
+def describe_unconfirmed_labels(draft: Draft) -> str:
     """That labels mean only what was proposed, and what to do; empty where they are names."""
     if draft.choice is None or draft.choice.proposal is None:
         return ""
@@ -420,7 +423,7 @@ def unconfirmed_words(draft: Draft) -> str:
     )
 
 
-def study_of(draft: Draft, *, proposed: bool = False) -> Study:
+def build_study(draft: Draft, *, proposed: bool = False) -> Study:
     """The drafted study with its recordings, without a study file on disk; `proposed`: also where
     what the labels mean is proposed only.
 
@@ -430,17 +433,17 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
     path = draft.folder.path / STUDY
     if draft.fault:
         raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
-    if not proposed and (words := unconfirmed_words(draft)):
+    if not proposed and (words := describe_unconfirmed_labels(draft)):
         raise InputError(words, source=draft.folder.path, code=Code.UNKNOWN_LABEL)
     if draft.missing:
-        message = f"{missing_words(draft)}: give {missing_options(draft)}"
+        message = f"{describe_missing_fields(draft)}: give {list_missing_options(draft)}"
         raise InputError(message, source=draft.folder.path, code=Code.WHO_IT_IS)
     if draft.choice is not None and draft.choice.proposal is not None:
         answered = replace(draft.choice.proposal, asked=frozenset())
         draft = replace(draft, choice=replace(draft.choice, proposal=answered))
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / STUDY
-        written.write_text(draft_text(draft, None), encoding="utf-8")
+        written.write_text(format_draft(draft, None), encoding="utf-8")
         file = study_file.load_study_file(written)
     marker_set = read_marker_set(file, path, proposed=True)
     trials = tuple(
@@ -457,7 +460,7 @@ LIKELY = "likely, to be looked at: "
 MOST_RENAMED = 12  # Labels that are printed
 
 
-def marker_set_line(draft: Draft) -> str:
+def describe_marker_set(draft: Draft) -> str:
     """The marker set, how many labels it knows, and those it does not; empty without a set."""
     choice = draft.choice
     if choice is None:
@@ -466,9 +469,9 @@ def marker_set_line(draft: Draft) -> str:
         of = len(choice.proposal.rename) + sum(map(len, choice.proposal.tracking.values()))
         return (
             f"{LIKELY}no marker set knows the labels; proposed for {of} markers: "
-            f"{choice.proposal.told}"
+            f"{choice.proposal.basis}"
         )
-    found = choice.explained
+    found = choice.coverage
     known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
     pairs = [f"{old} = {new}" for old, new in sorted(choice.rename.items())]
     more = f" and {len(pairs) - MOST_RENAMED} more" if len(pairs) > MOST_RENAMED else ""
@@ -477,11 +480,11 @@ def marker_set_line(draft: Draft) -> str:
         known += f"; joint centres, not markers: {', '.join(choice.centres)}"
     return (
         f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, "
-        f"{known}{left_over_words(choice)}"
+        f"{known}{describe_left_over(choice)}"
     )
 
 
-def doubtful_lines(draft: Draft) -> tuple[str, ...]:
+def list_uncertain_choices(draft: Draft) -> tuple[str, ...]:
     """What is likely only, and which files are not used."""
     out = []
     for trial in draft.trials:
@@ -494,7 +497,7 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
             )
     for field, known in draft.person.items():
         if field != "name" and not known.certain:
-            out.append(f"{LIKELY}{_assignment(field, known.value)}: {known.reason}")
+            out.append(f"{LIKELY}{_format_assignment(field, known.value)}: {known.reason}")
     if "sex" not in draft.person and not draft.missing:
         out.append(
             f"{LIKELY}sex: not given in any file; masses are the mean of women's and men's tables "
@@ -504,7 +507,7 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
         out.append(
             "age: not given in any file; no norms of gait, and masses of adults (--age YEARS gives it)"
         )
-    further = None if draft.choice is None else draft.choice.further
+    further = None if draft.choice is None else draft.choice.further_markers
     if further is not None and further.tracking:
         words = "; ".join(
             f"{', '.join(group)} with {segment}" for segment, group in further.tracking.items()
@@ -523,13 +526,13 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
     return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
 
 
-def draft_notes(draft: Draft) -> tuple[str, ...]:
+def list_draft_notes(draft: Draft) -> tuple[str, ...]:
     """How the study was drafted, as notes of a result."""
-    told = (line for line in (marker_set_line(draft), *doubtful_lines(draft)) if line)
+    told = (line for line in (describe_marker_set(draft), *list_uncertain_choices(draft)) if line)
     return tuple(f"Drafted from the folder: {line}" for line in told)
 
 
-def own_study(folder: Folder) -> Path | None:
+def find_study_in_folder(folder: Folder) -> Path | None:
     """The study file that lies in a folder; None where none does. InputError for several."""
     own = [f.path for f in folder.files if f.kind is FileKind.STUDY or f.name == STUDY]
     if len(own) > 1:
@@ -539,7 +542,7 @@ def own_study(folder: Folder) -> Path | None:
     return own[0] if own else None
 
 
-def study_files(folder: Path) -> tuple[Path, ...]:
+def list_study_files(folder: Path) -> tuple[Path, ...]:
     """The study files in a folder, found without reading its recordings."""
     return tuple(
         p
@@ -552,12 +555,12 @@ def _is_study(path: Path) -> bool:
     if path.name[0] in ".~":
         return False
     try:
-        return path.name == STUDY or declares_study(read_toml(path))
+        return path.name == STUDY or is_study(read_toml(path))
     except InputError:
         return False
 
 
-def files_of(draft: Draft) -> tuple[Path, ...]:
+def list_files(draft: Draft) -> tuple[Path, ...]:
     """The files that a drafted study reads."""
     own = (
         [Path(draft.choice.entry)] if draft.choice and draft.choice.entry.endswith(".toml") else []
@@ -580,11 +583,11 @@ def find_study_source(path: Path, person: Options) -> Path | Folder:
     study = path
     if path.is_dir():
         folder = read_folder(path)
-        in_folder = own_study(folder)
+        in_folder = find_study_in_folder(folder)
         if in_folder is None:
             return folder
         study = in_folder
-    if person != NOTHING_SAID:
+    if person != NO_OPTIONS:
         message = "mass, height, sex and age are for folders without a study file; write them there"
         raise UsageError(message, source=study)
     return study
@@ -594,10 +597,10 @@ def require_runnable(draft: Draft, source: Path) -> None:
     """Raise InputError for the first thing that keeps a drafted study from being run."""
     if draft.fault:
         raise InputError(draft.fault, source=source, code=Code.FOLDER)
-    if message := unconfirmed_words(draft):
+    if message := describe_unconfirmed_labels(draft):
         raise InputError(message, source=source, code=Code.UNKNOWN_LABEL)
     if draft.problem:
         raise InputError(draft.problem, source=source, code=Code.FOLDER)
     if draft.missing:
-        message = f"{missing_words(draft)}: give {missing_options(draft)}"
+        message = f"{describe_missing_fields(draft)}: give {list_missing_options(draft)}"
         raise InputError(message, source=source, code=Code.WHO_IT_IS)

@@ -17,22 +17,28 @@ from gaitcal.intake import recordings_folder as folders
 from gaitcal.intake.choose_marker_set import (
     MOST_MISSING,
     SetChoice,
-    choices_of,
-    explained,
-    no_set,
-    respelt,
+    apply_renames,
+    describe_unknown_labels,
+    measure_label_coverage,
+    rank_sets_of_recordings,
 )
-from gaitcal.intake.draft_file import FIRST_LABELS, Draft, Drafted, Seen, row_of
-from gaitcal.intake.people_in_folder import Sitting, same_recording, sitting_of
+from gaitcal.intake.draft_file import FIRST_LABELS, Draft, DraftedTrial, FileRow, build_row
+from gaitcal.intake.people_in_folder import Session, find_session, is_same_recording
 from gaitcal.intake.subject_metadata import (
     Options,
-    figures_in_doubt,
-    mass_fault,
-    person_of,
-    weighed,
-    weighed_walking,
+    check_mass,
+    collect_subject,
+    list_doubtful_figures,
+    weigh_standing,
+    weigh_walking,
 )
-from gaitcal.intake.trial_movement import RecordedMovement, Shows, movement, standing, unit_fault
+from gaitcal.intake.trial_movement import (
+    MovementKind,
+    RecordedMovement,
+    check_units,
+    classify_movement,
+    detect_standing,
+)
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import has_poses
@@ -43,7 +49,7 @@ from gaitcal.quality.named_joint_centres import CENTRE, find_measured_markers
 from gaitcal.study.study import Study
 
 
-def several_people(
+def describe_several_people(
     files: Sequence[folders.FolderFile], people: Mapping[int, tuple[str, ...]]
 ) -> tuple[str, dict[str, str]]:
     """That files hold the markers of several people, in one line, and file -> of whom."""
@@ -59,10 +65,10 @@ def several_people(
     )
 
 
-def refused(folder: folders.Folder, fault: str, told: Mapping[str, str]) -> Draft:
+def refuse_folder(folder: folders.Folder, fault: str, told: Mapping[str, str]) -> Draft:
     """What was seen of a folder from which no study follows."""
-    seen = tuple(row_of(file, reason=told.get(file.name, "")) for file in folder.files)
-    return Draft(folder=folder, choice=None, person={}, trials=(), seen=seen, fault=fault)
+    seen = tuple(build_row(file, reason=told.get(file.name, "")) for file in folder.files)
+    return Draft(folder=folder, choice=None, person={}, trials=(), rows=seen, fault=fault)
 
 
 MOST_BELOW = (
@@ -70,7 +76,7 @@ MOST_BELOW = (
 )
 
 
-def draft_of(folder: folders.Folder, options: Options) -> Draft:
+def draft_folder(folder: folders.Folder, options: Options) -> Draft:
     """The study of a folder; its subfolders are looked into where it is not whole without them and
     they are of one person.
     """
@@ -79,60 +85,61 @@ def draft_of(folder: folders.Folder, options: Options) -> Draft:
     if folder.deep or not 0 < below <= MOST_BELOW or (draft.moves and not draft.fault):
         return draft
     deep = draft_study(folders.read_folder(folder.path, deep=True), options)
-    return draft if deep.fault or deep.strangers or not deep.moves else deep
+    return draft if deep.fault or deep.has_other_people or not deep.moves else deep
 
 
 def draft_study(folder: folders.Folder, options: Options) -> Draft:
     """The study that follows from a folder; where none does, what was seen and `fault`."""
-    files = folder.of_kind(folders.FileKind.RECORDING)
+    files = folder.select_kind(folders.FileKind.RECORDING)
     recordings = [file.recording for file in files if file.recording is not None]
     if not recordings:
-        return refused(folder, folders.nothing_here(folder), {})
+        return refuse_folder(folder, folders.describe_empty_folder(folder), {})
     own = [
         (str(f.path), f.marker_set)
-        for f in folder.of_kind(folders.FileKind.MARKER_SET)
-        or folders.marker_sets_above(folder.path)
+        for f in folder.select_kind(folders.FileKind.MARKER_SET)
+        or folders.find_marker_sets_above(folder.path)
         if f.marker_set is not None
     ]
-    choices = choices_of(recordings, own)
+    choices = rank_sets_of_recordings(recordings, own)
     if not choices:
         try:
-            choices = [_proposed(recordings, options)]
+            choices = [_propose_set(recordings, options)]
         except InputError as fault:
-            return refused(
+            return refuse_folder(
                 folder,
-                f"{no_set(recordings, own)}; nor do places and movement tell them: {fault}",
+                f"{describe_unknown_labels(recordings, own)}; nor do places and movement tell them: {fault}",
                 {},
             )
-    if choices[0].people:
-        return refused(folder, *several_people(files, choices[0].people))
+    if choices[0].people_prefixes:
+        return refuse_folder(folder, *describe_several_people(files, choices[0].people_prefixes))
     for choice in choices:
-        spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
+        spelt = {i: _rename_recording(recordings[i], choice) for i in choice.members}
         # before anything else is looked for: in another unit everybody is another person, or moves
-        units = {i: wrong for i, r in spelt.items() if (wrong := unit_fault(r, choice.marker_set))}
+        units = {i: wrong for i, r in spelt.items() if (wrong := check_units(r, choice.marker_set))}
         sound = {i: r for i, r in spelt.items() if i not in units}
-        session = sitting_of(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
+        session = find_session(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
         if (
             session is not None
-            and (measured := _with_measured(choice, recordings, sound, session)) is not choice
+            and (measured := _replace_joint_centres(choice, recordings, sound, session))
+            is not choice
         ):
             choice = measured
-            spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
+            spelt = {i: _rename_recording(recordings[i], choice) for i in choice.members}
             sound = {i: r for i, r in spelt.items() if i not in units}
-            session = sitting_of(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
+            session = find_session(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
         if session is not None:
             session = replace(session, others={**session.others, **units})
-            choice = _with_strangers(choice, spelt, session, options)
+            choice = _place_unknown_markers(choice, spelt, session, options)
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
-            other = _another_person(
+            other = _describe_other_session(
                 files, [i for i in range(len(files)) if i not in session.members], own
             )
             return replace(draft, problem=other or draft.problem) if draft.moves else draft
     told, parts, scales = {}, [], []
     for i in choices[0].members:
-        spelling = _spelt(recordings[i], choices[0])
-        posture, why = standing(spelling, choices[0].marker_set)
-        unit = unit_fault(spelling, choices[0].marker_set)
+        spelling = _rename_recording(recordings[i], choices[0])
+        posture, why = detect_standing(spelling, choices[0].marker_set)
+        unit = check_units(spelling, choices[0].marker_set)
         nobody = unit or f"nobody stands in it: {why}"
         if unit:
             scales.append(f"{files[i].name}: {unit}")
@@ -154,10 +161,10 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
             f"; in {parts[0]} somebody stands for a part: call the file static, or write role = "
             '"static" for it'
         )
-    return refused(folder, f"{message} (marker set {choices[0].entry})", told)
+    return refuse_folder(folder, f"{message} (marker set {choices[0].entry})", told)
 
 
-def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
+def _propose_set(recordings: Sequence[Recording], options: Options) -> SetChoice:
     """The set "landmarks", labels as places and movement propose them; InputError where they tell
     too little.
     """
@@ -166,12 +173,13 @@ def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
         propose_labels,
     )  # with two libraries that few folders need
 
-    proposal = propose_labels(recordings, _told_height(recordings, options))
+    proposal = propose_labels(recordings, _find_given_height(recordings, options))
     marker_set = (
         load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
     )
-    found = explained(
-        marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename)
+    found = measure_label_coverage(
+        marker_set,
+        apply_renames([label for r in recordings for label in r.labels], proposal.rename),
     )
     if len(found.missing) > MOST_MISSING:
         raise InputError(
@@ -181,29 +189,29 @@ def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
         marker_set=marker_set,
         entry=LANDMARK_SET,
         rename=proposal.rename,
-        explained=found,
+        coverage=found,
         members=tuple(range(len(recordings))),
         proposal=proposal,
     )
 
 
-def _told_height(recordings: Iterable[Recording], options: Options) -> float | None:
+def _find_given_height(recordings: Iterable[Recording], options: Options) -> float | None:
     """m, as the user or a file says."""
     return options.height or next((r.facts.height for r in recordings if r.facts.height), None)
 
 
-def _with_measured(
+def _replace_joint_centres(
     choice: SetChoice,
     recordings: Sequence[Recording],
     spelt: Mapping[int, Recording],
-    session: Sitting,
+    session: Session,
 ) -> SetChoice:
     """The set with measured markers where files name joint centres as it names lateral markers."""
     static = session.statics[0]
     moving = [spelt[i] for i in session.members if i != static]
     known = (
         choice.proposal is not None
-        or not choice.explained.left_over
+        or not choice.coverage.left_over
         or choice.marker_set.noise is not None
     )
     if known or not (found := find_measured_markers(spelt[static], moving, choice.marker_set)):
@@ -217,24 +225,24 @@ def _with_measured(
     rename = {old: new for old, new in choice.rename.items() if old not in centres}
     rename |= {old: f"{old}{CENTRE}" for old, new in centres.items() if old == new}
     rename |= {other: label for label, other in found.items()}
-    labels = respelt([m for i in choice.members for m in recordings[i].labels], rename)
+    labels = apply_renames([m for i in choice.members for m in recordings[i].labels], rename)
     return replace(
         choice,
         rename=rename,
         centres=tuple(centres),
-        explained=explained(choice.marker_set, labels),
+        coverage=measure_label_coverage(choice.marker_set, labels),
     )
 
 
-def _with_strangers(
-    choice: SetChoice, spelt: Mapping[int, Recording], session: Sitting, options: Options
+def _place_unknown_markers(
+    choice: SetChoice, spelt: Mapping[int, Recording], session: Session, options: Options
 ) -> SetChoice:
     """The set with markers that it does not know on the segments that they move with, where that
     can be told.
     """
-    if choice.proposal is not None or not choice.explained.left_over:
+    if choice.proposal is not None or not choice.coverage.left_over:
         return choice
-    from gaitcal.intake.label_proposal import place_strangers
+    from gaitcal.intake.label_proposal import place_unknown_markers
 
     static = session.statics[0]
     moving = [spelt[i] for i in session.members if i != static]
@@ -253,35 +261,43 @@ def _with_strangers(
         n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY
     ]
     try:
-        found = place_strangers(
-            spelt[static], moving, known, lacking, _told_height(spelt.values(), options)
+        found = place_unknown_markers(
+            spelt[static], moving, known, lacking, _find_given_height(spelt.values(), options)
         )
     except InputError:
         return choice
-    labels = respelt([label for r in spelt.values() for label in r.labels], choice.rename)
+    labels = apply_renames([label for r in spelt.values() for label in r.labels], choice.rename)
     further = choice.marker_set.with_further(found.tracking).with_weights(found.weights)
-    return replace(choice, marker_set=further, explained=explained(further, labels), further=found)
+    return replace(
+        choice,
+        marker_set=further,
+        coverage=measure_label_coverage(further, labels),
+        further_markers=found,
+    )
 
 
-def _another_person(
+def _describe_other_session(
     files: Sequence[folders.FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]
 ) -> str:
     """That recordings which are left over show a whole session of their own; empty where they do
     not.
     """
     found = {i: recording for i in rest if (recording := files[i].recording) is not None}
-    for choice in choices_of(list(found.values()), own):
+    for choice in rank_sets_of_recordings(list(found.values()), own):
         numbers = [list(found)[k] for k in choice.members]
-        spelt = {i: _spelt(found[i], choice) for i in numbers}
-        session = sitting_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
+        spelt = {i: _rename_recording(found[i], choice) for i in numbers}
+        session = find_session(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
         if session is None:
             continue
         reference = session.postures[session.statics[0]].stance
         shown = (
-            movement(spelt[i], session.worn, session.postures.get(i), reference)
+            classify_movement(spelt[i], session.marker_set, session.postures.get(i), reference)
             for i in session.members
         )
-        if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT, Shows.MOVES) for found in shown):
+        if any(
+            found.kind in (MovementKind.WALKS, MovementKind.ONE_JOINT, MovementKind.MOVES)
+            for found in shown
+        ):
             names = ", ".join(files[i].name for i in session.members)
             return (
                 f"two people, or two sessions, lie in one folder; {names} are the other one, "
@@ -291,10 +307,10 @@ def _another_person(
     return ""
 
 
-def _spelt(recording: Recording, choice: SetChoice) -> Recording:
+def _rename_recording(recording: Recording, choice: SetChoice) -> Recording:
     """A recording with the labels of the set."""
     return choice.marker_set.rename_labels(
-        replace(recording, labels=respelt(recording.labels, choice.rename))
+        replace(recording, labels=apply_renames(recording.labels, choice.rename))
     )
 
 
@@ -308,7 +324,7 @@ class _Drafting:
     files: tuple[folders.FolderFile, ...]
     choice: SetChoice
     spelt: Mapping[int, Recording]  # With the labels of the set
-    session: Sitting
+    session: Session
     options: Options
 
     def draft(self) -> Draft:
@@ -316,38 +332,42 @@ class _Drafting:
         session = self.session
         reference = session.postures[session.statics[0]].stance
         moves = {
-            i: movement(self.spelt[i], session.worn, session.postures.get(i), reference)
+            i: classify_movement(
+                self.spelt[i], session.marker_set, session.postures.get(i), reference
+            )
             for i in session.members
         }
         # of what does not only stand, the first static trial is one that is declared so, of which a
         # part stands
         statics = [
-            i for i in session.statics if moves[i].shows is Shows.STANDS or i == session.statics[0]
+            i
+            for i in session.statics
+            if moves[i].kind is MovementKind.STANDS or i == session.statics[0]
         ]
         out = dict(session.others) | {
-            i: f"the same recording as {self.files[j].name}" for i, j in self._copies(statics)
+            i: f"the same recording as {self.files[j].name}" for i, j in self._find_copies(statics)
         }
-        statics = self._with_model([i for i in statics if i not in out])
+        statics = self._put_model_first([i for i in statics if i not in out])
         # segment poses make a standing posture of any movement, which is a trial beside it
         made = [
             i
             for i in statics[:1]
-            if has_poses(self.spelt[i].labels) and moves[i].shows is not Shows.STANDS
+            if has_poses(self.spelt[i].labels) and moves[i].kind is not MovementKind.STANDS
         ]
         statics = [i for i in statics if i not in made]
         roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
         for i, found in moves.items():
             if i in roles or i in out:
                 continue
-            if found.shows is Shows.WALKS:
+            if found.kind is MovementKind.WALKS:
                 roles[i] = ("gait", "")
-            elif found.shows is Shows.ONE_JOINT:
+            elif found.kind is MovementKind.ONE_JOINT:
                 roles[i] = ("joint", found.joint)
-            elif found.shows is Shows.MOVES:
+            elif found.kind is MovementKind.MOVES:
                 roles[i] = ("motion", "")
             else:
                 out[i] = (
-                    f"{found.shows.value}: {found.evidence}; neither standing nor moving the body "
+                    f"{found.kind.value}: {found.evidence}; neither standing nor moving the body "
                     "or one joint"
                 )
         walks = {
@@ -360,12 +380,12 @@ class _Drafting:
             roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i)
         )
         stems = [self.files[i].path.stem for i in order]
-        first, *names = folders.trial_names(
+        first, *names = folders.make_trial_names(
             [f"{self.files[i].path.stem}_upright" for i in made] + stems
         )
         names = names if made else [first, *names]
         upright = tuple(
-            Drafted(
+            DraftedTrial(
                 name=first,
                 role="static",
                 joint="",
@@ -377,11 +397,11 @@ class _Drafting:
             for i in made
         )
         trials = upright + tuple(
-            self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
+            self._build_trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
             for i, name in zip(order, names, strict=True)
         )
-        plates = self._weighed(statics)
-        facts = self._facts([*statics, *(i for i in order if i not in statics)])
+        plates = self._weigh_subject(statics)
+        facts = self._sort_facts([*statics, *(i for i in order if i not in statics)])
         tall = body_plan.estimate_height(session.postures[(made or statics)[0]].landmarks)
         on_plates = {i: self.spelt[i].plates for i, (role, _) in roles.items() if role == "gait"}
         on_plates |= {
@@ -390,19 +410,19 @@ class _Drafting:
         strides = {
             self.files[i].name: kg
             for i, of in on_plates.items()
-            if (kg := weighed_walking(of)) is not None
+            if (kg := weigh_walking(of)) is not None
         }
         walking = (
             (", ".join(strides), float(np.median(list(strides.values())))) if strides else None
         )
-        person = person_of(self.folder.name, self.options, facts, plates, tall, walking)
+        person = collect_subject(self.folder.name, self.options, facts, plates, tall, walking)
         moving = any(trial.role != "static" for trial in trials)
         number = {file.name: i for i, file in enumerate(self.files)}
         owner = {choice.file.name: self.files[i].name for i, choice in forces.items()}
         seen = tuple(
-            self._recording_row(number[file.name], roles, out, moves)
+            self._build_recording_row(number[file.name], roles, out, moves)
             if file.name in number
-            else self._other_row(file, owner, unpaired)
+            else self._build_other_row(file, owner, unpaired)
             for file in self.folder.files
         )
         return Draft(
@@ -410,22 +430,22 @@ class _Drafting:
             choice=self.choice,
             person=person,
             trials=trials,
-            seen=seen,
-            strangers=bool(session.others),
-            problem=mass_fault(person, self.options, plates)
+            rows=seen,
+            has_other_people=bool(session.others),
+            problem=check_mass(person, self.options, plates)
             if moving
-            else self._nothing_moves(out),
-            doubts=figures_in_doubt(facts),
+            else self._describe_no_movement(out),
+            doubts=list_doubtful_figures(facts),
         )
 
-    def _nothing_moves(self, out: Mapping[int, str]) -> str:
+    def _describe_no_movement(self, out: Mapping[int, str]) -> str:
         """That no trial moves, and why the recordings are left out that may."""
         why = [f"{self.files[i].name} is not used: {reason}" for i, reason in sorted(out.items())]
         more = f" (and {len(why) - 2} more)" if len(why) > 2 else ""
         used = "no recording that is used shows somebody moving"
         return "; ".join([used, *why[:2]]) + more
 
-    def _copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
+    def _find_copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
         """Recordings that are another one again, and which; the one with plates is kept, then the
         longest.
         """
@@ -433,24 +453,26 @@ class _Drafting:
         def worth(i: int) -> tuple[object, ...]:
             recording = self.spelt[i]
             rank = statics.index(i) if i in statics else 0
-            strange = len(explained(self.choice.marker_set, recording.labels).left_over)
+            strange = len(
+                measure_label_coverage(self.choice.marker_set, recording.labels).left_over
+            )
             return (i not in statics, not recording.plates, -len(recording.time), strange, rank, i)
 
         kept: list[int] = []
         copies = []
         for i in sorted(self.session.members, key=worth):
-            twin = next((j for j in kept if same_recording(self.spelt[i], self.spelt[j])), None)
+            twin = next((j for j in kept if is_same_recording(self.spelt[i], self.spelt[j])), None)
             if twin is None:
                 kept.append(i)
             else:
                 copies.append((i, twin))
         return copies
 
-    def _with_model(self, statics: list[int]) -> list[int]:
+    def _put_model_first(self, statics: list[int]) -> list[int]:
         """Static trials, one that gives a model by itself first; where none does, the study's other
         trials may help.
         """
-        person = person_of("", self.options, self._facts(statics), None)
+        person = collect_subject("", self.options, self._sort_facts(statics), None)
         if len(statics) < 2 or "height_m" not in person:
             return statics
         subject = Subject("", 70.0, float(str(person["height_m"].value)), self.options.sex or "")
@@ -460,19 +482,19 @@ class _Drafting:
                 return [i, *(j for j in statics if j != i)]
         return statics
 
-    def _facts(self, order: Sequence[int]) -> list[tuple[str, Facts]]:
+    def _sort_facts(self, order: Sequence[int]) -> list[tuple[str, Facts]]:
         rest = [i for i in self.session.members if i not in order]
         return [(self.files[i].name, self.spelt[i].facts) for i in (*order, *rest)]
 
-    def _weighed(self, statics: Sequence[int]) -> tuple[str, float] | None:
+    def _weigh_subject(self, statics: Sequence[int]) -> tuple[str, float] | None:
         """Static trial, and the mass (kg) that plates weigh in it."""
         for i in statics:
-            mass = weighed(self.spelt[i], self.choice.marker_set, self.session.postures[i])
+            mass = weigh_standing(self.spelt[i], self.choice.marker_set, self.session.postures[i])
             if mass is not None:
                 return self.files[i].name, mass
         return None
 
-    def _trial(
+    def _build_trial(
         self,
         i: int,
         name: str,
@@ -480,7 +502,7 @@ class _Drafting:
         found: RecordedMovement | None,
         forces: folders.ForceChoice | None,
         statics: Sequence[int],
-    ) -> Drafted:
+    ) -> DraftedTrial:
         reason = "" if found is None else found.evidence
         certain = found is not None and found.certain
         if role[0] == "static":
@@ -502,9 +524,9 @@ class _Drafting:
                     f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for "
                     "standing only"
                 )
-        elif said := folders.name_contradicts(self.files[i].path.stem, role):
+        elif said := folders.describe_name_conflict(self.files[i].path.stem, role):
             reason, certain = f"{reason}; {said}", False
-        return Drafted(
+        return DraftedTrial(
             name=name,
             role=role[0],
             joint=role[1],
@@ -514,61 +536,61 @@ class _Drafting:
             certain=certain,
         )
 
-    def _recording_row(
+    def _build_recording_row(
         self,
         i: int,
         roles: Mapping[int, tuple[str, str]],
         out: Mapping[int, str],
         moves: Mapping[int, RecordedMovement],
-    ) -> Seen:
+    ) -> FileRow:
         file, choice = self.files[i], self.choice
         labels = file.recording.labels if file.recording is not None else ()
-        found = explained(choice.marker_set, respelt(labels, choice.rename))
+        found = measure_label_coverage(choice.marker_set, apply_renames(labels, choice.rename))
         counts = f"{found.known} of {len(labels)} known"
         if i not in self.spelt:
             more = " ..." if len(labels) > FIRST_LABELS else ""
             reason = (
                 f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"
             )
-            return row_of(file, labels=counts, reason=reason)
-        shows, evidence = (moves[i].shows.value, moves[i].evidence) if i in moves else ("", "")
+            return build_row(file, labels=counts, reason=reason)
+        shows, evidence = (moves[i].kind.value, moves[i].evidence) if i in moves else ("", "")
         used = " ".join(filter(None, roles.get(i, ())))
-        return row_of(
+        return build_row(
             file, labels=counts, shows=shows, used=used, reason=out.get(i, "") or evidence
         )
 
-    def _other_row(
+    def _build_other_row(
         self, file: folders.FolderFile, owner: Mapping[str, str], unpaired: Mapping[str, str]
-    ) -> Seen:
+    ) -> FileRow:
         """A row of a file that is no recording; `owner`: table of forces -> recording, `unpaired`:
         -> why none.
         """
         if file.forces is not None:
             used = f"forces of {owner[file.name]}" if file.name in owner else ""
-            return row_of(
+            return build_row(
                 file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it")
             )
         if file.kind is folders.FileKind.EXTERNAL_LOADS:
-            table = PureWindowsPath(file.names).name  # takes / and \ alike
+            table = PureWindowsPath(file.table_name).name  # takes / and \ alike
             if any(PureWindowsPath(name).name == table for name in owner):
-                return row_of(file, used=f"says that {table} holds forces")
-            return row_of(file, reason=f"names {table}, which is not used")
+                return build_row(file, used=f"says that {table} holds forces")
+            return build_row(file, reason=f"names {table}, which is not used")
         if file.kind is folders.FileKind.MARKER_SET:
             chosen = str(file.path) == self.choice.entry
-            return row_of(
+            return build_row(
                 file,
                 used="marker set" * chosen,
                 reason="" if chosen else "another set knows more labels",
             )
         if file.kind is folders.FileKind.CORNERS:
-            return row_of(file, used="corners of the plates in the table of forces beside it")
+            return build_row(file, used="corners of the plates in the table of forces beside it")
         if file.kind is folders.FileKind.FACTS:
-            return row_of(
+            return build_row(
                 file, used="what the file of the recording beside it said of person and events"
             )
         if file.kind is folders.FileKind.EVENTS:
-            return row_of(file, used="foot events of the recordings that it names")
-        return row_of(
+            return build_row(file, used="foot events of the recordings that it names")
+        return build_row(
             file,
             reason="a study file; it is not looked into"
             if file.kind is folders.FileKind.STUDY
@@ -579,7 +601,7 @@ class _Drafting:
 _ORDER = {"static": 0, "joint": 1, "gait": 2, "motion": 3}
 
 
-def faulty_trials(study: Study, findings: Iterable[Finding]) -> dict[str, str]:
+def find_faulty_trials(study: Study, findings: Iterable[Finding]) -> dict[str, str]:
     """Choose the trials to leave out of a study, as an error speaks against them.
 
     Nothing is left out where the first static trial, or the study as a whole, is at fault, or where
@@ -612,24 +634,24 @@ def faulty_trials(study: Study, findings: Iterable[Finding]) -> dict[str, str]:
     return faulty
 
 
-def faulty_notes(faulty: Mapping[str, str]) -> tuple[str, ...]:
+def list_faulty_notes(faulty: Mapping[str, str]) -> tuple[str, ...]:
     """That trials are left out, and why (trial -> error)."""
     return tuple(f"not used: trial '{name}': {error}" for name, error in faulty.items())
 
 
-def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
+def find_rejected_forces(draft: Draft) -> tuple[Finding, ...]:
     """A warning for each walk without forces whose name a table of forces bears that is nobody's."""
     walks = {t.file.path.stem: t for t in draft.trials if t.role in ("gait", "motion")}
     out = []
-    tables = {file.name: file for file in draft.folder.of_kind(folders.FileKind.FORCES)}
+    tables = {file.name: file for file in draft.folder.select_kind(folders.FileKind.FORCES)}
     for row in (row for row in draft.left_out if row.kind == folders.FileKind.FORCES.value):
-        partner = folders.partner_of(tables[row.name], draft.folder.files)
+        partner = folders.find_partner(tables[row.name], draft.folder.files)
         if partner is not None and partner.path.stem not in walks:
             continue
         trial = walks.get(
             max(
                 walks,
-                key=lambda name: folders.names_alike(name, PurePath(row.name).stem),
+                key=lambda name: folders.compare_names(name, PurePath(row.name).stem),
                 default="",
             )
         )

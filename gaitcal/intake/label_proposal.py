@@ -77,7 +77,7 @@ class LabelProposal:
     """Labels of `rename` that lie where few markers of that landmark do, or that no trial shows
     moving and that may be of another segment: not named so unless a person says it.
     """
-    told: str  # By what height and heading were told, in words
+    basis: str  # By what height and heading were told, in words
 
 
 def propose_labels(recordings: Sequence[Recording], height: float | None = None) -> LabelProposal:
@@ -86,13 +86,17 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
 
     InputError where nobody stands still, or where it cannot be told which way the person faces.
     """
-    standing = min(recordings, key=_sway)
+    standing = min(recordings, key=_measure_sway)
     moving = [r for r in recordings if r is not standing]
-    every, scatter, points, seen, why = _seen(standing, moving)
+    every, scatter, points, seen, why = _collect_markers(standing, moving)
     rows = np.isfinite(scatter).any(axis=1)
     if (
         rows.any()
-        and (share := float((unnamed_markers.on_one_segment(scatter)[rows] > 0).any(axis=1).mean()))
+        and (
+            share := float(
+                (unnamed_markers.compute_segment_log_odds(scatter)[rows] > 0).any(axis=1).mean()
+            )
+        )
         < WITH_ANOTHER
     ):
         raise InputError(
@@ -103,21 +107,31 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
             "in all files",
             code=Code.LANDMARKS,
         )
-    forward = unnamed_markers.forward_direction(moving, points[seen], [every[i] for i in seen])
-    placed, view, told = _likeliest(*_of(seen, points, scatter), forward, height)
+    forward = unnamed_markers.estimate_forward_direction(
+        moving, points[seen], [every[i] for i in seen]
+    )
+    placed, view, told = _fit_likeliest_body(
+        *_select_evidence(seen, points, scatter), forward, height
+    )
     still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
-    devices = _devices(
+    devices = _find_knee_devices(
         standing, still_only, view.origin[1] + KNEE * placed.height, KNEE_SPREAD * placed.height
     )
     on_device = {label for parts in devices for label in parts}
     if on_device:
         seen = [i for i in seen if every[i] not in on_device]
-        placed, view, told = _likeliest(*_of(seen, points, scatter), forward, height)
-    placed = _with_whole_arms(placed, view, *_of(seen, points, scatter))
+        placed, view, told = _fit_likeliest_body(
+            *_select_evidence(seen, points, scatter), forward, height
+        )
+    placed = _drop_lone_forearms(placed, view, *_select_evidence(seen, points, scatter))
     labels = [every[i] for i in seen]
-    found = _read_off(labels, placed, scatter[np.ix_(seen, seen)])
+    found = _read_labels(labels, placed, scatter[np.ix_(seen, seen)])
     odd = dict(
-        zip(labels, unnamed_markers.out_of_place(view.of(points[seen]), placed), strict=True)
+        zip(
+            labels,
+            unnamed_markers.compute_misplacement(view.transform_to_body(points[seen]), placed),
+            strict=True,
+        )
     )
     unsure = {
         m
@@ -125,8 +139,11 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         if m in still_only and ahead < BEYOND_DOUBT
     }
     segment = {m: placed.body.segments[p] for m, p in zip(labels, placed.places, strict=True)}
-    found = _sacral(found, {label: points[i] for i, label in enumerate(every)})
-    out = {label: float(view.of(points[[every.index(label)]])[0, 2]) for label in on_device}
+    found = _identify_sacrum(found, {label: points[i] for i, label in enumerate(every)})
+    out = {
+        label: float(view.transform_to_body(points[[every.index(label)]])[0, 2])
+        for label in on_device
+    }
     rods: dict[str, str] = {}
     for parts in devices:
         outwards = sorted(parts, key=lambda label: -abs(out[label]))
@@ -151,11 +168,11 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
             for m in found.rename
             if m in unsure or (odd[m] > ONE_IN_100 and segment[m] in LOWER_BODY)
         ),
-        told=f"{told}; {PureWindowsPath(standing.source).name} stands",
+        basis=f"{told}; {PureWindowsPath(standing.source).name} stands",
     )
 
 
-def place_strangers(
+def place_unknown_markers(
     standing: Recording,
     moving: Sequence[Recording],
     segment_of: Mapping[str, str],
@@ -168,7 +185,7 @@ def place_strangers(
     Of each landmark in `lacking`, which nothing gives, the label is told that lies there: only a
     person names it so. InputError as of `propose_labels`.
     """
-    every, scatter, points, seen, why = _seen(standing, moving, segment_of)
+    every, scatter, points, seen, why = _collect_markers(standing, moving, segment_of)
     at = {
         m: place
         for m, place in zip(every, points, strict=True)
@@ -180,18 +197,24 @@ def place_strangers(
         if not np.isfinite(row).any()
     }
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
-    labels, body = [every[i] for i in seen], unnamed_markers.standing_bodies()[0]
-    points, beside = _of(seen, points, scatter)
+    labels, body = [every[i] for i in seen], unnamed_markers.load_standing_bodies()[0]
+    points, beside = _select_evidence(seen, points, scatter)
     segments, scatter = np.array(body.segments), scatter[np.ix_(seen, seen)]
     own = [segment_of.get(label) for label in labels]
     allowed = np.array(
         [~body.landmark if segment is None else segments == segment for segment in own]
     )
     known = [k for k, segment in enumerate(own) if segment is not None]
-    forward = unnamed_markers.forward_direction(moving, points[known], [labels[k] for k in known])
-    placed, view, told = _likeliest(points, replace(beside, allowed=allowed), forward, height)
-    found = _read_off(labels, placed, scatter)
-    lies = _lying_at(lacking, at, view, points[known], replace(placed, places=placed.places[known]))
+    forward = unnamed_markers.estimate_forward_direction(
+        moving, points[known], [labels[k] for k in known]
+    )
+    placed, view, told = _fit_likeliest_body(
+        points, replace(beside, allowed=allowed), forward, height
+    )
+    found = _read_labels(labels, placed, scatter)
+    lies = _describe_nearby_landmarks(
+        lacking, at, view, points[known], replace(placed, places=placed.places[known])
+    )
     near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
     why |= dict.fromkeys(sorted(near_two), "moves with two segments about as well") | dict(
         found.unused
@@ -201,7 +224,7 @@ def place_strangers(
     same = beside.known & (place[:, None] == place)
     loose = {
         m
-        for m, t, mates in zip(labels, beside.moves, same, strict=True)
+        for m, t, mates in zip(labels, beside.log_odds, same, strict=True)
         if mates.any() and t[mates].mean() < 0
     }
     why |= dict.fromkeys(
@@ -225,16 +248,16 @@ def place_strangers(
             for label, words in why.items()
             if label not in segment_of
         },
-        told=told,
+        basis=told,
     )
 
 
-def _lying_at(
+def _describe_nearby_landmarks(
     lacking: Sequence[str],
     at: Mapping[str, Array],
     view: "_View",
     points: Array,
-    placed: unnamed_markers.Placed,
+    placed: unnamed_markers.PlacedMarkers,
 ) -> dict[str, str]:
     """Label -> at which landmark it lies, in words: of each that lacks the nearest one, (3,) m in
     `at`, if 19 in 20 are as near to where the markers that stand at `points` put it.
@@ -244,7 +267,9 @@ def _lying_at(
         places = np.append(placed.places, placed.body.labels.index(name))
         with_one = replace(placed, places=places)
         away = {
-            m: unnamed_markers.out_of_place(view.of(np.vstack([points, p])), with_one)[-1]
+            m: unnamed_markers.compute_misplacement(
+                view.transform_to_body(np.vstack([points, p])), with_one
+            )[-1]
             for m, p in at.items()
         }
         nearest = min(away, key=away.__getitem__, default="")
@@ -253,30 +278,32 @@ def _lying_at(
     return out
 
 
-def _seen(
+def _collect_markers(
     standing: Recording, moving: Sequence[Recording], named: Collection[str] = ()
 ) -> tuple[list[str], Array, Array, list[int], dict[str, str]]:
     """All labels of markers, (n, n) m scatter of their distances, (n, 3) m where they stand, the
     numbers of those seen, and label -> why it is no marker on a person, of which nothing else is
     said; those `named` are.
     """
-    why = _resting(standing, moving)
+    why = _find_resting_points(standing, moving)
     every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in why))
     why |= {
         m: "another path under the name of a marker" for m in every if m.rpartition("#")[0] in named
     }
     every = [m for m in every if m not in why]
-    scatter = unnamed_markers.distance_scatter(moving, every)
+    scatter = unnamed_markers.compute_distance_scatter(moving, every)
     words = "keeps its distance from another one better than markers do: computed"
     markers = np.array([not named or m in named for m in every])
-    standing_at = unnamed_markers.standing_points(standing, every)
+    standing_at = unnamed_markers.measure_standing_points(standing, every)
     why |= {
-        every[i]: words for i in _computed(scatter, markers, standing_at) if every[i] not in named
+        every[i]: words
+        for i in _find_computed_points(scatter, markers, standing_at)
+        if every[i] not in named
     }
     standing_at = standing_at[[m not in why for m in every]]
     every = [m for m in every if m not in why]
-    scatter = unnamed_markers.distance_scatter(moving, every, standing_at)
-    points = unnamed_markers.with_missing(standing_at, every, moving, scatter)
+    scatter = unnamed_markers.compute_distance_scatter(moving, every, standing_at)
+    points = unnamed_markers.place_missing_markers(standing_at, every, moving, scatter)
     seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
     if len(seen) < FEWEST_MARKERS:
         message = (
@@ -287,7 +314,7 @@ def _seen(
     return every, scatter, points, seen, why
 
 
-def _computed(scatter: Array, markers: BoolArray, points: Array) -> list[int]:
+def _find_computed_points(scatter: Array, markers: BoolArray, points: Array) -> list[int]:
     """Numbers of the points that keep their distance from another one as no two markers do, of a
     pair of them that stand at `points` (n, 3) m those that `computed_of_pair` says; none where most
     of the points do that are held for `markers` (n,), as those of a made-up person.
@@ -306,13 +333,13 @@ def _computed(scatter: Array, markers: BoolArray, points: Array) -> list[int]:
     return np.flatnonzero(rigid).tolist()
 
 
-def _sway(recording: Recording) -> float:
+def _measure_sway(recording: Recording) -> float:
     """m, RMS distance from its mean place of the marker that moves more than nine in ten."""
-    away = list(_sways(recording).values())
+    away = list(_measure_sways(recording).values())
     return float(np.quantile(away, 0.9)) if len(away) >= FEWEST_MARKERS else np.inf
 
 
-def _resting(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]:
+def _find_resting_points(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]:
     """Label of what is not on the person -> why: it stays where the lowest quarter of the markers
     walks, and is at the same place in all recordings, as no foot is that is seen while it stands.
     """
@@ -320,7 +347,7 @@ def _resting(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]
     places: dict[str, list[Array]] = {}
     for recording in (standing, *moving):
         away, markers = (
-            _sways(recording),
+            _measure_sways(recording),
             dict(zip(recording.labels, recording.markers.swapaxes(0, 1), strict=True)),
         )
         for label in away:
@@ -341,7 +368,7 @@ def _resting(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]
     return dict.fromkeys(rests, "stays where it is while the person walks")
 
 
-def _sways(recording: Recording) -> dict[str, float]:
+def _measure_sways(recording: Recording) -> dict[str, float]:
     """Label -> m, RMS distance from its mean place, where it is seen."""
     seen = find_visible(recording.markers)
     paths = {
@@ -355,7 +382,7 @@ def _sways(recording: Recording) -> dict[str, float]:
     }
 
 
-def _devices(
+def _find_knee_devices(
     standing: Recording, labels: Sequence[str], knee: float, spread: float
 ) -> list[tuple[str, str, str]]:
     """Threes of markers, of the standing trial only, as far from each other as those of a device,
@@ -380,16 +407,18 @@ def _devices(
     return out
 
 
-def _of(
+def _select_evidence(
     rows: Sequence[int], points: Array, scatter: Array
-) -> tuple[Array, unnamed_markers.Together]:
+) -> tuple[Array, unnamed_markers.MotionEvidence]:
     """Where some of the markers stand, and what is known of them besides."""
     scatter = scatter[np.ix_(rows, rows)]
     known = np.isfinite(scatter)
     np.fill_diagonal(known, False)
-    allowed = np.ones((len(scatter), len(unnamed_markers.standing_bodies()[0].labels)), dtype=bool)
-    return points[rows], unnamed_markers.Together(
-        moves=unnamed_markers.on_one_segment(scatter), known=known, allowed=allowed
+    allowed = np.ones(
+        (len(scatter), len(unnamed_markers.load_standing_bodies()[0].labels)), dtype=bool
+    )
+    return points[rows], unnamed_markers.MotionEvidence(
+        log_odds=unnamed_markers.compute_segment_log_odds(scatter), known=known, allowed=allowed
     )
 
 
@@ -402,16 +431,16 @@ class _View:
     heading: Array
     origin: Array
 
-    def of(self, points: Array) -> Array:
+    def transform_to_body(self, points: Array) -> Array:
         """(n, 3) m: forward, up, to the right."""
         away = points - self.origin
         ahead, right = self.heading, np.array([-self.heading[1], self.heading[0]])
         return np.column_stack([away[:, [0, 2]] @ ahead, away[:, 1], away[:, [0, 2]] @ right])
 
 
-def _likeliest(
-    points: Array, evidence: unnamed_markers.Together, forward: Array, height: float | None
-) -> tuple[unnamed_markers.Placed, _View, str]:
+def _fit_likeliest_body(
+    points: Array, evidence: unnamed_markers.MotionEvidence, forward: Array, height: float | None
+) -> tuple[unnamed_markers.PlacedMarkers, _View, str]:
     """The markers on the likeliest body, how it is seen, and how that was told."""
     floor = points[:, 1].min() - FLOOR_M
     above = points[:, 1] - floor
@@ -433,14 +462,14 @@ def _likeliest(
         ahead = float(np.median((points[:, [0, 2]] - middle)[above < 0.5 * above.max()] @ heading))
         return _View(heading, np.insert(middle + ahead * heading, 1, floor))
 
-    def cost(placed: unnamed_markers.Placed) -> float:
+    def cost(placed: unnamed_markers.PlacedMarkers) -> float:
         return placed.cost + 0.5 * ((placed.height - usual) / spread) ** 2
 
     heights = above.max() / TALL * STEP ** np.arange(STEPS)
     heights = heights[np.argsort(np.abs(heights - usual))][: None if height is None else NEAREST]
-    hanging, *_ = bodies = unnamed_markers.standing_bodies()
+    hanging, *_ = bodies = unnamed_markers.load_standing_bodies()
     views = [seen_from(heading) for heading in headings]
-    seen, tried = [view.of(points) for view in views], []
+    seen, tried = [view.transform_to_body(points) for view in views], []
     for k, tall in product(range(len(views)), heights):
         tried.append(
             (
@@ -463,7 +492,7 @@ def _likeliest(
     }
     for k, found in whole.items():
         for side in SIDES:  # both arms alike so far
-            armed = (found.body.with_arm(side, body) for body in bodies)
+            armed = (found.body.replace_arm(side, body) for body in bodies)
             tried_too = [
                 unnamed_markers.place_markers(seen[k], body, found.height, evidence)
                 for body in armed
@@ -495,9 +524,12 @@ def _likeliest(
     return whole[chosen], views[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
 
 
-def _with_whole_arms(
-    placed: unnamed_markers.Placed, view: _View, points: Array, beside: unnamed_markers.Together
-) -> unnamed_markers.Placed:
+def _drop_lone_forearms(
+    placed: unnamed_markers.PlacedMarkers,
+    view: _View,
+    points: Array,
+    beside: unnamed_markers.MotionEvidence,
+) -> unnamed_markers.PlacedMarkers:
     """Markers placed again without a forearm if neither its upper arm nor the trunk has a marker: a
     cluster of the thigh lies where hands hang.
     """
@@ -511,10 +543,12 @@ def _with_whole_arms(
     if not lone:
         return placed
     without = replace(beside, allowed=beside.allowed & ~np.isin(segments, lone))
-    return unnamed_markers.place_markers(view.of(points), placed.body, placed.height, without)
+    return unnamed_markers.place_markers(
+        view.transform_to_body(points), placed.body, placed.height, without
+    )
 
 
-def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:
+def _identify_sacrum(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:
     """The proposal with a single marker behind the pelvis as that on the sacrum, where it lies in
     the middle.
     """
@@ -541,8 +575,8 @@ def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:
     )
 
 
-def _read_off(
-    labels: Sequence[str], placed: unnamed_markers.Placed, scatter: Array
+def _read_labels(
+    labels: Sequence[str], placed: unnamed_markers.PlacedMarkers, scatter: Array
 ) -> LabelProposal:
     """What the places of markers say of their labels."""
     body, on = placed.body, placed.places
@@ -584,5 +618,5 @@ def _read_off(
         weights=weights,
         evidence=evidence,
         unused=unused,
-        told="",
+        basis="",
     )

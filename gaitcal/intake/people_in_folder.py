@@ -40,12 +40,12 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.soft_tissue_artefact import SIZES
 from gaitcal.errors import other_side
-from gaitcal.intake.trial_movement import Standing, middle, standing
+from gaitcal.intake.trial_movement import StandingPosture, compute_segment_middle, detect_standing
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import has_key_points, has_poses
 from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.model.marker_set import REQUIRED, MarkerSet
-from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, tissue_spread
+from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, compute_tissue_spread
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT
 
 APART_M = 0.015
@@ -70,21 +70,25 @@ DOUBT = 1.96  # z, of 95 %
 class Distances:
     """How far the points of one recording are from each other."""
 
-    apart: Mapping[frozenset[str], float]  # Two labels -> m, median distance
+    medians: Mapping[frozenset[str], float]  # Two labels -> m, median distance
     error: float = 0.0  # m, e of points that are no markers
     extension: Mapping[str, float] = field(
         default_factory=dict
     )  # Side -> m, from pelvis to foot where it was measured
 
 
-def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
+def measure_pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
     """Distances of markers of pelvis and legs, within one segment or not."""
     column = {label: i for i, label in enumerate(recording.labels)}
     worn = sorted(
-        {label for group in worn_labels(marker_set, recording.labels).values() for label in group}
+        {
+            label
+            for group in list_tracked_labels(marker_set, recording.labels).values()
+            for label in group
+        }
     )
     markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)]
-    straight = _straight(recording, marker_set) if marker_set.noise is None else {}
+    straight = _find_straight_legs(recording, marker_set) if marker_set.noise is None else {}
     segment_of = marker_set.segment_of
     out: dict[frozenset[str], float] = {}
     for a, b in combinations(worn, 2):
@@ -102,19 +106,21 @@ def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
     return Distances(out, 1e-3 * noise.size_mm * float(np.sqrt(2.0 / (looks * corners))))
 
 
-def _straight(recording: Recording, marker_set: MarkerSet) -> dict[str, tuple[BoolArray, float]]:
+def _find_straight_legs(
+    recording: Recording, marker_set: MarkerSet
+) -> dict[str, tuple[BoolArray, float]]:
     """Side -> which of the frames show the leg about as straight as it ever is, and m, how long it
     is there.
     """
     out: dict[str, tuple[BoolArray, float]] = {}
     pelvis, some = (
-        middle(recording, marker_set, "pelvis"),
+        compute_segment_middle(recording, marker_set, "pelvis"),
         max(1, len(recording.markers) // MOST_FRAMES),
     )
     for side in SIDES:
-        length = np.linalg.norm(middle(recording, marker_set, f"foot_{side}") - pelvis, axis=1)[
-            ::some
-        ]
+        length = np.linalg.norm(
+            compute_segment_middle(recording, marker_set, f"foot_{side}") - pelvis, axis=1
+        )[::some]
         if np.isfinite(length).sum() >= FEWEST_FRAMES:
             near = np.nan_to_num(length) >= np.nanpercentile(
                 length, 100.0 - NEAREST_PERCENT
@@ -123,7 +129,7 @@ def _straight(recording: Recording, marker_set: MarkerSet) -> dict[str, tuple[Bo
     return out
 
 
-def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
+def list_tracked_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
     """Segment of pelvis and legs -> those of the labels that are followed on it and tell places; of
     points that are no markers the ends of its bone.
     """
@@ -133,7 +139,9 @@ def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[
         worn = (*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ()))
         if marker_set.noise is not None and "hjc_r" in marker_set.landmarks:
             worn = tuple(
-                label for name in _bone(segment) for label in marker_set.landmarks.get(name, ())
+                label
+                for name in _list_bone_ends(segment)
+                for label in marker_set.landmarks.get(name, ())
             )
             out[segment] = sorted(there.intersection(worn))
             continue
@@ -145,7 +153,7 @@ def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[
     return out
 
 
-def _bone(segment: str) -> tuple[str, ...]:
+def _list_bone_ends(segment: str) -> tuple[str, ...]:
     """Landmarks at the ends of the bone of a segment of the lower body; none of the talus."""
     kind, _, side = segment.partition("_")
     ends = {
@@ -160,23 +168,23 @@ def _bone(segment: str) -> tuple[str, ...]:
     )
 
 
-def apart_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) -> dict[str, float]:
+def compare_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) -> dict[str, float]:
     """Segment -> m, d_s; without segments of which the two recordings have no pair in common."""
-    common = set(one.apart) & set(other.apart)
-    worn = worn_labels(marker_set, {label for pair in common for label in pair})
+    common = set(one.medians) & set(other.medians)
+    worn = list_tracked_labels(marker_set, {label for pair in common for label in pair})
     out: dict[str, float] = {}
     for segment, labels in worn.items():
         pairs = [pair for pair in map(frozenset, combinations(labels, 2)) if pair in common]
         if pairs:
-            out[segment] = max(abs(one.apart[pair] - other.apart[pair]) for pair in pairs)
+            out[segment] = max(abs(one.medians[pair] - other.medians[pair]) for pair in pairs)
     return out
 
 
-def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
+def describe_placement_difference(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
     """In what the markers of two recordings are placed otherwise, in words; empty where they may be
     the same.
     """
-    by_segment = apart_by_segment(one, other, marker_set)
+    by_segment = compare_by_segment(one, other, marker_set)
     ranked = sorted(by_segment, key=lambda segment: (-by_segment[segment], segment))
     if len(ranked) < 2:
         return ""
@@ -187,7 +195,7 @@ def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) ->
     ]
     # of a knee between two equal parts, that makes a leg so much shorter
     flexed = 2.0 * float(np.arccos(min((short / long for short, long in lengths), default=1.0)))
-    tissue = tissue_spread(
+    tissue = compute_tissue_spread(
         float(np.sqrt(2.0)) * max(size.per_marker for size in SIZES.values()), flexed - NEAR_RAD
     )
     doubt = DOUBT * float(np.linalg.norm([one.error, other.error, tissue]))
@@ -200,7 +208,7 @@ def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) ->
     )
 
 
-def same_recording(one: Recording, other: Recording) -> bool:
+def is_same_recording(one: Recording, other: Recording) -> bool:
     """Whether the shorter of two recordings is the other one, or a part of it, whatever its axes
     and labels' order.
     """
@@ -210,8 +218,8 @@ def same_recording(one: Recording, other: Recording) -> bool:
     short, long = sorted((one, other), key=lambda r: len(r.time))
     if abs(short.rate / long.rate - 1) > 0.01:
         return False
-    a, b = (_from_middle(recording, common) for recording in (short, long))
-    for start in _starts(a, b):
+    a, b = (_measure_from_middle(recording, common) for recording in (short, long))
+    for start in _find_starts(a, b):
         part = b[start : start + len(a)]
         both = np.isfinite(a) & np.isfinite(part)
         if both.sum() < 0.5 * np.isfinite(a).sum() or not both.any():
@@ -222,7 +230,7 @@ def same_recording(one: Recording, other: Recording) -> bool:
     return False
 
 
-def _from_middle(recording: Recording, labels: list[str]) -> Array:
+def _measure_from_middle(recording: Recording, labels: list[str]) -> Array:
     """(nf, nl) m, distance of each marker from the mean of all, which no turn of the axes changes;
     NaN where one is not seen.
     """
@@ -231,7 +239,7 @@ def _from_middle(recording: Recording, labels: list[str]) -> Array:
     return out
 
 
-def _starts(short: Array, long: Array) -> list[int]:
+def _find_starts(short: Array, long: Array) -> list[int]:
     """Frames of `long` at which `short` may begin, from those nearest to its first, middle and last
     whole frame.
     """
@@ -255,19 +263,20 @@ REMAINS = 0.5
 SIDES_EXCHANGED = "left and right"
 
 
-def exchange_told(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
+def find_explaining_swap(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
     """The exchange of labels in one of two recordings after which their markers sit alike; empty
     where none does.
 
     `one`, `other`: of `pair_distances`.
     """
-    present = apart_by_segment(one, other, marker_set)
+    present = compare_by_segment(one, other, marker_set)
     if len(present) < 2:
         return ""
     fits: list[tuple[float, str]] = []
-    for words, exchange in _exchanges(marker_set, other):
+    for words, exchange in _list_swaps(marker_set, other):
         apart = sorted(
-            apart_by_segment(one, _exchanged(other, exchange), marker_set).values(), reverse=True
+            compare_by_segment(one, _swap_distances(other, exchange), marker_set).values(),
+            reverse=True,
         )
         median = sorted(apart)[len(apart) // 2]
         tight = apart[0] <= min(APART_M, REMAINS * max(present.values())) and apart[1] <= WITHIN_M
@@ -276,25 +285,25 @@ def exchange_told(one: Distances, other: Distances, marker_set: MarkerSet) -> st
     return min(fits)[1] if fits else ""
 
 
-def _exchanges(
+def _list_swaps(
     marker_set: MarkerSet, distances: Distances
 ) -> Iterator[tuple[str, Mapping[str, str]]]:
-    labels = sorted({label for pair in distances.apart for label in pair})
+    labels = sorted({label for pair in distances.medians for label in pair})
     of_sides = [(a, b) for a, b in combinations(labels, 2) if other_side(a, b)]
     if of_sides:
         yield SIDES_EXCHANGED, {old: new for a, b in of_sides for old, new in ((a, b), (b, a))}
-    worn = {label for group in worn_labels(marker_set, labels).values() for label in group}
+    worn = {label for group in list_tracked_labels(marker_set, labels).values() for label in group}
     for a, b in combinations([label for label in labels if label in worn], 2):
         yield f"{a} and {b}", {a: b, b: a}
 
 
-def _exchanged(distances: Distances, exchange: Mapping[str, str]) -> Distances:
+def _swap_distances(distances: Distances, exchange: Mapping[str, str]) -> Distances:
     """Distances as they are after the exchange."""
     apart = {
         frozenset(exchange.get(label, label) for label in pair): d
-        for pair, d in distances.apart.items()
+        for pair, d in distances.medians.items()
     }
-    return replace(distances, apart=apart)
+    return replace(distances, medians=apart)
 
 
 STATIC_WORD = re.compile(
@@ -311,35 +320,39 @@ moves it by more.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sitting:
+class Session:
     """The recordings of one person with the markers in the same places."""
 
     statics: tuple[int, ...]  # Recordings that may be static trials, the best first
     members: tuple[int, ...]
-    postures: Mapping[int, Standing]  # Recording -> how the person stands in it, where that is seen
+    postures: Mapping[
+        int, StandingPosture
+    ]  # Recording -> how the person stands in it, where that is seen
     only_standing: Mapping[
         int, tuple[str, ...]
     ]  # Static trial -> markers of it that no other recording has
     others: Mapping[int, str]  # Recordings of the same labels that are not of this session, and why
 
     @property
-    def worn(self) -> MarkerSet:
+    def marker_set(self) -> MarkerSet:
         """The marker set as the best static trial shows it worn."""
-        return self.postures[self.statics[0]].worn
+        return self.postures[self.statics[0]].marker_set
 
 
-def sitting_of(
+def find_session(
     recordings: Mapping[int, Recording], stems: Mapping[int, str], marker_set: MarkerSet
-) -> Sitting | None:
+) -> Session | None:
     """The largest session in recordings with the set's labels; None where nobody stands still.
 
     `stems`: file names without ending.
     """
     postures = {
-        i: found for i, r in recordings.items() if (found := standing(r, marker_set)[0]) is not None
+        i: found
+        for i, r in recordings.items()
+        if (found := detect_standing(r, marker_set)[0]) is not None
     }
-    worn = _worn_standing(recordings, postures)
-    only = _standing_only(recordings, stems, postures, worn)
+    worn = _find_static_only_labels(recordings, postures)
+    only = _choose_static_candidates(recordings, stems, postures, worn)
     if not only:
         return None
 
@@ -360,12 +373,12 @@ def sitting_of(
         )
 
     ranked = sorted(only, key=rank)
-    distances = {i: pair_distances(r, marker_set) for i, r in recordings.items()}
+    distances = {i: measure_pair_distances(r, marker_set) for i, r in recordings.items()}
     otherwise = {
-        (i, j): "" if exchange_told(distances[i], distances[j], marker_set) else words
+        (i, j): "" if find_explaining_swap(distances[i], distances[j], marker_set) else words
         for i in ranked
         for j in recordings
-        if (words := placed_otherwise(distances[i], distances[j], marker_set))
+        if (words := describe_placement_difference(distances[i], distances[j], marker_set))
     }
     groups = {i: [j for j in recordings if not otherwise.get((i, j))] for i in ranked}
     best = max(ranked, key=lambda i: (len(groups[i]), -ranked.index(i)))
@@ -384,7 +397,7 @@ def sitting_of(
             others[j] = (
                 f"another person, or markers put on anew, against {stems[best]}: {words}{more}"
             )
-    return Sitting(
+    return Session(
         statics=(best, *(i for i in ranked if i != best and i in groups[best])),
         members=tuple(groups[best]),
         postures=postures,
@@ -393,10 +406,10 @@ def sitting_of(
     )
 
 
-def _standing_only(
+def _choose_static_candidates(
     recordings: Mapping[int, Recording],
     stems: Mapping[int, str],
-    postures: Mapping[int, Standing],
+    postures: Mapping[int, StandingPosture],
     worn: Mapping[int, tuple[str, ...]],
 ) -> list[int]:
     """Recordings that only stand; where there are none, those called static or with markers of
@@ -412,8 +425,8 @@ def _standing_only(
     return next((found for tier in tiers if (found := [i for i in postures if tier(i)])), [])
 
 
-def _worn_standing(
-    recordings: Mapping[int, Recording], postures: Mapping[int, Standing]
+def _find_static_only_labels(
+    recordings: Mapping[int, Recording], postures: Mapping[int, StandingPosture]
 ) -> dict[int, tuple[str, ...]]:
     """Standing recording -> its labels that no recording has in which the person moves."""
     moving = {

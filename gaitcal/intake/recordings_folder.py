@@ -60,7 +60,7 @@ class FolderFile:
     recording: Recording | None = None
     forces: Forces | None = None
     marker_set: MarkerSet | None = None
-    names: str = ""  # Of external forces: the table that they name
+    table_name: str = ""  # Of external forces: the table that they name
     reason: str = ""  # Why it is of no use, where it is of none
 
 
@@ -73,7 +73,7 @@ class Folder:
     subfolders: tuple[tuple[str, int], ...]  # Folders in it that hold recordings, and how many
     deep: bool = False  # Whether the files of these are among `files`
 
-    def of_kind(self, kind: FileKind) -> tuple[FolderFile, ...]:
+    def select_kind(self, kind: FileKind) -> tuple[FolderFile, ...]:
         """Its files of one kind."""
         return tuple(file for file in self.files if file.kind is kind)
 
@@ -101,13 +101,13 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
         raise InputError(
             f"cannot be listed: {error.strerror}", source=path, code=Code.UNREADABLE
         ) from None
-    files = _files_in(path)
+    files = _list_files(path)
     below = [
-        (p.name, _recordings_in(p)) for p in entries if p.is_dir() and not _HIDDEN.match(p.name)
+        (p.name, _count_recordings(p)) for p in entries if p.is_dir() and not _HIDDEN.match(p.name)
     ]
     subfolders = tuple((name, count) for name, count in below if count)
     if deep:
-        files += [file for name, _ in subfolders for file in _files_in(path / name)]
+        files += [file for name, _ in subfolders for file in _list_files(path / name)]
     if len(files) > MOST_FILES:
         message = f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}"
         raise InputError(message, source=path, code=Code.FOLDER)
@@ -115,7 +115,7 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
     return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
 
 
-def _files_in(folder: Path) -> list[Path]:
+def _list_files(folder: Path) -> list[Path]:
     try:
         files = sorted(folder.iterdir(), key=lambda p: (p.name.lower(), p.name))
     except OSError:
@@ -123,7 +123,7 @@ def _files_in(folder: Path) -> list[Path]:
     return [p for p in files if p.is_file() and not _HIDDEN.match(p.name)]
 
 
-def _recordings_in(folder: Path) -> int:
+def _count_recordings(folder: Path) -> int:
     try:
         manifest, example = folder / result_folder.MANIFEST, result_folder.ResultKind.EXAMPLE.value
         if manifest.is_file() and result_folder.read_json_object(manifest).get("kind") != example:
@@ -137,13 +137,13 @@ def _read(path: Path, name: str) -> FolderFile:
     """A file by its ending and content; one that cannot be read keeps the reason, without its path."""
     try:
         with np.errstate(all="ignore"):
-            return replace(_understood(path), name=name)
+            return replace(_read_by_ending(path), name=name)
     except InputError as fault:
         reason = str(fault).removeprefix(f"{path}: ")
         return FolderFile(path=path, name=name, kind=FileKind.UNREADABLE, reason=reason)
 
 
-def _understood(path: Path) -> FolderFile:
+def _read_by_ending(path: Path) -> FolderFile:
     file = FolderFile(path=path, name=path.name, kind=FileKind.OTHER)
     ending = path.suffix.lower()
     if ending in MARKER_ENDINGS:
@@ -151,15 +151,15 @@ def _understood(path: Path) -> FolderFile:
     if ending in TABLE_ENDINGS:
         return replace(file, kind=FileKind.FORCES, forces=formats.read_forces(path))
     if ending == ".csv":
-        return _csv(file)
+        return _read_csv(file)
     if ending == ".toml":
-        return _toml(file)
+        return _read_toml(file)
     if ending == ".xml":
-        return _xml(file)
+        return _read_xml(file)
     return replace(file, reason=f"gaitcal reads no file ending in '{ending}'")
 
 
-def _csv(file: FolderFile) -> FolderFile:
+def _read_csv(file: FolderFile) -> FolderFile:
     if file.path.name == csv_files.EVENT_FILE:
         if not csv_files.is_event_table(file.path):
             return replace(file, reason=csv_files.NOT_AN_EVENT_TABLE)
@@ -181,21 +181,21 @@ def _csv(file: FolderFile) -> FolderFile:
     return replace(file, kind=FileKind.RECORDING, recording=formats.read_recording(file.path))
 
 
-def _toml(file: FolderFile) -> FolderFile:
+def _read_toml(file: FolderFile) -> FolderFile:
     content = toml.read_toml(file.path)
-    if declares_study(content):
+    if is_study(content):
         return replace(file, kind=FileKind.STUDY)
     if "landmarks" in content:
         return replace(file, kind=FileKind.MARKER_SET, marker_set=load_marker_set(file.path))
     return replace(file, reason="neither a study nor a marker set")
 
 
-def declares_study(content: Mapping[str, object]) -> bool:
+def is_study(content: Mapping[str, object]) -> bool:
     """Whether a TOML table is a study."""
     return "trial" in content or "subject" in content
 
 
-def _xml(file: FolderFile) -> FolderFile:
+def _read_xml(file: FolderFile) -> FolderFile:
     path = file.path
     try:
         text = path.read_bytes()
@@ -210,12 +210,12 @@ def _xml(file: FolderFile) -> FolderFile:
     if not table:
         return replace(file, reason="an XML that names no table of external forces")
     forces = None
-    if ".xml" in formats.FORCE_READERS and _readable(path.parent / table) is None:
-        forces = _readable(path)  # the table has columns that only the XML explains
-    return replace(file, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
+    if ".xml" in formats.FORCE_READERS and _try_reading_forces(path.parent / table) is None:
+        forces = _try_reading_forces(path)  # the table has columns that only the XML explains
+    return replace(file, kind=FileKind.EXTERNAL_LOADS, table_name=table, forces=forces)
 
 
-def _readable(path: Path) -> Forces | None:
+def _try_reading_forces(path: Path) -> Forces | None:
     """The forces of a table or of an XML that names one; None where they cannot be read."""
     try:
         return formats.read_forces(path)
@@ -223,7 +223,7 @@ def _readable(path: Path) -> Forces | None:
         return None
 
 
-def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
+def find_marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
     """Marker sets that lie beside the folder, where laboratories keep one for all of their people."""
     above = folder.resolve().parent
     try:
@@ -240,7 +240,7 @@ def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
 _JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)
 
 
-def name_contradicts(stem: str, role: tuple[str, str]) -> str:
+def describe_name_conflict(stem: str, role: tuple[str, str]) -> str:
     """What a file's name says against its role; empty where it says nothing."""
     word = _JOINT_WORD.search(stem)
     if word is None:
@@ -251,7 +251,7 @@ def name_contradicts(stem: str, role: tuple[str, str]) -> str:
     return f"though its name says {name}"
 
 
-def trial_names(stems: Sequence[str]) -> list[str]:
+def make_trial_names(stems: Sequence[str]) -> list[str]:
     """Names of trials from those of files: safe as file names, and each once whatever the case."""
     out: list[str] = []
     for stem in stems:
@@ -307,13 +307,13 @@ def pair_forces(
     tables = [file for file in files if file.forces is not None]
     named = [file for file in files if file.kind is FileKind.EXTERNAL_LOADS]
     loads = {
-        PureWindowsPath(file.names).name.lower(): file for file in named
+        PureWindowsPath(file.table_name).name.lower(): file for file in named
     }  # takes / and \\ alike
     matches: list[_Match] = []
     why: dict[str, str] = {}
     wanted = {stem for stem, _ in recordings.values()}
     for t, table in enumerate(tables):
-        partner = partner_of(table, files)
+        partner = find_partner(table, files)
         if partner is not None and partner.path.stem not in wanted:
             why[table.name] = f"the forces of {partner.name}, which needs none or is not used"
             continue
@@ -337,7 +337,7 @@ def pair_forces(
             )
             continue
         alike = {
-            number: names_alike(stem, table.path.stem) for number, (stem, _) in recordings.items()
+            number: compare_names(stem, table.path.stem) for number, (stem, _) in recordings.items()
         }
         best = max(alike, key=lambda number: (alike[number], number == match.recording))
         rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
@@ -368,15 +368,15 @@ def pair_forces(
     return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
 
 
-def partner_of(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
+def find_partner(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
     """The recording after which a table of forces is called (`gait.csv`: `gait_forces.csv`), if
     there is one.
     """
     recordings = (
-        f for f in files if f.kind is FileKind.RECORDING and names_alike(f.path.stem, "") < 1.0
+        f for f in files if f.kind is FileKind.RECORDING and compare_names(f.path.stem, "") < 1.0
     )
     return next(
-        (file for file in recordings if names_alike(file.path.stem, table.path.stem) == 1.0), None
+        (file for file in recordings if compare_names(file.path.stem, table.path.stem) == 1.0), None
     )
 
 
@@ -412,14 +412,14 @@ def _match(
         )
     whole = start <= time[0] + step and stop >= time[-1] - step
     lost = 0.0 if whole else 1.0 - (high - low) / float(np.ptp(time))
-    points, feet = _under_load(recording, marker_set, table)
-    away = _away(points, feet)
+    points, feet = _select_loaded_frames(recording, marker_set, table)
+    away = _measure_distance(points, feet)
     if away is not None and away > UNDER_M:
         # in another unit, centres travel by a power of ten further than any foot
         room = float(np.max(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))))
         if np.ptp(points, axis=0).max() > 10.0 * room:
             scaled = {
-                unit: _away(metres * points, feet) or 0.0
+                unit: _measure_distance(metres * points, feet) or 0.0
                 for unit, metres in (("mm", 1e-3), ("cm", 1e-2))
             }
             unit = min(scaled, key=lambda name: scaled[name])
@@ -429,10 +429,10 @@ def _match(
                     f"feet of {stem}"
                 )
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
-    return _Match(number, t, away, names_alike(stem, table.path.stem), (low, high), lost)
+    return _Match(number, t, away, compare_names(stem, table.path.stem), (low, high), lost)
 
 
-def _under_load(
+def _select_loaded_frames(
     recording: Recording, marker_set: MarkerSet, table: FolderFile
 ) -> tuple[Array, Array]:
     """Centres of pressure (n, 2) and foot markers (n, k, 2) in the floor's plane, m, of each plate
@@ -459,19 +459,19 @@ def _under_load(
     return np.concatenate(points), recording.markers[np.concatenate(frames)][:, feet][:, :, [0, 2]]
 
 
-def _away(points: Array, feet: Array) -> float | None:
+def _measure_distance(points: Array, feet: Array) -> float | None:
     """m, median distance of centres of pressure from the nearest foot marker; None without load."""
     away: Array = np.linalg.norm(feet - points[:, None], axis=2)
     return float(np.median(np.nanmin(away, axis=1))) if away.size else None
 
 
-def names_alike(stem: str, table: str) -> float:
+def compare_names(stem: str, table: str) -> float:
     """0 to 1, how alike two names are but for words that only say `forces`."""
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()
 
 
-def nothing_here(folder: Folder) -> str:
+def describe_empty_folder(folder: Folder) -> str:
     """That a folder has no recording, and where some are."""
     if folder.subfolders:
         below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])

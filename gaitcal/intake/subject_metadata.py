@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.intake.trial_movement import Standing
+from gaitcal.intake.trial_movement import StandingPosture
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.labels import GREATEST_AGE, Facts, compute_age
 from gaitcal.io.recording import ForcePlate, Recording, find_runs, measure_duration
@@ -27,7 +27,7 @@ STEADY = 0.03  # Standard deviation of the force under a standing person as a sh
 
 
 @dataclass(frozen=True, kw_only=True)
-class Known:
+class KnownField:
     """One field of the person."""
 
     value: object
@@ -47,17 +47,17 @@ class Options:
     session: str | None = None  # The day of the recordings, a date or a label
 
 
-NOTHING_SAID = Options()
+NO_OPTIONS = Options()
 
 
-def person_of(
+def collect_subject(
     folder: str,
     options: Options,
     files: Sequence[tuple[str, Facts]],
     plates: tuple[str, float] | None,
     markers: tuple[float, float] | None = None,
     walks: tuple[str, float] | None = None,
-) -> dict[str, Known]:
+) -> dict[str, KnownField]:
     """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
 
     `files`: name and facts of every file of the person, the static trial's first. `plates`: name of
@@ -66,16 +66,16 @@ def person_of(
     with whole strides on plates, and the mass (kg) that these weigh.
     """
     out = {
-        "name": Known(
+        "name": KnownField(
             value=options.name or folder, reason="option" if options.name else "name of the folder"
         )
     }
     if options.session:
-        out["session"] = Known(value=options.session, reason="option")
-    if (mass := _number(options.mass, files, lambda f: f.mass, "kg", 2)) is not None:
+        out["session"] = KnownField(value=options.session, reason="option")
+    if (mass := _choose_number(options.mass, files, lambda f: f.mass, "kg", 2)) is not None:
         if plates is not None and abs(plates[1] / float(str(mass.value)) - 1) > WEIGHS_OTHERWISE:
             words = f"{mass.reason}; but the plates weigh {plates[1]:.1f} kg in {plates[0]}"
-            mass = Known(value=mass.value, reason=words, certain=False)
+            mass = KnownField(value=mass.value, reason=words, certain=False)
         out["mass_kg"] = mass
     elif plates is not None:
         doubts = "".join(
@@ -85,16 +85,16 @@ def person_of(
             f"weighed by the plates under {plates[0]}, where no file says "
             f"it{' in kg' if doubts else ''}{doubts}"
         )
-        out["mass_kg"] = Known(value=round(plates[1], 1), reason=reason, certain=False)
-    elif (mass := _doubtful(files, "mass", 2)) is not None:
+        out["mass_kg"] = KnownField(value=round(plates[1], 1), reason=reason, certain=False)
+    elif (mass := _convert_doubtful(files, "mass", 2)) is not None:
         out["mass_kg"] = mass
     elif walks is not None:
         reason = (
             f"weighed by the plates over whole strides of {walks[0]}, to some 3 %, where no file "
             "says it"
         )
-        out["mass_kg"] = Known(value=round(walks[1], 1), reason=reason, certain=False)
-    height = _number(options.height, files, lambda f: f.height, "m", 4) or _doubtful(
+        out["mass_kg"] = KnownField(value=round(walks[1], 1), reason=reason, certain=False)
+    height = _choose_number(options.height, files, lambda f: f.height, "m", 4) or _convert_doubtful(
         files, "height", 4
     )
     if height is not None:
@@ -104,37 +104,39 @@ def person_of(
             f"no file says it; people of this height, give or take {100 * markers[1]:.0f} cm, have "
             "legs as long"
         )
-        out["height_m"] = Known(value=round(markers[0], 2), reason=reason, certain=False)
-        out["height_error_m"] = Known(
+        out["height_m"] = KnownField(value=round(markers[0], 2), reason=reason, certain=False)
+        out["height_error_m"] = KnownField(
             value=round(markers[1], 3), reason="one standard deviation; counts in the errors"
         )
     if options.sex:
-        out["sex"] = Known(value=options.sex, reason="option")
+        out["sex"] = KnownField(value=options.sex, reason="option")
     if options.age is not None:
-        out["age_years"] = Known(value=options.age, reason="option")
-    elif (age := _age_by_dates(files)) is not None:
+        out["age_years"] = KnownField(value=options.age, reason="option")
+    elif (age := _compute_age_by_dates(files)) is not None:
         out["age_years"] = age
     if told := [(name, facts.session_date) for name, facts in files if facts.session_date]:
         others = [f"{name} {day}" for name, day in told if day != told[0][1]]
         words = f"{told[0][0]} says so" + (f", but {others[0]}" if others else "")
-        out["session_date"] = Known(value=told[0][1], reason=words, certain=not others)
+        out["session_date"] = KnownField(value=told[0][1], reason=words, certain=not others)
     for field, get in (
         ("knee_width", lambda f: f.knee_width),
         ("ankle_width", lambda f: f.ankle_width),
         ("leg_length", lambda f: f.leg_length),
     ):
-        if (width := _sided(files, get) or _doubtful_sides(files, field)) is not None:
+        if (
+            width := _choose_widths(files, get) or _convert_doubtful_sides(files, field)
+        ) is not None:
             out[f"{field}_mm"] = width
     for field, length in (
         ("asis_distance_mm", lambda f: f.asis_distance),
         ("marker_diameter_mm", lambda f: f.marker_diameter),
     ):
-        if (known := _number(None, files, length, "m", 6)) is not None:
+        if (known := _choose_number(None, files, length, "m", 6)) is not None:
             out[field] = replace(known, value=round(1e3 * float(str(known.value)), 2))
     return out
 
 
-def _age_by_dates(files: Sequence[tuple[str, Facts]]) -> Known | None:
+def _compute_age_by_dates(files: Sequence[tuple[str, Facts]]) -> KnownField | None:
     """Years in tenths by the first dates that somebody can have; the date of birth itself is not
     told.
     """
@@ -150,16 +152,16 @@ def _age_by_dates(files: Sequence[tuple[str, Facts]]) -> Known | None:
     words = f"by the dates of birth and session of {told[0][0]}" + (
         f", but by those {others[0]}" if others else ""
     )
-    return Known(value=told[0][1], reason=words, certain=not others)
+    return KnownField(value=told[0][1], reason=words, certain=not others)
 
 
-def _number(
+def _choose_number(
     said: float | None,
     files: Sequence[tuple[str, Facts]],
     get: Callable[[Facts], float | None],
     unit: str,
     digits: int,
-) -> Known | None:
+) -> KnownField | None:
     """A number from the user or from the first file that has it, and the files that have another."""
     found = [(name, value) for name, facts in files if (value := get(facts)) is not None]
     if said is None and not found:
@@ -167,32 +169,32 @@ def _number(
     chosen = found[0][1] if said is None else said
     others = [f"{name} {v:.4g} {unit}" for name, v in found if abs(v / chosen - 1) > CONTRADICTS]
     if said is not None:
-        return Known(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
+        return KnownField(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
     reason = f"{found[0][0]} says so"
     if others:
-        return Known(
+        return KnownField(
             value=round(chosen, digits),
             reason=f"{reason}, but {', '.join(others[:3])}",
             certain=False,
         )
-    return Known(
+    return KnownField(
         value=round(chosen, digits),
         reason=reason + (f", and {len(found) - 1} more" if found[1:] else ""),
     )
 
 
-def _sided(
+def _choose_widths(
     files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[str, float]]
-) -> Known | None:
+) -> KnownField | None:
     """Widths in mm from the first file that has them."""
     for name, facts in files:
         if widths := get(facts):
             value = {side: round(1e3 * widths[side], 1) for side in linkage.SIDES if side in widths}
-            return Known(value=value, reason=f"{name} says so")
+            return KnownField(value=value, reason=f"{name} says so")
     return None
 
 
-def figures_in_doubt(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
+def list_doubtful_figures(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
     """What files say of mass, height and widths that can be in no unit they should be in, each
     figure once.
     """
@@ -200,29 +202,35 @@ def figures_in_doubt(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
     return tuple(f"{name} says {words}" for words, name in sorted(told.items()))
 
 
-def _doubtful(files: Sequence[tuple[str, Facts]], fact: str, digits: int) -> Known | None:
+def _convert_doubtful(
+    files: Sequence[tuple[str, Facts]], fact: str, digits: int
+) -> KnownField | None:
     """A figure in another unit than its own, where only one unit makes sense of it."""
     for name, facts in files:
         words, value = facts.doubtful.get(fact, ("", None))
         if value is not None:
-            return Known(value=round(value, digits), reason=f"{name} says {words}", certain=False)
+            return KnownField(
+                value=round(value, digits), reason=f"{name} says {words}", certain=False
+            )
     return None
 
 
-def _doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> Known | None:
+def _convert_doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> KnownField | None:
     """Widths (mm) in another unit."""
     found = {
         side: width
         for side in linkage.SIDES
-        if (width := _doubtful(files, f"{fact}_{side}", 4)) is not None
+        if (width := _convert_doubtful(files, f"{fact}_{side}", 4)) is not None
     }
     if not found:
         return None
     value = {side: round(1e3 * float(str(width.value)), 1) for side, width in found.items()}
-    return Known(value=value, reason=next(iter(found.values())).reason, certain=False)
+    return KnownField(value=value, reason=next(iter(found.values())).reason, certain=False)
 
 
-def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> float | None:
+def weigh_standing(
+    recording: Recording, marker_set: MarkerSet, posture: StandingPosture
+) -> float | None:
     """Mass (kg) by plates on which the person stands wholly and still; None where that cannot be
     said.
     """
@@ -256,12 +264,14 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
         for path in recording.markers[inside][:, feet].transpose(1, 0, 2)
     )
     places = [path.mean(axis=0)[[0, 2]] for path in paths if len(path)]
-    if len(places) < 4 or not all(any(_inside(p, corners) for corners in loaded) for p in places):
+    if len(places) < 4 or not all(
+        any(_is_inside(p, corners) for corners in loaded) for p in places
+    ):
         return None
     return mass
 
 
-def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
+def weigh_walking(plates: Sequence[ForcePlate]) -> float | None:
     """Mass (kg) by the plates of a walk: over a whole stride the mean vertical force of both feet
     is body weight.
 
@@ -290,7 +300,7 @@ def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
     return mass if MASS_KG[0] <= mass <= MASS_KG[1] else None
 
 
-def _inside(point: Array, corners: Array) -> bool:
+def _is_inside(point: Array, corners: Array) -> bool:
     """Whether a point (2,) lies in the quadrangle of corners (4, 2)."""
     edges = np.roll(corners, -1, axis=0) - corners
     away = point - corners
@@ -310,8 +320,8 @@ is no strike.
 """
 
 
-def mass_fault(
-    person: Mapping[str, Known], options: Options, plates: tuple[str, float] | None
+def check_mass(
+    person: Mapping[str, KnownField], options: Options, plates: tuple[str, float] | None
 ) -> str:
     """Why the mass of a file cannot be that of the person; empty where it can, or where the user
     says it.

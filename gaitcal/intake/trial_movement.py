@@ -24,9 +24,9 @@ from gaitcal.model import linkage, segment_frames
 from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, resolve_marker_set
-from gaitcal.preprocess.clean_trial import without_outliers
-from gaitcal.preprocess.joint_links import links_of
-from gaitcal.preprocess.marker_clusters import UP, Stance, clusters_of
+from gaitcal.preprocess.clean_trial import remove_outliers
+from gaitcal.preprocess.joint_links import compute_joint_links
+from gaitcal.preprocess.marker_clusters import UP, Stance, fit_clusters
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.quality.trial_role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 
@@ -52,14 +52,14 @@ Brand, J Biomech 23:617-621, 1990). Only to tell which joint turns: the model ha
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class StandingPosture:
     """A posture in which the person stands still."""
 
     speed: float  # m/s of the still window
     sway: float  # m, over the whole recording
     start: float  # s
     stop: float  # s
-    worn: MarkerSet  # The set as this recording shows it worn
+    marker_set: MarkerSet  # The set as this recording shows it worn
     landmarks: dict[str, Array]  # Name -> (3,) m
     stance: Stance | None  # For turns of segments against it; None without ASIS
 
@@ -69,7 +69,9 @@ class Standing:
         return self.sway <= STAYS_M
 
 
-def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | None, str]:
+def detect_standing(
+    recording: Recording, marker_set: MarkerSet
+) -> tuple[StandingPosture | None, str]:
     """The standing posture, or None and why there is none; that of segment poses whatever the
     person does.
     """
@@ -79,23 +81,25 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
         window = find_still_window(recording, marker_set.labels)
     except InputError as fault:
         return None, str(fault).split(": ")[-1]
-    points = _positions(recording, marker_set, window.frames)
-    landmarks = _landmarks(recording, marker_set, window.frames, points)
-    why = _not_upright(points, landmarks, marker_set)
+    points = _average_positions(recording, marker_set, window.frames)
+    landmarks = _measure_landmarks(recording, marker_set, window.frames, points)
+    why = _check_upright(points, landmarks, marker_set)
     if why:
         return None, why
-    return Standing(
+    return StandingPosture(
         speed=window.speed,
-        sway=sway(moving, marker_set),
+        sway=measure_sway(moving, marker_set),
         start=window.start,
         stop=window.stop,
-        worn=marker_set,
+        marker_set=marker_set,
         landmarks=landmarks,
-        stance=rough_stance(points, landmarks, marker_set),
+        stance=estimate_stance(points, landmarks, marker_set),
     ), ""
 
 
-def _positions(recording: Recording, marker_set: MarkerSet, frames: slice) -> dict[str, Array]:
+def _average_positions(
+    recording: Recording, marker_set: MarkerSet, frames: slice
+) -> dict[str, Array]:
     """Marker of the set -> (3,) m, mean over frames; those that were seen."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen
@@ -110,7 +114,7 @@ def _positions(recording: Recording, marker_set: MarkerSet, frames: slice) -> di
     }
 
 
-def _landmarks(
+def _measure_landmarks(
     recording: Recording, marker_set: MarkerSet, frames: slice, points: dict[str, Array]
 ) -> dict[str, Array]:
     """Landmarks as the model will have them; where it cannot be made, those whose markers are
@@ -128,7 +132,7 @@ def _landmarks(
         }
 
 
-def _not_upright(
+def _check_upright(
     points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet
 ) -> str:
     """Why a posture is not standing; empty where it may be."""
@@ -165,11 +169,14 @@ def _not_upright(
     return ""
 
 
-def unit_fault(recording: Recording, marker_set: MarkerSet) -> str:
+def check_units(recording: Recording, marker_set: MarkerSet) -> str:
     """Say by which power of ten lengths are wrong, whatever the person does; empty where they are
     those of a body.
     """
-    pelvis, *feet = (middle(recording, marker_set, name) for name in ("pelvis", "foot_r", "foot_l"))
+    pelvis, *feet = (
+        compute_segment_middle(recording, marker_set, name)
+        for name in ("pelvis", "foot_r", "foot_l")
+    )
     away = np.concatenate([np.linalg.norm(foot - pelvis, axis=1) for foot in feet])
     away = away[np.isfinite(away)]
     reach = float(np.percentile(away, 95.0)) if len(away) else np.nan
@@ -188,7 +195,7 @@ def unit_fault(recording: Recording, marker_set: MarkerSet) -> str:
     return ""
 
 
-def sway(recording: Recording, marker_set: MarkerSet) -> float:
+def measure_sway(recording: Recording, marker_set: MarkerSet) -> float:
     """m, RMS distance of the markers from their mean places; of pelvis and feet the one that moves
     most.
     """
@@ -203,7 +210,7 @@ def sway(recording: Recording, marker_set: MarkerSet) -> float:
     return max((float(np.median(found)) for found in out.values()), default=np.inf)
 
 
-def rough_stance(
+def estimate_stance(
     points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet
 ) -> Stance | None:
     """The posture as turns of segments are told against, with joint centres good to some
@@ -251,7 +258,7 @@ UP_M = 0.02  # m over where it mostly rests, above which a marker of a foot is i
 CLEAR_LEAD = 1.6  # How many times the next joint the moving one must turn to be beyond doubt
 
 
-class Shows(Enum):
+class MovementKind(Enum):
     """What a recording shows."""
 
     STANDS = "stands"
@@ -266,54 +273,63 @@ class Shows(Enum):
 class RecordedMovement:
     """What a recording shows, and by what that was told."""
 
-    shows: Shows
+    kind: MovementKind
     joint: str = ""  # `hip_r`, ...: of a trial of one joint
     evidence: str  # In words, with numbers
     certain: bool = True  # Whether the figures are far from the limits
 
 
-def movement(
-    recording: Recording, marker_set: MarkerSet, posture: Standing | None, reference: Stance | None
+def classify_movement(
+    recording: Recording,
+    marker_set: MarkerSet,
+    posture: StandingPosture | None,
+    reference: Stance | None,
 ) -> RecordedMovement:
     """What a recording shows.
 
     `posture`: the recording's own, where the person stands in it.
     `reference`: of the static trial, whose segments turn in this one; None where there is none.
     """
-    recording, _ = without_outliers(recording, marker_set.segment_of)
+    recording, _ = remove_outliers(recording, marker_set.segment_of)
     time = recording.time
     if posture is not None and posture.throughout:
         words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"
         words = words if len(time) > 1 else "upright in its one frame"
-        return RecordedMovement(shows=Shows.STANDS, evidence=words)
+        return RecordedMovement(kind=MovementKind.STANDS, evidence=words)
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return RecordedMovement(
-            shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell"
+            kind=MovementKind.NOTHING, evidence=f"{len(time)} frames, too short to tell"
         )
-    pelvis = middle(recording, marker_set, "pelvis")
-    feet = [middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
-    walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
+    pelvis = compute_segment_middle(recording, marker_set, "pelvis")
+    feet = [compute_segment_middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
+    walk = _classify_walk(pelvis, feet, _estimate_facing(recording, marker_set, reference, pelvis))
     if walk is not None:
         shows, evidence, certain = walk
-        if shows is Shows.WALKS and (share := _flight(recording, marker_set)) > FLIGHT:
+        if (
+            shows is MovementKind.WALKS
+            and (share := _measure_flight(recording, marker_set)) > FLIGHT
+        ):
             shows, evidence = (
-                Shows.MOVES,
+                MovementKind.MOVES,
                 f"{evidence}, and both feet fly in {100 * share:.0f} % of the frames",
             )
-        return RecordedMovement(shows=shows, evidence=evidence, certain=certain)
+        return RecordedMovement(kind=shows, evidence=evidence, certain=certain)
     turns: dict[str, float] = {}
     if reference is not None:
-        clusters = clusters_of(
+        clusters = fit_clusters(
             recording,
             reference,
             marker_set.landmarks,
             lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT,
         )
-        turns = {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
-    return _one_joint(pelvis, turns, sway(recording, marker_set))
+        turns = {
+            joint: link.rms
+            for joint, link in compute_joint_links(clusters, reference.centres).items()
+        }
+    return _classify_joint_motion(pelvis, turns, measure_sway(recording, marker_set))
 
 
-def middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
+def compute_segment_middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
     """(nf, 3) m, middle of the markers of a segment that are seen most, in the frames with all of
     them; else NaN.
     """
@@ -328,7 +344,7 @@ def middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
     return out
 
 
-def _flight(recording: Recording, marker_set: MarkerSet) -> float:
+def _measure_flight(recording: Recording, marker_set: MarkerSet) -> float:
     """Share of the frames in which no marker of either foot is at rest or near the ground: none in
     walking.
     """
@@ -352,7 +368,7 @@ def _flight(recording: Recording, marker_set: MarkerSet) -> float:
     return float(np.mean(moving & up))
 
 
-def _facing(
+def _estimate_facing(
     recording: Recording, marker_set: MarkerSet, reference: Stance | None, pelvis: Array
 ) -> Array | None:
     """(nf, 2) where the pelvis faces, x and z; without a static trial the way that it goes; None
@@ -360,7 +376,7 @@ def _facing(
     """
     if reference is not None:
         alone = replace(reference, points={"pelvis": reference.points.get("pelvis", {})})
-        clusters = clusters_of(recording, alone, marker_set.landmarks, lambda m: True)
+        clusters = fit_clusters(recording, alone, marker_set.landmarks, lambda m: True)
         if (cluster := clusters.get("pelvis")) is not None:
             facing = cluster.rotation[:, [0, 2], 0].copy()
             facing[~cluster.determined] = np.nan
@@ -370,7 +386,9 @@ def _facing(
     return np.tile(way, (len(pelvis), 1)) if np.linalg.norm(way) > TRAVEL_M else None
 
 
-def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows, str, bool] | None:
+def _classify_walk(
+    pelvis: Array, feet: list[Array], facing: Array | None
+) -> tuple[MovementKind, str, bool] | None:
     """Walking, or going about otherwise; None where the body stays."""
     known: BoolArray = np.asarray(np.isfinite(pelvis).all(axis=1))
     if known.sum() < FEWEST_FRAMES:
@@ -380,7 +398,7 @@ def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows
     rise = float(middle[-1, 1] - middle[0, 1])
     if abs(rise) > CLIMB_M:
         return (
-            Shows.MOVES,
+            MovementKind.MOVES,
             f"the pelvis ends {abs(rise):.2f} m {'higher' if rise > 0 else 'lower'}",
             True,
         )
@@ -402,26 +420,26 @@ def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows
                 where = f"over {travel:.1f} m" if travel > TRAVEL_M else "on the spot (treadmill?)"
                 words = f"the feet go to and fro in turn (correlation {together:.2f}), {where}"
                 return (
-                    Shows.WALKS,
+                    MovementKind.WALKS,
                     words,
                     together < 1.5 * OPPOSITE and swing[0] > 2 * EVEN * swing[1],
                 )
             if travel > TRAVEL_M:
                 return (
-                    Shows.MOVES,
+                    MovementKind.MOVES,
                     f"the body goes {travel:.1f} m, but not with one foot after the other",
                     False,
                 )
     if travel > TRAVEL_M:
         return (
-            Shows.OTHER,
+            MovementKind.OTHER,
             f"the body goes {travel:.1f} m, but not both feet can be followed",
             False,
         )
     return None
 
 
-def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> RecordedMovement:
+def _classify_joint_motion(pelvis: Array, turns: dict[str, float], sway: float) -> RecordedMovement:
     """One joint alone, or something else."""
     ranked = sorted(turns, key=lambda joint: -turns[joint])
     degrees = {joint: np.rad2deg(turns[joint]) for joint in ranked}
@@ -432,7 +450,7 @@ def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> RecordedM
         if words
         else "no joint can be followed (markers, or no static trial)"
     )
-    other = RecordedMovement(shows=Shows.OTHER, evidence=said)
+    other = RecordedMovement(kind=MovementKind.OTHER, evidence=said)
     if not ranked:
         return other
     first = ranked[0]
@@ -444,7 +462,7 @@ def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> RecordedM
     if crouch > CROUCH_M:
         return replace(
             other,
-            shows=Shows.MOVES,
+            kind=MovementKind.MOVES,
             evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m",
         )
     if turns[first] < 2 * MOVES_RAD:
@@ -452,6 +470,6 @@ def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> RecordedM
             other, evidence=f"hardly anything moves: {said}" + (", swaying" * (sway > STAYS_M))
         )
     if lead < LEAD or min(steps) > STEPS_RAD:
-        return replace(other, shows=Shows.MOVES, certain=False)
+        return replace(other, kind=MovementKind.MOVES, certain=False)
     certain = lead >= CLEAR_LEAD and len(ranked) > 2
-    return replace(other, shows=Shows.ONE_JOINT, joint=first, certain=certain)
+    return replace(other, kind=MovementKind.ONE_JOINT, joint=first, certain=certain)

@@ -66,7 +66,7 @@ LOW_M = 0.16  # Height over the lowest marker of those that are taken for the fe
 SEEN_BESIDE = 6
 
 
-def standing_points(recording: Recording, labels: Sequence[str]) -> Array:
+def measure_standing_points(recording: Recording, labels: Sequence[str]) -> Array:
     """(n, 3) m, where markers are in the stillest part of a recording; NaN of those that are not
     seen in it.
 
@@ -84,7 +84,7 @@ def standing_points(recording: Recording, labels: Sequence[str]) -> Array:
     return out
 
 
-def distance_scatter(
+def compute_distance_scatter(
     recordings: Sequence[Recording], labels: Sequence[str], standing: Array | None = None
 ) -> Array:
     """(n, n) m, S_ij; NaN where two markers are never seen together for long enough. `standing`:
@@ -114,7 +114,7 @@ def distance_scatter(
     return np.where(np.isfinite(out), np.fmax(out, 0.5 * (high - low)), np.nan)
 
 
-def on_one_segment(scatter: Array) -> Array:
+def compute_segment_log_odds(scatter: Array) -> Array:
     """(n, n) log ratio of the likelihoods that two markers are on one segment or on two; 0 where
     nothing is known.
     """
@@ -129,7 +129,7 @@ def on_one_segment(scatter: Array) -> Array:
     return out
 
 
-def with_missing(
+def place_missing_markers(
     points: Array, labels: Sequence[str], recordings: Sequence[Recording], scatter: Array
 ) -> Array:
     """`points` (n, 3) with markers that only the moving trials have, placed by those that they move
@@ -158,7 +158,7 @@ def with_missing(
     return out
 
 
-def _turns_to(markers: Array, points: Array) -> Array:
+def _compute_rotations_to(markers: Array, points: Array) -> Array:
     """(nf,) rad, turn about the vertical that brings markers (nf, n, 3) nearest to where they stand
     (n, 3).
     """
@@ -177,7 +177,7 @@ def _turns_to(markers: Array, points: Array) -> Array:
     return out
 
 
-def forward_direction(
+def estimate_forward_direction(
     recordings: Sequence[Recording], points: Array, labels: Sequence[str]
 ) -> Array:
     """(2,) horizontal direction (x, z) in which the person faces who stands at `points` (n, 3); its
@@ -194,12 +194,12 @@ def forward_direction(
         standing = points[[known[name] for name in names]]
         markers = recording.markers[:, columns]
         low = standing[:, 1] < standing[:, 1].min() + LOW_M
-        feet = _two_groups(
-            distance_scatter([recording], [n for n, k in zip(names, low, strict=True) if k])
+        feet = _split_into_feet(
+            compute_distance_scatter([recording], [n for n, k in zip(names, low, strict=True) if k])
         )
         if feet is None:
             continue
-        turn = _turns_to(markers, standing)[lag:-lag, None]
+        turn = _compute_rotations_to(markers, standing)[lag:-lag, None]
         velocity = (markers[2 * lag :, low] - markers[: -2 * lag, low]) / (2 * lag / recording.rate)
         height = markers[lag:-lag, low, 1]
         cos, sin = np.cos(turn), np.sin(turn)
@@ -226,7 +226,7 @@ def forward_direction(
     return out
 
 
-def _two_groups(scatter: Array) -> IntArray | None:
+def _split_into_feet(scatter: Array) -> IntArray | None:
     """(n,) 1 or 2, which low markers move together: those of a foot; None where there are no two."""
     if len(scatter) < 2 or not np.isfinite(scatter).any():
         return None
@@ -248,7 +248,7 @@ ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Body:
+class BodyTemplate:
     """Places of a body of height 1."""
 
     labels: tuple[str, ...]  # in the marker set "landmarks"; empty of a surface
@@ -257,30 +257,32 @@ class Body:
         str, ...
     ]  # segment that it moves with, too: of landmarks at joints; else the same
     joints: tuple[str, ...]  # that carries it
-    at: Array  # (np, 3) forward, up, to the right
-    own: Array  # (np,) spread about where its joints put it
+    positions: Array  # (np, 3) forward, up, to the right
+    spread: Array  # (np,) spread about where its joints put it
     worn: Array  # (np,) log odds that a laboratory uses it; 0 of a surface
-    shared: Array  # (np, np, 3) covariance by common joints
+    shared_covariance: Array  # (np, np, 3) covariance by common joints
 
     @property
     def landmark(self) -> BoolArray:
         """(np,) whether one marker only may sit there."""
         return np.array([bool(label) for label in self.labels])
 
-    def with_arm(self, side: str, other: "Body") -> "Body":
+    def replace_arm(self, side: str, other: "BodyTemplate") -> "BodyTemplate":
         """The body with an arm as another one holds it."""
         arm = [
             segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments
         ]
-        return replace(self, at=np.where(np.array(arm)[:, None], other.at, self.at))
+        return replace(
+            self, positions=np.where(np.array(arm)[:, None], other.positions, self.positions)
+        )
 
 
-def _both(text: str, side: str) -> str:
+def _insert_side(text: str, side: str) -> str:
     return text.replace("{s}", side)
 
 
 @cache
-def standing_bodies() -> tuple[Body, ...]:
+def load_standing_bodies() -> tuple[BodyTemplate, ...]:
     """The body, once for each posture of the arms."""
     table = read_toml(find_models_folder() / "body_places.toml")
     rows: list[tuple[str, str, str, str, list[float], float, float]] = []
@@ -297,7 +299,7 @@ def standing_bodies() -> tuple[Body, ...]:
     ) -> None:
         sides = SIDES if "{s}" in name + segment + joint or at[2] else ("r",)
         for side in sides:
-            words = [_both(text, side) for text in (label, segment, other, joint)]
+            words = [_insert_side(text, side) for text in (label, segment, other, joint)]
             sign = 1.0 if side == "r" else -1.0
             rows.append((*words, [at[0], at[1], sign * at[2]], own, float(np.log(p / (1 - p)))))  # type: ignore[arg-type]
 
@@ -320,8 +322,8 @@ def standing_bodies() -> tuple[Body, ...]:
     spreads: dict[str, tuple[str, Array]] = {}
     for name, entry in table["joints"].items():
         for side in SIDES:
-            spreads[_both(name, side)] = (
-                _both(entry.get("beyond", ""), side),
+            spreads[_insert_side(name, side)] = (
+                _insert_side(entry.get("beyond", ""), side),
                 np.square(entry["spread"]),
             )
 
@@ -335,18 +337,19 @@ def standing_bodies() -> tuple[Body, ...]:
             for one in chains
         ]
     )
-    hanging = Body(
+    hanging = BodyTemplate(
         labels, segments, neighbours, joints, np.array(at), np.array(own), np.array(worn), shared
     )
     arms = table["arms"]
     return tuple(
-        replace(hanging, at=_raised(hanging, arms, np.deg2rad(turns))) for turns in arms["postures"]
+        replace(hanging, positions=_raise_arms(hanging, arms, np.deg2rad(turns)))
+        for turns in arms["postures"]
     )
 
 
-def _raised(body: Body, arms: dict[str, Any], turns: Array) -> Array:
+def _raise_arms(body: BodyTemplate, arms: dict[str, Any], turns: Array) -> Array:
     """(np, 3) places with the arms raised sideways and forward, and the elbows bent (rad)."""
-    at = body.at.copy()
+    at = body.positions.copy()
 
     def turn(v: Array, first: int, second: int, angle: float) -> Array:
         out: Array = v.copy()
@@ -367,7 +370,7 @@ def _raised(body: Body, arms: dict[str, Any], turns: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Placed:
+class PlacedMarkers:
     """Markers on a body."""
 
     # Negative log likelihood, for comparison with other heights, headings and postures of the same
@@ -376,31 +379,36 @@ class Placed:
     places: IntArray  # (n,) of each marker; -1 on nobody
     away: Array  # (n,) share of the height, from where the others put its place
     ahead: Array  # (n,) how much the next best segment would cost more
-    body: Body
+    body: BodyTemplate
     height: float  # m
 
 
 @dataclass(frozen=True, kw_only=True)
-class Together:
+class MotionEvidence:
     """What is known of markers besides their places."""
 
     # (n, n) log likelihood ratio that two markers are on one segment; 0 where nothing is known
-    moves: Array
+    log_odds: Array
     known: BoolArray  # (n, n) whether something is known
     allowed: BoolArray  # (n, np) places that a marker may have
 
 
 def place_markers(
-    points: Array, body: Body, height: float, evidence: Together, *, rounds: int = ROUNDS
-) -> Placed:
+    points: Array,
+    body: BodyTemplate,
+    height: float,
+    evidence: MotionEvidence,
+    *,
+    rounds: int = ROUNDS,
+) -> PlacedMarkers:
     """Assign markers to places; `points` (n, 3) m: forward, up from the floor, right of the body's
     middle.
     """
     x, n, landmark = points / height, len(points), body.landmark
-    of, segments = _numbers(body)
-    spread = body.shared + SCALE**2 * body.at[:, None] * body.at[None]
-    mean, variance = body.at, np.einsum("ppa->pa", spread)
-    own = np.square(body.own)[:, None] * np.ones(3)
+    of, segments = _number_segments(body)
+    spread = body.shared_covariance + SCALE**2 * body.positions[:, None] * body.positions[None]
+    mean, variance = body.positions, np.einsum("ppa->pa", spread)
+    own = np.square(body.spread)[:, None] * np.ones(3)
     surfaces, landmarks = np.flatnonzero(~landmark), np.flatnonzero(landmark)
     free = np.where(landmark, 0.0, SURFACE) - body.worn
     places = np.full(n, -1)
@@ -408,7 +416,7 @@ def place_markers(
         v = variance + own
         cost = 0.5 * (np.square(x[:, None] - mean) / v + np.log(v)).sum(axis=2) + free
         if step > 1:
-            cost -= _motion(evidence, places, of, segments)
+            cost -= _compute_motion_evidence(evidence, places, of, segments)
         cost = np.where(evidence.allowed, cost, np.inf)
         at_surface = surfaces[np.argmin(cost[:, surfaces], axis=1)]
         spare = np.minimum(cost[np.arange(n), at_surface], NOWHERE)
@@ -419,15 +427,17 @@ def place_markers(
         at_landmark = column < len(landmarks)
         places = np.where(spare < NOWHERE, at_surface, -1)
         places[at_landmark] = landmarks[column[at_landmark]]
-        mean, variance, fit = _given(x, places, body, spread, own)
+        mean, variance, fit = _compute_conditional_positions(x, places, body, spread, own)
     chosen = table[np.arange(n), column]
     on, found = places >= 0, places[places >= 0]
     total = fit + NOWHERE * float((~on).sum()) + float(free[found].sum()) + 3 * n * np.log(height)
-    total -= 0.5 * float(_motion(evidence, places, of, segments)[np.flatnonzero(on), found].sum())
+    total -= 0.5 * float(
+        _compute_motion_evidence(evidence, places, of, segments)[np.flatnonzero(on), found].sum()
+    )
     others = np.where(
         np.array(of)[None] == np.where(on, np.array(of)[places], -1)[:, None], np.inf, cost
     )
-    return Placed(
+    return PlacedMarkers(
         cost=total,
         places=places,
         away=np.where(on, np.linalg.norm(x - mean[places], axis=1), np.nan),
@@ -437,30 +447,34 @@ def place_markers(
     )
 
 
-def out_of_place(points: Array, placed: Placed) -> Array:
+def compute_misplacement(points: Array, placed: PlacedMarkers) -> Array:
     """(n,) chi-squared of three: how far each of `points` (n, 3), those of `place_markers`, lies
     from where all others put its place; NaN on nobody. With K their covariance and r their
     residuals, the sum over the axes of (K^-1 r)_i^2 / (K^-1)_ii.
     """
     body, on = placed.body, placed.places >= 0
     found, out = placed.places[on], np.full(len(points), np.nan)
-    residual = points[on] / placed.height - body.at[found]
+    residual = points[on] / placed.height - body.positions[found]
     out[on] = 0.0
     for axis in range(3):
-        at = body.at[found, axis]
-        joint = body.shared[np.ix_(found, found)][:, :, axis] + SCALE**2 * np.outer(at, at)
-        inverse = np.linalg.inv(joint + np.diag(np.square(body.own[found])))
+        at = body.positions[found, axis]
+        joint = body.shared_covariance[np.ix_(found, found)][:, :, axis] + SCALE**2 * np.outer(
+            at, at
+        )
+        inverse = np.linalg.inv(joint + np.diag(np.square(body.spread[found])))
         out[on] += np.square(inverse @ residual[:, axis]) / np.diag(inverse)
     return out
 
 
-def _numbers(body: Body) -> tuple[list[int], list[int]]:
+def _number_segments(body: BodyTemplate) -> tuple[list[int], list[int]]:
     """Of each place the number of its segment, and of the segment that it moves with, too."""
     names = sorted(set(body.segments))
     return [names.index(s) for s in body.segments], [names.index(s) for s in body.neighbours]
 
 
-def _motion(evidence: Together, places: IntArray, of: list[int], neighbours: list[int]) -> Array:
+def _compute_motion_evidence(
+    evidence: MotionEvidence, places: IntArray, of: list[int], neighbours: list[int]
+) -> Array:
     """(n, np) log likelihood that each marker moves with those that are on the segment of each
     place.
     """
@@ -468,27 +482,27 @@ def _motion(evidence: Together, places: IntArray, of: list[int], neighbours: lis
     on = places >= 0
     member[on, np.array(of)[places[on]]] = 1.0
     count = evidence.known @ member
-    mean = (evidence.moves @ member) / np.maximum(count, 1.0) * np.minimum(count, MOST_WITNESSES)
+    mean = (evidence.log_odds @ member) / np.maximum(count, 1.0) * np.minimum(count, MOST_WITNESSES)
     out: Array = np.maximum(mean[:, of], mean[:, neighbours])
     return out
 
 
-def _given(
-    x: Array, places: IntArray, body: Body, spread: Array, own: Array
+def _compute_conditional_positions(
+    x: Array, places: IntArray, body: BodyTemplate, spread: Array, own: Array
 ) -> tuple[Array, Array, float]:
     """Mean and variance (np, 3) of all places given the markers that are placed, and what those
     cost together.
     """
     on = places >= 0
     found = places[on]
-    mean, variance, total = np.empty_like(body.at), np.empty_like(body.at), 0.0
+    mean, variance, total = np.empty_like(body.positions), np.empty_like(body.positions), 0.0
     for axis in range(3):
         prior = spread[:, :, axis]
         joint = prior[np.ix_(found, found)] + np.diag(own[found, axis])
-        residual = x[on, axis] - body.at[found, axis]
+        residual = x[on, axis] - body.positions[found, axis]
         factor = np.linalg.cholesky(joint)
         white = np.linalg.solve(factor, np.column_stack([residual, prior[found]]))
-        mean[:, axis] = body.at[:, axis] + white[:, 1:].T @ white[:, 0]
+        mean[:, axis] = body.positions[:, axis] + white[:, 1:].T @ white[:, 0]
         variance[:, axis] = np.maximum(np.diag(prior) - np.square(white[:, 1:]).sum(axis=0), 1e-6)
         total += 0.5 * float(white[:, 0] @ white[:, 0]) + float(np.log(np.diag(factor)).sum())
     return mean, variance, total

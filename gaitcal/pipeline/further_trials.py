@@ -17,7 +17,7 @@ from gaitcal.io.csv_recordings import find_event_tables
 from gaitcal.io.result_folder import ResultKind, check_output_folder
 from gaitcal.pipeline.run_study import FaultyStudyError
 from gaitcal.pipeline.write_trials import write_trials
-from gaitcal.preprocess.preprocessed_study import further_moves, preprocess_trial
+from gaitcal.preprocess.preprocessed_study import find_possible_moves_of_trial, preprocess_trial
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_further
 from gaitcal.quality.verdict import Verdict, judge, remove_consequences, select_stopping_errors
@@ -152,7 +152,7 @@ def analyse_trials(
     done = []
     for one in evidence:
         progress(f"{one.name}: tracking and inverse dynamics")
-        moves = further_moves(one)
+        moves = find_possible_moves_of_trial(one)
         done.append(
             trial_result.analyse(saved.model, one.trial, saved.settings, saved.uncertainty, moves)
         )

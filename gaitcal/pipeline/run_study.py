@@ -93,7 +93,7 @@ def find_study(path: Path, person: Options) -> Path | Draft:
     found = drafts.find_study_source(path, person)
     if isinstance(found, Path):
         return found
-    draft = drafting.draft_of(found, person)
+    draft = drafting.draft_folder(found, person)
     drafts.require_runnable(draft, path)
     return draft
 
@@ -188,7 +188,7 @@ def run_found_study(
     """
     drafted = source if isinstance(source, Draft) else None
     read = (
-        drafts.files_of(source)
+        drafts.list_files(source)
         if isinstance(source, Draft)
         else list_input_files(load_study_file(source), source)
     )
@@ -198,7 +198,7 @@ def run_found_study(
 
     progress("reading and checking the recordings")
     study = _with_settings(
-        Study.load(source) if isinstance(source, Path) else drafts.study_of(source), settings
+        Study.load(source) if isinstance(source, Path) else drafts.build_study(source), settings
     )
     preprocessed = preprocess_study(study)
     findings = check_preprocessed(preprocessed)
@@ -206,14 +206,14 @@ def run_found_study(
     if not settings.force and (
         drafted is not None or select_stopping_errors(findings, study.walks)
     ):
-        faulty = drafting.faulty_trials(study, findings)
-        drafted = drafted and drafted.without(faulty)
+        faulty = drafting.find_faulty_trials(study, findings)
+        drafted = drafted and drafted.drop_trials(faulty)
     if faulty:  # what the static trial gets back, and from which trials, follows from all of them
         study = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
         preprocessed = preprocess_study(study)
         findings = check_preprocessed(preprocessed)
     if drafted is not None:
-        findings = (*findings, *drafting.rejected_forces(drafted))
+        findings = (*findings, *drafting.find_rejected_forces(drafted))
     if not settings.force and (errors := select_stopping_errors(findings, study.walks)):
         raise FaultyStudyError(errors, source if isinstance(source, Path) else source.folder.path)
 
@@ -221,7 +221,9 @@ def run_found_study(
         preprocessed, findings, progress, leave_out=settings.leave_out
     )
     of_source = (
-        drafts.draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
+        drafts.list_draft_notes(drafted)
+        if drafted is not None
+        else drafting.list_faulty_notes(faulty)
     )
     calibration = replace(
         calibration,
@@ -236,7 +238,7 @@ def run_found_study(
     )
     text = None
     if drafted is not None:
-        text = drafts.draft_text(drafted, out) + drafts.settings_text(
+        text = drafts.format_draft(drafted, out) + drafts.format_settings(
             settings.calibration, settings.priors, out
         )
     write_results(calibration, out, made_with, drafted=text, normal=bands)

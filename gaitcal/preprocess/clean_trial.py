@@ -42,20 +42,20 @@ class Outlier:
 
     label: str
     frames: int
-    of: int  # frames in which it was seen at all
+    visible_frames: int  # frames in which it was seen at all
     farthest: float  # m, from the markers around it
     when: str  # from when to when, s
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Which marker, how far, how long."""
         return (
-            f"{self.label} up to {self.farthest:.1f} m away, {self.frames} of {self.of} frames "
+            f"{self.label} up to {self.farthest:.1f} m away, {self.frames} of {self.visible_frames} frames "
             f"({self.when})"
         )
 
 
-def without_outliers(
+def remove_outliers(
     recording: Recording, segment_of: Mapping[str, str]
 ) -> tuple[Recording, tuple[Outlier, ...]]:
     """The recording with markers of the given segments left out where they are metres away, and
@@ -63,7 +63,7 @@ def without_outliers(
 
     `segment_of`: label -> segment. A marker that is nowhere on the body loses its column.
     """
-    found, away = _outliers(recording, segment_of)
+    found, away = _find_outliers(recording, segment_of)
     if not found.any():
         return recording, ()
     visible = find_visible(recording.markers)
@@ -71,7 +71,7 @@ def without_outliers(
         Outlier(
             label=recording.labels[k],
             frames=int(found[:, k].sum()),
-            of=int(visible[:, k].sum()),
+            visible_frames=int(visible[:, k].sum()),
             farthest=float(away[found[:, k], k].max()),
             when=format_spans(recording.time, find_runs(found[:, k])),
         )
@@ -85,13 +85,13 @@ def without_outliers(
     masked = np.where(found[:, :, None], np.nan, recording.markers)
     note = (
         "Markers left out where they are metres away from the body: "
-        f"{'; '.join(o.words for o in outliers)}."
+        f"{'; '.join(o.description for o in outliers)}."
     )
     labels = tuple(recording.labels[k] for k in kept)
     return replace(recording, labels=labels, markers=masked[:, kept]).with_notes(note), outliers
 
 
-def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[BoolArray, Array]:
+def _find_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[BoolArray, Array]:
     """(nf, nm) where a marker is out of reach, and how far (m) each is from the median of the
     markers around it.
     """
@@ -104,17 +104,17 @@ def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[Bool
     for segment in dict.fromkeys(of_marker[known].tolist()):
         on, around = (
             np.flatnonzero(of_marker == segment),
-            np.flatnonzero(np.isin(of_marker, list(_near(segment)))),
+            np.flatnonzero(np.isin(of_marker, list(_list_near_segments(segment)))),
         )
         few = len(around) < FEWEST_AROUND
-        centre = _median(x[:, known if few else around])
+        centre = _compute_median(x[:, known if few else around])
         away[:, on] = np.linalg.norm(x[:, on] - centre[:, None], axis=2)
         out[:, on] = away[:, on] > (REACH_BODY_M if few else REACH_M)
     out[out.sum(axis=1) > MOST_SHARE * np.maximum(visible[:, known].sum(axis=1), 1)] = False
     return out, away
 
 
-def _near(segment: str) -> set[str]:
+def _list_near_segments(segment: str) -> set[str]:
     """A segment and its neighbours with markers."""
 
     def beside(one: str) -> set[str]:
@@ -131,7 +131,7 @@ def _near(segment: str) -> set[str]:
     return near
 
 
-def _median(x: Array) -> Array:
+def _compute_median(x: Array) -> Array:
     """(nf, 3) lower median of x (nf, n, 3) over the markers seen; NaN where none is."""
     ordered = np.sort(x, axis=1)  # gaps come last
     count = np.isfinite(x[:, :, 0]).sum(axis=1)
@@ -152,7 +152,7 @@ make 1.2 of one.
 """
 
 
-def jump_limit(recording: Recording, noise: PointNoise | None) -> float:
+def compute_jump_limit(recording: Recording, noise: PointNoise | None) -> float:
     """m, how far a marker, or a point with a noise of its own, may be out of line with the frames
     before and after.
     """
@@ -164,13 +164,13 @@ Spikes: TypeAlias = dict[str, tuple[int, float]]
 """Marker -> how many single positions lie out of line, and how far (m) the farthest."""
 
 
-def without_spikes(
+def remove_spikes(
     recording: Recording, noise: PointNoise | None = None
 ) -> tuple[Recording, Spikes]:
     """The recording without single positions that lie out of line with their neighbours, and which
     these were.
     """
-    x, limit = recording.markers, jump_limit(recording, noise)
+    x, limit = recording.markers, compute_jump_limit(recording, noise)
     if len(x) < 5:
         return recording, {}
     before, one, after = x[1:-3] - x[:-4], x[3:-1] - x[1:-3], x[4:] - x[3:-1]
@@ -226,11 +226,11 @@ def clean_trial(
     noise
         Of the marker set, where its points are no markers.
     """
-    recording, outliers = without_outliers(trial.recording, segment_of)
+    recording, outliers = remove_outliers(trial.recording, segment_of)
     given = {f.name: getattr(trial, f.name) for f in fields(Trial)}
     if trial.role is Role.STATIC:
         return CleanTrial(**{**given, "recording": recording}, outliers=outliers)
-    recording, spikes = without_spikes(recording, noise)
+    recording, spikes = remove_spikes(recording, noise)
     if find_base_segment(trial.joint) in ("", "pelvis"):
         recording, cut = _cut_to_pelvis(recording, segment_of)
     else:

@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, find_runs
-from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
+from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, align_points
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
 """Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its
@@ -69,7 +69,7 @@ class DisplacedInterval:
     slipped: bool = False  # Whether it went there from one frame to the next, and stayed
 
 
-def displaced_intervals(
+def find_displaced_intervals(
     recording: Recording, clusters: Mapping[str, MarkerCluster]
 ) -> dict[str, list[DisplacedInterval]]:
     """Find when each marker of a trial is elsewhere.
@@ -89,12 +89,12 @@ def displaced_intervals(
     found: dict[str, list[DisplacedInterval]] = {}
     place = {label: i for i, label in enumerate(recording.labels)}
     for cluster in clusters.values():
-        columns = [place[label] for label in cluster.labels[: cluster.own]]
+        columns = [place[label] for label in cluster.labels[: cluster.marker_count]]
         paths, rate = recording.markers[:, columns], recording.rate
         for stretch in (
-            *made_up(cluster, paths),
-            *slipped(cluster, paths, rate),
-            *strayed(cluster, paths, rate),
+            *find_drawn_intervals(cluster, paths),
+            *find_slipped_intervals(cluster, paths, rate),
+            *find_strayed_intervals(cluster, paths, rate),
         ):
             here, at = found.setdefault(stretch.label, []), stretch.frames
             if not any(
@@ -104,22 +104,26 @@ def displaced_intervals(
     return found
 
 
-def strayed(cluster: MarkerCluster, paths: Array, rate: float) -> Iterator[DisplacedInterval]:
+def find_strayed_intervals(
+    cluster: MarkerCluster, paths: Array, rate: float
+) -> Iterator[DisplacedInterval]:
     """Stretches in which a marker is far from its mean place, and more so than it usually is;
     `paths` (nf, own, 3) m, of the cluster in the laboratory.
     """
-    distance = np.nan_to_num(cluster.strayed[:, : cluster.own])
-    baseline = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
+    distance = np.nan_to_num(cluster.strayed[:, : cluster.marker_count])
+    baseline = np.nanmedian(cluster.strayed[:, : cluster.marker_count], axis=0)
     limit = baseline + np.maximum(cluster.size * AWAY_M[cluster.part], TIMES_BASELINE * baseline)
     beyond: BoolArray = np.any(distance > limit, axis=1)
     for run in find_runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * rate))):
-        k = _culprit(cluster, paths, run)
-        yield DisplacedInterval(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
+        k = _identify_displaced(cluster, paths, run)
+        yield DisplacedInterval(cluster, cluster.labels[k], run, _measure_farthest(cluster, k, run))
 
 
-def slipped(cluster: MarkerCluster, paths: Array, rate: float) -> Iterator[DisplacedInterval]:
+def find_slipped_intervals(
+    cluster: MarkerCluster, paths: Array, rate: float
+) -> Iterator[DisplacedInterval]:
     """Stretches that begin where a marker slips, until it slips again or the trial ends."""
-    away = cluster.away[:, : cluster.own]
+    away = cluster.away[:, : cluster.marker_count]
     frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
     window = max(SLIP_FRAMES, round(SLIP_S * rate))
     fewest, near = max(SLIP_FRAMES, round(SHORTEST_STAY_S * rate)), max(3, round(SUDDEN_S * rate))
@@ -131,23 +135,31 @@ def slipped(cluster: MarkerCluster, paths: Array, rate: float) -> Iterator[Displ
     limit = max(least, SLIP_RATE / rate, SLIP_TIMES_BASELINE * float(np.median(step)))
     slips: list[tuple[int, int, float]] = []
     sudden = np.flatnonzero(step > limit).tolist()
-    jumpers = [int(np.argmax(_jumps(paths, int(frames[f + 1])))) for f in sudden]
+    jumpers = [int(np.argmax(_measure_jumps(paths, int(frames[f + 1])))) for f in sudden]
     for f, k in zip(sudden, jumpers, strict=True):
         before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
-        if min(len(before), len(after)) < fewest or step[f] < SLIP_SUDDEN * _around(step, f, near):
+        if min(len(before), len(after)) < fewest or step[f] < SLIP_SUDDEN * _find_largest_nearby(
+            step, f, near
+        ):
             continue
         change = np.linalg.norm(after.mean(axis=0) - before.mean(axis=0), axis=1).max()
         if change < max(least, SLIP_STAYS * float(step[f])):
             continue
         edge = int(frames[f + 1])
-        jumps = _jumps(paths, edge)
+        jumps = _measure_jumps(paths, edge)
         if jumpers.count(k) > MOST_JUMPS or jumps[k] < TIMES_OTHERS * float(
             np.delete(jumps, k).max()
         ):
             continue
-        shape = cluster.shape[: cluster.own]
+        shape = cluster.shape[: cluster.marker_count]
         slips.append(
-            (edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0)))
+            (
+                edge,
+                k,
+                _measure_single_displacement(
+                    cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0)
+                ),
+            )
         )
     if len(slips) > MOST_SLIPS:
         return
@@ -158,7 +170,7 @@ def slipped(cluster: MarkerCluster, paths: Array, rate: float) -> Iterator[Displ
         yield DisplacedInterval(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
 
 
-def _around(step: Array, f: int, near: int) -> float:
+def _find_largest_nearby(step: Array, f: int, near: int) -> float:
     """m, the largest change from frame to frame near change f, without its neighbours."""
     return float(
         np.concatenate([step[max(0, f - near) : max(0, f - 1)], step[f + 2 : f + 1 + near]]).max(
@@ -167,30 +179,32 @@ def _around(step: Array, f: int, near: int) -> float:
     )
 
 
-def _alone(cluster: MarkerCluster, k: int, before: Array, after: Array) -> float:
+def _measure_single_displacement(
+    cluster: MarkerCluster, k: int, before: Array, after: Array
+) -> float:
     """m, how far marker k went between two mean places (own, 3) of the markers, if it alone moved."""
-    rest = [i for i in range(cluster.own) if i != k]
-    turn, shift = alignment(after[rest], before[rest])
+    rest = [i for i in range(cluster.marker_count) if i != k]
+    turn, shift = align_points(after[rest], before[rest])
     if (
         len(rest) < FEWEST
     ):  # two points leave a turn about their line free: the smallest way that explains it
-        turn, shift = alignment(
-            after, before, np.where(np.arange(cluster.own) == k, SLIPPED_WEIGHT, 1.0)
+        turn, shift = align_points(
+            after, before, np.where(np.arange(cluster.marker_count) == k, SLIPPED_WEIGHT, 1.0)
         )
     return float(np.linalg.norm(turn @ after[k] + shift - before[k]))
 
 
-def _farthest(cluster: MarkerCluster, k: int, frames: slice) -> float:
+def _measure_farthest(cluster: MarkerCluster, k: int, frames: slice) -> float:
     """m, how far marker k is from its mean place where its cluster is bent most, if it alone moved."""
-    bent = np.nan_to_num(cluster.strayed[frames, : cluster.own])
-    after = cluster.away[frames.start + int(bent.max(axis=1).argmax()), : cluster.own]
+    bent = np.nan_to_num(cluster.strayed[frames, : cluster.marker_count])
+    after = cluster.away[frames.start + int(bent.max(axis=1).argmax()), : cluster.marker_count]
     if not np.isfinite(after).all():
         return float(bent[:, k].max())
-    shape = cluster.shape[: cluster.own]
-    return _alone(cluster, k, shape, shape + after)
+    shape = cluster.shape[: cluster.marker_count]
+    return _measure_single_displacement(cluster, k, shape, shape + after)
 
 
-def _jumps(x: Array, edge: int) -> Array:
+def _measure_jumps(x: Array, edge: int) -> Array:
     """(own,) m, how far each of the markers x (nf, own, 3) jumps out of line in the laboratory
     between the frames edge - 1 and edge.
     """
@@ -200,51 +214,57 @@ def _jumps(x: Array, edge: int) -> Array:
     return out
 
 
-def _culprit(cluster: MarkerCluster, paths: Array, run: slice) -> int:
+def _identify_displaced(cluster: MarkerCluster, paths: Array, run: slice) -> int:
     """Which marker of a cluster left: without it the others are in their places; of three, the one
     that jumps.
     """
     middle = paths[(run.start + run.stop) // 2]
-    if cluster.own > FEWEST and np.isfinite(middle).all():
+    if cluster.marker_count > FEWEST and np.isfinite(middle).all():
         costs = []
-        for k in range(cluster.own):
-            rest = [i for i in range(cluster.own) if i != k]
-            turn, shift = alignment(cluster.shape[rest], middle[rest])
+        for k in range(cluster.marker_count):
+            rest = [i for i in range(cluster.marker_count) if i != k]
+            turn, shift = align_points(cluster.shape[rest], middle[rest])
             costs.append(float(((cluster.shape[rest] @ turn.T + shift - middle[rest]) ** 2).sum()))
         return int(np.argmin(costs))
-    inside = np.nan_to_num(cluster.strayed[run, : cluster.own]).max(axis=0)
+    inside = np.nan_to_num(cluster.strayed[run, : cluster.marker_count]).max(axis=0)
     edges = [edge for edge in (run.start, run.stop) if 0 < edge < len(cluster.away)]
     return int(
-        np.argmax(inside + sum((_jumps(paths, edge) for edge in edges), np.zeros(cluster.own)))
+        np.argmax(
+            inside
+            + sum((_measure_jumps(paths, edge) for edge in edges), np.zeros(cluster.marker_count))
+        )
     )
 
 
-def made_up(cluster: MarkerCluster, x: Array) -> Iterator[DisplacedInterval]:
+def find_drawn_intervals(cluster: MarkerCluster, x: Array) -> Iterator[DisplacedInterval]:
     """Stretches in which a marker stands still, goes straight or along a cubic while others of its
     segment do not.
     """
     if len(x) < STRAIGHT_FRAMES + 2:
         return
     second, fourth = (np.linalg.norm(np.diff(x, order, axis=0), axis=2) for order in (2, 4))
-    for k, label in enumerate(cluster.labels[: cluster.own]):
+    for k, label in enumerate(cluster.labels[: cluster.marker_count]):
         baseline = float(np.nanmedian(cluster.strayed[:, k]))
         drawn = [
             slice(run.start, run.stop + 2)
             for run in find_runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)
         ]
-        drawn = [frames for frames in drawn if bend(x[frames, k]) <= STRAIGHT_M]
+        drawn = [frames for frames in drawn if measure_bend(x[frames, k]) <= STRAIGHT_M]
         smooth = fourth[:, k] < CUBIC_SHARE * np.median(np.delete(fourth, k, axis=1), axis=1)
         drawn += [slice(run.start, run.stop + 4) for run in find_runs(smooth, STRAIGHT_FRAMES)]
         for frames in drawn:
             if float(np.nan_to_num(cluster.strayed[frames, k]).max()) < baseline + WRONG_M:
                 continue
-            if max(bend(x[frames, i]) for i in range(cluster.own) if i != k) > BENT_M:
+            if (
+                max(measure_bend(x[frames, i]) for i in range(cluster.marker_count) if i != k)
+                > BENT_M
+            ):
                 yield DisplacedInterval(
-                    cluster, label, frames, _farthest(cluster, k, frames), straight=True
+                    cluster, label, frames, _measure_farthest(cluster, k, frames), straight=True
                 )
 
 
-def bend(path: Array) -> float:
+def measure_bend(path: Array) -> float:
     """m, largest distance of a path (n, 3) from even motion along the line between its ends."""
     line = path[0] + np.linspace(0.0, 1.0, len(path))[:, None] * (path[-1] - path[0])
     return float(np.nan_to_num(np.linalg.norm(path - line, axis=1)).max())

@@ -60,13 +60,13 @@ class JointLink:
     above: str
     below: str
     centre: Array  # (3,) m, c
-    turn: Array  # (n, 3, 3) M in the frames in which both segments are determined
-    rotation: Array  # (3, 3) B
+    rotations: Array  # (n, 3, 3) M in the frames in which both segments are determined
+    median_rotation: Array  # (3, 3) B
     carried_up: Array  # (3,) m, g: the lower segment's centre in the upper segment's static axes
     carried_down: Array  # (3,) m: the upper segment's centre in the lower one's
     # m, standard deviation of the gap as the markers of both segments scatter in the trial
     gap_spread: float
-    turn_spread: Array  # (2,) rad, the same of ab/adduction and axial turn
+    rotation_spread: Array  # (2,) rad, the same of ab/adduction and axial turn
     # rad, median turn of those frames from the static posture, beyond the usual of walks; 0 within
     # it
     far: float
@@ -80,8 +80,8 @@ class JointLink:
     @property
     def rms(self) -> float:
         """rad, RMS turn about the mean posture of the joint."""
-        mean = segment_frames.find_nearest_rotation(self.turn.mean(axis=0))
-        return float(np.sqrt(np.mean(angle_of(mean.T @ self.turn) ** 2)))
+        mean = segment_frames.find_nearest_rotation(self.rotations.mean(axis=0))
+        return float(np.sqrt(np.mean(compute_rotation_angle(mean.T @ self.rotations) ** 2)))
 
     @property
     def gap_base(self) -> float:
@@ -89,7 +89,7 @@ class JointLink:
         return self.size * float(np.hypot(GAP_M[self.name], GAP_PER_RAD * self.far))
 
     @property
-    def turn_base(self) -> Array:
+    def rotation_base(self) -> Array:
         """(2,) rad, ab/adduction and axial turn that say something where no marker scatters."""
         far = max(0.0, self.far - KNEE_TURN_FROM) if self.name == "knee" else self.far
         out: Array = np.hypot(TURN_RAD[self.name], TURN_PER_RAD * far)
@@ -101,9 +101,9 @@ class JointLink:
         return float(np.hypot(self.gap_base, SCATTERED * self.gap_spread))
 
     @property
-    def turn_limits(self) -> Array:
+    def rotation_limits(self) -> Array:
         """(2,) rad, ab/adduction and axial turn of a joint of this trial that say something."""
-        out: Array = np.hypot(self.turn_base, SCATTERED * self.turn_spread)
+        out: Array = np.hypot(self.rotation_base, SCATTERED * self.rotation_spread)
         return out
 
     @property
@@ -111,10 +111,10 @@ class JointLink:
         """m, from the joint centre to the points on its axis at which the limits of gap and turn
         weigh alike.
         """
-        return self.gap_base / float(np.mean(self.turn_base))
+        return self.gap_base / float(np.mean(self.rotation_base))
 
 
-def links_of(
+def compute_joint_links(
     clusters: Mapping[str, MarkerCluster], centres: Mapping[str, Array]
 ) -> dict[str, JointLink]:
     """Joint -> its link, where both segments are seen; `centres` (3,) m of the joints in the static
@@ -128,13 +128,13 @@ def links_of(
                 clusters.get(linkage.add_side(segment, side)) for segment in (upper, lower)
             )
             if above is not None and below is not None and joint in centres:
-                link = _link(joint, above, below, centres[joint])
+                link = _compute_link(joint, above, below, centres[joint])
                 if link is not None:
                     out[joint] = link
     return out
 
 
-def _link(
+def _compute_link(
     joint: str, above: MarkerCluster, below: MarkerCluster, centre: Array
 ) -> JointLink | None:
     known = above.determined & below.determined
@@ -146,26 +146,26 @@ def _link(
     away = np.abs(rotations.compute_root_angles(turn)[:, 0])
     near = away <= max(NEAR_RAD, float(np.percentile(away, NEAREST_PERCENT)))
     (place_above, turn_above), (place_below, turn_below) = (
-        above.pose_spread(centre),
-        below.pose_spread(centre),
+        above.compute_pose_spread(centre),
+        below.compute_pose_spread(centre),
     )
     return JointLink(
         joint=joint,
         above=above.segment,
         below=below.segment,
         centre=centre,
-        turn=turn,
-        rotation=segment_frames.find_nearest_rotation(np.median(turn[near], axis=0)),
+        rotations=turn,
+        median_rotation=segment_frames.find_nearest_rotation(np.median(turn[near], axis=0)),
         carried_up=np.median(turn[near] @ centre + shift[near], axis=0),
         carried_down=np.median(np.einsum("fji,fj->fi", turn[near], centre - shift[near]), axis=0),
         gap_spread=float(np.hypot(place_above, place_below)),
-        turn_spread=np.hypot(turn_above, turn_below)[:2],
-        far=max(0.0, float(np.median(angle_of(turn[near]))) - STANDS_RAD),
+        rotation_spread=np.hypot(turn_above, turn_below)[:2],
+        far=max(0.0, float(np.median(compute_rotation_angle(turn[near]))) - STANDS_RAD),
         size=above.size,
     )
 
 
-def angle_of(rotation: Array) -> Array:
+def compute_rotation_angle(rotation: Array) -> Array:
     """rad, angle of rotations (..., 3, 3)."""
     out: Array = np.arccos(np.clip(0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0), -1.0, 1.0))
     return out

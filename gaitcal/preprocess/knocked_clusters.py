@@ -27,7 +27,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model import linkage, parameters, segment_frames
 from gaitcal.preprocess import joint_links, static_disagreement, trial_evidence
-from gaitcal.preprocess.marker_clusters import alignment
+from gaitcal.preprocess.marker_clusters import align_points
 from gaitcal.study.study import Study
 
 KNEE_HALF_M = 0.05  # Half the length of the knee's axis, as the epicondyles mark it
@@ -41,17 +41,17 @@ class Placement:
     segment: str
     labels: tuple[str, ...]
     before: Array  # (n, 3) m, in the static posture
-    place: Array  # (n, 3) m, as the moving trials have it
+    after: Array  # (n, 3) m, as the moving trials have it
     shift_spread: float  # m
-    turn_spread: float  # rad
+    rotation_spread: float  # rad
     trials: tuple[str, ...]
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """How far off it was, by which trials it was placed, and how well."""
         turn, shift = (
-            joint_links.angle_of(alignment(self.before, self.place)[0]),
-            (self.place - self.before).mean(axis=0),
+            joint_links.compute_rotation_angle(align_points(self.before, self.after)[0]),
+            (self.after - self.before).mean(axis=0),
         )
         found = (
             f"{listed([repr(m) for m in self.labels])} of {self.segment} sit "
@@ -62,7 +62,7 @@ class Placement:
             "by the rest of "
         )
         found += f"the leg in {listed(list(self.trials))}, to {1e3 * self.shift_spread:.0f} mm and "
-        return f"{found}{np.rad2deg(self.turn_spread):.0f} deg, which the error bars count"
+        return f"{found}{np.rad2deg(self.rotation_spread):.0f} deg, which the error bars count"
 
     @property
     def finding(self) -> Finding:
@@ -73,11 +73,11 @@ class Placement:
         )
         code, note = Code.CLUSTER_SLID, Severity.INFO
         return Finding(
-            code=code, severity=note, topic=topic, where=STUDY, found=self.words, cure=cure
+            code=code, severity=note, topic=topic, where=STUDY, found=self.description, cure=cure
         )
 
 
-def placement(trials: Sequence[trial_evidence.TrialEvidence]) -> Placement | None:
+def find_placement(trials: Sequence[trial_evidence.TrialEvidence]) -> Placement | None:
     """The cluster that most moving trials have elsewhere than the static one, where the rest of the
     leg tells where.
     """
@@ -89,16 +89,16 @@ def placement(trials: Sequence[trial_evidence.TrialEvidence]) -> Placement | Non
     for (segment, labels), of in sorted(
         told.items(), key=lambda pair: -sum(excess for excess, _ in pair[1])
     ):
-        if (placed := _placement(segment, labels, [trial for _, trial in of])) is not None:
+        if (placed := _fit_placement(segment, labels, [trial for _, trial in of])) is not None:
             return placed
     return None
 
 
-def _placement(
+def _fit_placement(
     segment: str, labels: tuple[str, ...], trials: Sequence[trial_evidence.TrialEvidence]
 ) -> Placement | None:
     """By those of these trials that tell; None where none does."""
-    places = [local for t in trials if (local := _local(t, segment, labels)) is not None]
+    places = [local for t in trials if (local := _locate_cluster(t, segment, labels)) is not None]
     if not places:
         return None
     cluster = trials[0].clusters[segment]
@@ -111,23 +111,25 @@ def _placement(
         link for t in trials for link in t.links.values() if segment in (link.above, link.below)
     ]
     limits = (
-        np.max([(k.gap_base, k.turn_base.max()) for k in links], axis=0)
+        np.max([(k.gap_base, k.rotation_base.max()) for k in links], axis=0)
         / static_disagreement.SPREAD
     )
     return Placement(
         segment=segment,
         labels=labels,
         before=before,
-        place=place,
+        after=place,
         shift_spread=float(np.hypot(limits[0], np.sqrt(np.mean((away**2).sum(axis=1)) / 3.0))),
-        turn_spread=float(
-            np.hypot(limits[1], np.sqrt(np.mean(joint_links.angle_of(turn) ** 2) / 3.0))
+        rotation_spread=float(
+            np.hypot(
+                limits[1], np.sqrt(np.mean(joint_links.compute_rotation_angle(turn) ** 2) / 3.0)
+            )
         ),
         trials=tuple(t.name for t in trials),
     )
 
 
-def _local(
+def _locate_cluster(
     trial: trial_evidence.TrialEvidence, segment: str, labels: Sequence[str]
 ) -> Array | None:
     """(nf, n, 3) m, the cluster's markers in the static posture of the bone, by frame; None where
@@ -148,8 +150,8 @@ def _local(
         ends = (axis, -axis) if joint.startswith("knee") else (0.0 * axis,)
         for end in ends:
             points.append(stance.centres[joint] + end)
-            paths.append(neighbour.carries(points[-1]))
-    for label in cluster.labels[: cluster.own]:
+            paths.append(neighbour.transform_point(points[-1]))
+    for label in cluster.labels[: cluster.marker_count]:
         if label not in labels:
             points.append(stance.points[segment][label])
             paths.append(trial.path(label))
@@ -161,21 +163,23 @@ def _local(
     return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
 
 
-def with_placement(study: Study, static: trial_evidence.TrialEvidence, one: Placement) -> Study:
+def apply_placement(study: Study, static: trial_evidence.TrialEvidence, one: Placement) -> Study:
     """The study with a cluster of its static trial where the moving trials have it, and its joints
     less known.
     """
     recording = study.static.recording
-    axes, _ = alignment(one.before, np.array([static.still_positions[m] for m in one.labels]))
+    axes, _ = align_points(one.before, np.array([static.still_positions[m] for m in one.labels]))
     markers = recording.markers.copy()
-    markers[:, [recording.labels.index(m) for m in one.labels]] += (one.place - one.before) @ axes.T
+    markers[:, [recording.labels.index(m) for m in one.labels]] += (one.after - one.before) @ axes.T
     less = {
-        p.name: one.shift_spread if p.kind is parameters.ParameterKind.POSITION else one.turn_spread
+        p.name: one.shift_spread
+        if p.kind is parameters.ParameterKind.POSITION
+        else one.rotation_spread
         for p in parameters.JOINT_PARAMETERS
         if p.segment == one.segment
     }
     placed = replace(
-        study.static, recording=replace(recording, markers=markers).with_notes(one.words)
+        study.static, recording=replace(recording, markers=markers).with_notes(one.description)
     )
     trials = tuple(placed if t is study.static else t for t in study.trials)
     return replace(study, trials=trials, loosened={**study.loosened, **less})

@@ -85,7 +85,7 @@ class Stance:
     )
 
     @classmethod
-    def of_recording(
+    def from_recording(
         cls,
         static: Recording,
         marker_set: MarkerSet,
@@ -130,7 +130,7 @@ class Stance:
         )
 
     @classmethod
-    def of_model(cls, model: SubjectModel) -> "Stance":
+    def from_model(cls, model: SubjectModel) -> "Stance":
         """From a saved model, all coordinates zero: its joint centres and markers."""
         axes, origins = kinematics.compute_body_poses(
             model.parameters, np.zeros((1, len(linkage.COORDINATES)))
@@ -162,7 +162,7 @@ class Stance:
             size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
         )
 
-    def without(self, labels: Collection[str]) -> "Stance":
+    def drop_markers(self, labels: Collection[str]) -> "Stance":
         """The same posture without markers that are no evidence of where they sit, as they were not
         seen in it.
         """
@@ -209,7 +209,7 @@ class MarkerCluster:
         return self.segment.split("_")[0]
 
     @property
-    def own(self) -> int:
+    def marker_count(self) -> int:
         """How many of the points are markers of the segment."""
         return len(self.labels) - self.borrowed
 
@@ -227,23 +227,31 @@ class MarkerCluster:
     @property
     def static_size(self) -> float:
         """m, root of the sum of the squares of the distances of its own markers from their middle."""
-        return float(np.linalg.norm(self.static[: self.own] - self.static[: self.own].mean(axis=0)))
+        return float(
+            np.linalg.norm(
+                self.static[: self.marker_count] - self.static[: self.marker_count].mean(axis=0)
+            )
+        )
 
     @property
     def size_ratio(self) -> float:
         """Size of the cluster against the static one."""
         return (
-            float(np.linalg.norm(self.shape[: self.own] - self.shape[: self.own].mean(axis=0)))
+            float(
+                np.linalg.norm(
+                    self.shape[: self.marker_count] - self.shape[: self.marker_count].mean(axis=0)
+                )
+            )
             / self.static_size
         )
 
-    def tissue(self, *, together: bool = False) -> float:
+    def compute_tissue_spread(self, *, together: bool = False) -> float:
         """m, standard deviation along each axis of what soft tissue does to a marker by itself, or
         `together` with the others against what they borrow, between the static posture and the
         frames of the shape.
         """
         size = soft_tissue_artefact.SIZES[self.part]
-        return tissue_spread(
+        return compute_tissue_spread(
             float(np.hypot(size.per_marker, size.shift if together and self.borrowed else 0.0)),
             self.far,
         )
@@ -251,9 +259,9 @@ class MarkerCluster:
     @property
     def swelling(self) -> float:
         """Share by which scatter across the lines between markers lengthens them."""
-        return float((self.scatter[: self.own] ** 2).sum()) / self.static_size**2
+        return float((self.scatter[: self.marker_count] ** 2).sum()) / self.static_size**2
 
-    def pose_spread(self, point: Array) -> tuple[float, Array]:
+    def compute_pose_spread(self, point: Array) -> tuple[float, Array]:
         """m, and (3,) rad about x y z: how far the segment's pose at a point (3,) is uncertain as
         its markers scatter.
 
@@ -270,7 +278,7 @@ class MarkerCluster:
             np.sqrt(3.0 * variance * segment_frames.compute_position_variance(self.static, point))
         ), np.sqrt(np.diag(turn))
 
-    def carries(self, point: Array) -> Array:
+    def transform_point(self, point: Array) -> Array:
         """(nf, 3) m, where the segment has a point (3,) of the static posture; NaN where it is not
         determined.
         """
@@ -279,14 +287,14 @@ class MarkerCluster:
         return path
 
 
-def tissue_spread(size: float, far: float) -> float:
+def compute_tissue_spread(size: float, far: float) -> float:
     """m, of soft tissue of a `size` (m) in walking, where joints are flexed by `far` (rad) beyond
     what is near; people are of a softness that is log-normal.
     """
     return float(np.exp(soft_tissue_artefact.LOG_SPREAD**2)) * size * max(0.0, far) / SPREAD_RAD
 
 
-def clusters_of(
+def fit_clusters(
     recording: Recording,
     stance: Stance,
     landmarks: Mapping[str, tuple[str, ...]],
@@ -313,7 +321,7 @@ def clusters_of(
         part, _, side = segment.partition("_")
         if part == "thigh" and "pelvis" in out:
             centre = stance.centres[f"hip_{side}"]
-            return HIP_CENTRE, centre, out["pelvis"].carries(centre)
+            return HIP_CENTRE, centre, out["pelvis"].transform_point(centre)
         name = f"{LENDER.get(part, '')}_{side}"
         labels = landmarks.get(name, ())
         if len(labels) != 1 or not usable(labels[0]) or name not in stance.landmarks:
@@ -333,7 +341,7 @@ def clusters_of(
             continue
         frames, far = (near or {}).get(segment, (None, 0.0))
         known = (
-            _fitted(np.array(static), np.stack(paths, axis=1), frames)
+            _fit_shape(np.array(static), np.stack(paths, axis=1), frames)
             if len(labels) >= FEWEST
             else None
         )
@@ -362,7 +370,9 @@ def clusters_of(
     if near is not None:
         return out
     flexed = {
-        s: flexion for s in out if np.nanmax(flexion := _flexion(out, s), initial=0.0) > NEAR_RAD
+        s: flexion
+        for s in out
+        if np.nanmax(flexion := _measure_flexion(out, s), initial=0.0) > NEAR_RAD
     }
     limits = {
         s: max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT)))
@@ -372,10 +382,10 @@ def clusters_of(
         s: (f <= limits[s], float(np.median(f[f <= limits[s]])) - NEAR_RAD)
         for s, f in flexed.items()
     }
-    return clusters_of(recording, stance, landmarks, judged, near, out) if near else out
+    return fit_clusters(recording, stance, landmarks, judged, near, out) if near else out
 
 
-def _flexion(clusters: Mapping[str, MarkerCluster], segment: str) -> Array:
+def _measure_flexion(clusters: Mapping[str, MarkerCluster], segment: str) -> Array:
     """(nf,) rad, from the static posture, of the joint beside a segment that is flexed most; NaN
     where none is seen.
     """
@@ -392,7 +402,7 @@ def _flexion(clusters: Mapping[str, MarkerCluster], segment: str) -> Array:
     return out
 
 
-def _fitted(
+def _fit_shape(
     static: Array, paths: Array, near: BoolArray | None = None
 ) -> tuple[Array, RigidFit, Array] | None:
     """Shape, in the frames `near` (nf,) where they show it, motion and ways away of points with
@@ -409,10 +419,12 @@ def _fitted(
         np.where(visible[:, :, None], paths, 0.0).transpose(1, 2, 0),
         visible.T.astype(float),
     )
-    shape = _mean_shape(static, paths[some], visible[some], measured[:, :, some], weight[:, some])
+    shape = _compute_mean_shape(
+        static, paths[some], visible[some], measured[:, :, some], weight[:, some]
+    )
     if shape is None:
         return None
-    turn, shift = alignment(shape, static)
+    turn, shift = align_points(shape, static)
     shape = shape @ turn.T + shift
     fit = fit_rigid(shape, measured, weight)
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
@@ -420,7 +432,7 @@ def _fitted(
     return shape, fit, away if near is None else away - np.nanmedian(away, axis=0)
 
 
-def _mean_shape(
+def _compute_mean_shape(
     start: Array, paths: Array, seen: BoolArray, measured: Array, weight: Array
 ) -> Array | None:
     """(n, 3) m, the shape of a cluster with paths (nf, n, 3), `measured` and `weight` as
@@ -441,7 +453,7 @@ def _mean_shape(
     return shape
 
 
-def alignment(points: Array, onto: Array, weight: Array | None = None) -> tuple[Array, Array]:
+def align_points(points: Array, onto: Array, weight: Array | None = None) -> tuple[Array, Array]:
     """R (3, 3) and t (3,) of the rigid motion  R p + t  of `points` (n, 3) nearest to those `onto`
     (Kabsch 1976).
     """

@@ -35,24 +35,24 @@ class Feet:
     def __init__(self, time: Array, landmark: Callable[[str], Array | None]) -> None:
         self.time = time
         shape = (len(self.time), len(SIDES))
-        self.seen = np.zeros(shape, dtype=bool)
+        self.visible = np.zeros(shape, dtype=bool)
         self.heel, self.toe = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
         for k, side in enumerate(SIDES):
             heel, toe = landmark(f"heel_{side}"), landmark(f"toe_{side}")
             if heel is not None and toe is not None:
                 self.heel[:, k], self.toe[:, k] = heel, toe
-                self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
+                self.visible[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
         points = np.concatenate([self.heel, self.toe], axis=1)
         velocity = np.gradient(points, self.time, axis=0)
-        self.estimate_belt_velocities = foot_contact.estimate_belt_velocities(points, velocity)
-        speed = np.linalg.norm(velocity - np.tile(self.estimate_belt_velocities, (2, 1)), axis=2)
+        self.belt_velocities = foot_contact.estimate_belt_velocities(points, velocity)
+        speed = np.linalg.norm(velocity - np.tile(self.belt_velocities, (2, 1)), axis=2)
         self.heel_speed, self.toe_speed = speed[:, :2], speed[:, 2:]
         self.resting: BoolArray = (
             np.fmin(self.heel_speed, self.toe_speed) < foot_contact.RESTING_SPEED
         )
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
 
-    def points(self, height: float) -> foot_contact.FootPoints:
+    def build_points(self, height: float) -> foot_contact.FootPoints:
         """Heels, toes and tips of the feet of a person of this height (m); NaN where they are not
         seen.
         """
@@ -65,11 +65,11 @@ class Feet:
             width=foot_contact.FOOT_BREADTH * height,
         )
 
-    def distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
+    def measure_distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
         """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where
         it is not seen.
         """
-        known = self.seen[frames, foot]
+        known = self.visible[frames, foot]
         if not known.any():
             return float("inf")
         a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
@@ -90,7 +90,7 @@ class PlateContact(foot_contact.Loading):
     distance: (
         float  # m, mean distance of the centre of pressure from that line, weighed by the load
     )
-    other: float  # m, the same for the other foot
+    other_distance: float  # m, the same for the other foot
 
     @property
     def under_foot(self) -> bool:
@@ -103,7 +103,7 @@ class PlateContact(foot_contact.Loading):
         return self.frames.start > inner.start and self.frames.stop < inner.stop
 
 
-def plate_contacts(
+def find_plate_contacts(
     feet: Feet, plates: Sequence[ForcePlate], height: float
 ) -> tuple[PlateContact, ...]:
     """Find all loadings of all plates that are longer than a knock.
@@ -117,7 +117,7 @@ def plate_contacts(
     height
         m, of the person.
     """
-    found, points = [], feet.points(height)
+    found, points = [], feet.build_points(height)
     wrenches = [np.nan_to_num(resample_wrench(plate, feet.time)) for plate in plates]
     one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
     for plate, wrench in zip(plates, wrenches, strict=True):
@@ -141,14 +141,14 @@ def plate_contacts(
                 else 0.0
             )
             point, load = compute_centre_on_ground(wrench[run], level), wrench[run, 1]
-            away = [feet.distance(k, point, run, load) for k in range(len(SIDES))]
+            away = [feet.measure_distance(k, point, run, load) for k in range(len(SIDES))]
             foot = int(np.argmin(away))
             step = PlateContact(
                 plate=plate,
                 frames=run,
                 foot=foot,
                 distance=away[foot],
-                other=away[1 - foot],
+                other_distance=away[1 - foot],
                 point=point,
                 load=load,
             )

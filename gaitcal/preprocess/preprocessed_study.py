@@ -16,12 +16,12 @@ from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, ParameterKind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.clean_trial import CleanTrial, clean_trial
-from gaitcal.preprocess.knocked_clusters import Placement, placement, with_placement
+from gaitcal.preprocess.knocked_clusters import Placement, apply_placement, find_placement
 from gaitcal.preprocess.marker_clusters import Stance
 from gaitcal.preprocess.put_back_labels import put_back
 from gaitcal.preprocess.rebuilt_markers import Rebuilding
-from gaitcal.preprocess.static_disagreement import PossibleMove, possible_moves
-from gaitcal.preprocess.study_model import nominal_of_clean, rebuild_static
+from gaitcal.preprocess.static_disagreement import PossibleMove, find_possible_moves
+from gaitcal.preprocess.study_model import build_nominal_from_clean, rebuild_static
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
@@ -64,9 +64,9 @@ class PreprocessedStudy:
         """The nominal model, also of a static trial in a wrong unit; InputError where there is
         none.
         """
-        return self.model or nominal_of_clean(self.clean, self.completed)
+        return self.model or build_nominal_from_clean(self.clean, self.completed)
 
-    def moves(self) -> dict[str, dict[str, PossibleMove]]:
+    def find_possible_moves(self) -> dict[str, dict[str, PossibleMove]]:
         """Trial -> segment that it is fitted by -> what its markers may have done since the static
         trial; a cluster that was put back is as uncertain as its place.
         """
@@ -79,10 +79,13 @@ class PreprocessedStudy:
         for t in self.trials if self.study.marker_set.noise is None else ():
             fitted = SEGMENTS if t.trial.joint is None else list_joint_segments(t.trial.joint)
             moves = {
-                s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted
+                s: move
+                for s, move in find_possible_moves(t.clusters, t.links).items()
+                if s in fitted
             }
             out[t.name] = {
-                s: replace(m, turn=np.hypot(m.turn, placed.get(s, 0.0))) for s, m in moves.items()
+                s: replace(m, rotation=np.hypot(m.rotation, placed.get(s, 0.0)))
+                for s, m in moves.items()
             }
         return out
 
@@ -113,10 +116,10 @@ def preprocess_study(study: Study) -> PreprocessedStudy:
     while True:
         clean = replace(study, trials=trials)
         completed = rebuild_static(clean)
-        evidence = tuple(_evidence_of(trial, study) for trial in trials)
+        evidence = tuple(_build_evidence(trial, study) for trial in trials)
         standing = next(trial for trial in evidence if trial.is_static)
-        model, faults = _nominal_or_faults(standing, clean, completed)
-        stance = None if model is None else _stance_of(study, completed, model)
+        model, faults = _build_nominal(standing, clean, completed)
+        stance = None if model is None else _build_stance(study, completed, model)
         measured = tuple(
             replace(
                 one, model=model, stance=stance, rebuilding=completed if one is standing else None
@@ -139,18 +142,18 @@ def preprocess_study(study: Study) -> PreprocessedStudy:
         static = [trial for trial in found.trials if trial.is_static]
         if not causes.isdisjoint(one.segment for one in placed) or len(static) != 1:
             return first
-        knocked = placement(found.moving)
+        knocked = find_placement(found.moving)
         if knocked is None:
             return found
         placed = (*placed, knocked)
-        before, study = study, with_placement(study, static[0], knocked)
+        before, study = study, apply_placement(study, static[0], knocked)
         trials = tuple(
             kept if new is old else clean_trial(new, segment_of, noise)
             for new, old, kept in zip(study.trials, before.trials, trials, strict=True)
         )
 
 
-def _evidence_of(trial: CleanTrial, study: Study) -> TrialEvidence:
+def _build_evidence(trial: CleanTrial, study: Study) -> TrialEvidence:
     """A trial before it has a model to be measured against."""
     return TrialEvidence(
         trial=trial,
@@ -160,22 +163,22 @@ def _evidence_of(trial: CleanTrial, study: Study) -> TrialEvidence:
     )
 
 
-def _nominal_or_faults(
+def _build_nominal(
     standing: TrialEvidence, clean: Study, completed: Rebuilding
 ) -> tuple[SubjectModel | None, tuple[Finding, ...]]:
     """The nominal model, or why the static trial gives none; neither where its unit is wrong."""
     if not standing.has_body_size:
         return None, ()
     try:
-        return nominal_of_clean(clean, completed), ()
+        return build_nominal_from_clean(clean, completed), ()
     except InputError as fault:
         return None, (Finding.of_fault(fault, standing.name, standing.source, "static trial"),)
 
 
-def _stance_of(study: Study, completed: Rebuilding, model: SubjectModel) -> Stance:
+def _build_stance(study: Study, completed: Rebuilding, model: SubjectModel) -> Stance:
     """The static posture by what the static trial itself shows."""
-    whole = Stance.of_recording(completed.static, study.marker_set, model, study.hip_centre)
-    return whole.without(completed.labels)
+    whole = Stance.from_recording(completed.static, study.marker_set, model, study.hip_centre)
+    return whole.drop_markers(completed.labels)
 
 
 @np.errstate(all="ignore")
@@ -200,13 +203,13 @@ def preprocess_trial(
         subject=model.subject,
         settings=settings,
         model=model,
-        stance=Stance.of_model(model),
+        stance=Stance.from_model(model),
     )
     return put_back(found)
 
 
 @np.errstate(all="ignore")
-def further_moves(evidence: TrialEvidence) -> dict[str, PossibleMove]:
+def find_possible_moves_of_trial(evidence: TrialEvidence) -> dict[str, PossibleMove]:
     """What markers may have done, as `PreprocessedStudy.moves`, of one further trial."""
     of_markers = evidence.model is not None and evidence.model.noise is None
-    return possible_moves(evidence.clusters, evidence.links) if of_markers else {}
+    return find_possible_moves(evidence.clusters, evidence.links) if of_markers else {}

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaitcal.preprocess.swapped_labels import SwappedLabels, with_labels_back
+from gaitcal.preprocess.swapped_labels import SwappedLabels, restore_labels
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 
 MOST_OF_A_PART = 0.5  # Share of the frames: of more, the labels are exchanged in the file
@@ -19,17 +19,17 @@ def put_back(trial: TrialEvidence) -> TrialEvidence:
     if trial.is_static:
         return trial
     mended, done = trial, list[SwappedLabels]()
-    while found := mended.exchanges:
-        if len(done) > len(trial.place) or not all(_of_a_part(mended, one) for one in found):
+    while found := mended.swapped_labels:
+        if len(done) > len(trial.column) or not all(_is_partial(mended, one) for one in found):
             return trial
-        mended = mended.with_recording(with_labels_back(mended.recording, found))
+        mended = mended.with_recording(restore_labels(mended.recording, found))
         done += found
     return replace(mended, put_back=tuple(done)) if done else trial
 
 
-def _of_a_part(trial: TrialEvidence, found: SwappedLabels) -> bool:
+def _is_partial(trial: TrialEvidence, found: SwappedLabels) -> bool:
     """Whether both labels are right for most of the time, so that their exchange for a part can be
     undone.
     """
-    seen = max(int(trial.seen[:, trial.place[found.label]].sum()), 1)
+    seen = max(int(trial.visible[:, trial.column[found.label]].sum()), 1)
     return found.mutual and found.sure and int(found.frames.sum()) <= MOST_OF_A_PART * seen

@@ -63,21 +63,21 @@ class RebuiltMarker:
     segment: str
     landmarks: tuple[str, ...]  # of the set that it makes
     # (3,) m in the laboratory of the static trial, where its companions have their mean places
-    place: Array
+    position: Array
     companions: tuple[str, ...]  # what it was placed by
     trial: str  # name of the trial that shows it beside them
     frames: int  # of that trial, which were used
     uncertainty: float  # m, RMS: scatter and differing shape together
-    stranger: str = (
+    unknown_marker: str = (
         ""  # a marker of the static trial that the set does not know, there: it may be the same
     )
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Which marker, from where, how well."""
         same = (
-            f" ('{self.stranger}' of the static trial lies there: is it the same?)"
-            if self.stranger
+            f" ('{self.unknown_marker}' of the static trial lies there: is it the same?)"
+            if self.unknown_marker
             else ""
         )
         by, to = ", ".join(self.companions), 1e3 * self.uncertainty
@@ -102,7 +102,7 @@ class Rebuilding:
         """Markers that were rebuilt: no evidence for the static trial."""
         return tuple(marker.label for marker in self.markers)
 
-    def why_not(self, message: str) -> str:
+    def describe_failures(self, message: str) -> str:
         """Why markers that an error message names were not rebuilt, to be added to it."""
         reasons = [
             f"'{label}': {why}" for label, why in self.left.items() if f"'{label}'" in message
@@ -130,12 +130,15 @@ def rebuild_lost(
     )
     known = set(marker_set.labels)
     found, left = list[RebuiltMarker](), dict[str, str]()
-    for label in _wanted(marker_set):
-        showing = [(trial, recording) for trial, recording in sources if _shows(recording, label)]
+    for label in _list_wanted_labels(marker_set):
+        showing = [
+            (trial, recording) for trial, recording in sources if _is_visible(recording, label)
+        ]
         if label in standing or not showing:
             continue
         attempts = [
-            _attempt(label, marker_set, standing, trial, recording) for trial, recording in showing
+            _try_rebuilding(label, marker_set, standing, trial, recording)
+            for trial, recording in showing
         ]
         placed = [attempt for attempt in attempts if isinstance(attempt, RebuiltMarker)]
         best = min(placed, key=lambda marker: marker.uncertainty, default=None)
@@ -146,28 +149,28 @@ def rebuild_lost(
             left[label] = f"its place beside {by} is uncertain by {1e3 * best.uncertainty:.0f} mm"
         else:
             away = {
-                m: float(np.linalg.norm(at - best.place))
+                m: float(np.linalg.norm(at - best.position))
                 for m, at in standing.items()
                 if m not in known
             }
             nearest = min(away, key=away.__getitem__, default="")
             is_there = nearest and away[nearest] <= max(best.uncertainty, NEAR_M)
-            found.append(replace(best, stranger=nearest if is_there else ""))
+            found.append(replace(best, unknown_marker=nearest if is_there else ""))
             # what the pelvis has got back may carry a hip centre; no companion is ever a rebuilt
             # marker but there
             if best.segment == "pelvis":
-                standing[label] = best.place
+                standing[label] = best.position
     for marker in found:
-        static = _filled(static, marker, window, standing, marker_set)
+        static = _fill_static(static, marker, window, standing, marker_set)
     notes = (
-        [f"markers that this trial lost: {'; '.join(marker.words for marker in found)}"]
+        [f"markers that this trial lost: {'; '.join(marker.description for marker in found)}"]
         if found
         else []
     )
     return Rebuilding(static=static.with_notes(*notes), markers=tuple(found), left=left)
 
 
-def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
+def _list_wanted_labels(marker_set: MarkerSet) -> tuple[str, ...]:
     """Markers that pull, or that make a landmark, on a segment; those of the pelvis first."""
     landmarks = {label for labels in marker_set.landmarks.values() for label in labels}
     rigid = {m for m, segment in marker_set.segment_of.items() if segment in LOWER_BODY}
@@ -177,11 +180,11 @@ def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
     return tuple(sorted(labels, key=lambda m: marker_set.segment_of[m] != "pelvis"))
 
 
-def _shows(recording: Recording, label: str) -> bool:
+def _is_visible(recording: Recording, label: str) -> bool:
     return label in recording.labels and bool(np.isfinite(get_path(recording, label)).any())
 
 
-def _attempt(
+def _try_rebuilding(
     label: str,
     marker_set: MarkerSet,
     standing: Mapping[str, Array],
@@ -192,7 +195,7 @@ def _attempt(
     segment = marker_set.segment_of[label]
     path = get_path(recording, label)
     frames = np.flatnonzero(np.isfinite(path).all(axis=1))
-    points = _companions(label, marker_set, standing, recording)
+    points = _find_companions(label, marker_set, standing, recording)
     names = [
         name for name, (_, way) in points.items() if np.isfinite(way[frames]).all(axis=1).any()
     ]
@@ -225,7 +228,7 @@ def _attempt(
         label=label,
         segment=segment,
         landmarks=tuple(name for name, labels in marker_set.landmarks.items() if label in labels),
-        place=place,
+        position=place,
         companions=tuple(names),
         trial=trial,
         frames=len(frames),
@@ -233,7 +236,7 @@ def _attempt(
     )
 
 
-def _companions(
+def _find_companions(
     label: str, marker_set: MarkerSet, standing: Mapping[str, Array], recording: Recording
 ) -> dict[str, tuple[Array, Array]]:
     """Name -> place (3,) m in the static trial and path (nf, 3) m, of what may carry a lost marker.
@@ -248,13 +251,13 @@ def _companions(
         return {
             m: (standing[m], get_path(recording, m))
             for m in labels
-            if m in standing and _shows(recording, m)
+            if m in standing and _is_visible(recording, m)
         }
 
     segment = marker_set.segment_of[label]
     out = on(segment)
     lent = (
-        _joint_above(*segment.partition("_")[::2], marker_set, standing)
+        _locate_joint_above(*segment.partition("_")[::2], marker_set, standing)
         if len(out) < FEWEST
         else None
     )
@@ -265,10 +268,10 @@ def _companions(
         or measure_distance_from_line(np.array([at for at, _ in carriers.values()])) < FLAT_M
     ):
         return out
-    return {**out, lent[0]: (lent[1], _carried(lent[1], list(carriers.values())))}
+    return {**out, lent[0]: (lent[1], _propagate_point(lent[1], list(carriers.values())))}
 
 
-def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
+def _propagate_point(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
     """(nf, 3) path of a place (3,) fixed to points, each a place (3,) and a path (nf, 3); NaN where
     one is not seen.
     """
@@ -283,7 +286,7 @@ def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
     return out
 
 
-def _joint_above(
+def _locate_joint_above(
     part: str, side: str, marker_set: MarkerSet, standing: Mapping[str, Array]
 ) -> tuple[str, Array, str] | None:
     """Name and place (3,) m in the static trial of a segment's upper joint, and the segment above
@@ -318,7 +321,7 @@ def _joint_above(
     )
 
 
-def _filled(
+def _fill_static(
     static: Recording,
     marker: RebuiltMarker,
     window: slice,
@@ -328,12 +331,12 @@ def _filled(
     """The static trial with a rebuilt marker in every frame that shows its companions, or else in
     the window.
     """
-    points = _companions(marker.label, marker_set, standing, static)
+    points = _find_companions(marker.label, marker_set, standing, static)
     path = np.full((len(static.time), 3), np.nan)
     if all(name in points for name in marker.companions):
-        path = _carried(marker.place, [points[name] for name in marker.companions])
+        path = _propagate_point(marker.position, [points[name] for name in marker.companions])
     if not np.isfinite(path[window]).any():
-        path[window] = marker.place
+        path[window] = marker.position
     if marker.label not in static.labels:
         markers = np.concatenate([static.markers, path[:, None]], axis=1)
         return replace(static, labels=(*static.labels, marker.label), markers=markers)

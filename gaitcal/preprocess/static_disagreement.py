@@ -32,8 +32,8 @@ from scipy.special import softmax
 
 from gaitcal.arrays import Array
 from gaitcal.model.rotations import compute_root_angles
-from gaitcal.preprocess.joint_links import JointLink, angle_of
-from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
+from gaitcal.preprocess.joint_links import JointLink, compute_rotation_angle
+from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, align_points
 
 OFFSET_M: Mapping[str, float] = {"pelvis": 0.008, "thigh": 0.010, "shank": 0.008, "foot": 0.008}
 """Largest offset of a cluster. 91 clean trials of 20 people (10 of them synthetic, with noise)
@@ -88,14 +88,14 @@ class Contradiction:
     fault: Fault
     segment: str  # For an unknown cause the joint at which it is seen
     labels: tuple[str, ...] = ()
-    turn: float  # rad, by which the segment's pose is wrong
+    rotation: float  # rad, by which the segment's pose is wrong
     shift: float  # m, by which the pose carries a joint centre away
     direction: Array
     """(3,) m, forward, up, to the right: offset of the marker, of the largest one, or by which a
     cluster slid.
     """
     excess: float  # How many times the limits were exceeded, the worst
-    seen_at: tuple[str, ...]  # Segments and joints that exceeded their limits
+    exceeded_at: tuple[str, ...]  # Segments and joints that exceeded their limits
     rivals: tuple[str, ...] = ()
     """Markers of which one elsewhere would look alike: the other one of a segment that has two."""
 
@@ -113,22 +113,22 @@ class _Explanation:
     pose: Pose  # The C that belongs to it
 
 
-def contradictions(
+def find_contradictions(
     clusters: Mapping[str, MarkerCluster], links: Mapping[str, JointLink]
 ) -> tuple[Contradiction, ...]:
     """The causes found in one trial, in the order in which they explain most."""
     body, found = _Body(clusters, links), []
     for _ in range(MOST_CAUSES):
-        excess = body.excesses()
-        best = _cheapest(body, excess)
+        excess = body.compute_excesses()
+        best = _find_cheapest(body, excess)
         if best is None:
             found += [
-                _unexplained(body, joint, excess[joint]) for joint in excess if joint in links
+                _build_unexplained(body, joint, excess[joint]) for joint in excess if joint in links
             ]
             break
         cause, pose = best
         found.append(cause)
-        body.explained_by(cause, pose)
+        body.apply_cause(cause, pose)
     return tuple(found)
 
 
@@ -138,30 +138,34 @@ class PossibleMove:
     standard deviations.
     """
 
-    turn: Array  # (3,) rad, about forward, up, to the right in the static posture
+    rotation: Array  # (3,) rad, about forward, up, to the right in the static posture
     shift: float  # m, at its joints
 
 
-def possible_moves(
+def find_possible_moves(
     clusters: Mapping[str, MarkerCluster], links: Mapping[str, JointLink]
 ) -> dict[str, PossibleMove]:
     """Segment -> what its markers may have done, told or not."""
     body, out = _Body(clusters, links), dict[str, PossibleMove]()
     for segment, cluster in clusters.items():
-        before, found = body.cost(cluster)[0], list(_explanations(body, cluster))
-        share = softmax([0.0, *(0.5 * _saving(body, cluster, before, e) for e in found)])[1:]
+        before, found = body.compute_cost(cluster)[0], list(_list_explanations(body, cluster))
+        share = softmax([0.0, *(0.5 * _compute_saving(body, cluster, before, e) for e in found)])[
+            1:
+        ]
         turns = np.array([Rotation.from_matrix(e.pose[0]).as_rotvec() for e in found]).reshape(
             -1, 3
         )
-        shifts = np.array([_carried_away(body, segment, e.pose) for e in found])
+        shifts = np.array([_measure_centre_shift(body, segment, e.pose) for e in found])
         out[segment] = PossibleMove(np.sqrt(share @ turns**2), float(np.sqrt(share @ shifts**2)))
     return out
 
 
-def offset_limit(cluster: MarkerCluster) -> float:
+def compute_offset_limit(cluster: MarkerCluster) -> float:
     """m, largest offset of a marker of the cluster, in a person of its size."""
     usual = cluster.size * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
-    return float(np.hypot(usual, SPREAD * np.sqrt(3.0) * cluster.tissue(together=True)))
+    return float(
+        np.hypot(usual, SPREAD * np.sqrt(3.0) * cluster.compute_tissue_spread(together=True))
+    )
 
 
 @dataclass
@@ -178,7 +182,7 @@ class _Body:
         default_factory=dict
     )  # Segment -> markers that are explained
 
-    def explained_by(self, cause: Contradiction, pose: Pose) -> None:
+    def apply_cause(self, cause: Contradiction, pose: Pose) -> None:
         """Put the pose of a segment right, and leave out what rested on what was wrong with it.
 
         These are the clusters that borrow of it and their joints, of a mirrored one its own joints
@@ -186,7 +190,7 @@ class _Body:
         """
         segment, labels = cause.segment, cause.labels
         self.pose[segment] = pose
-        whole = len(labels) == self.clusters[segment].own
+        whole = len(labels) == self.clusters[segment].marker_count
         if not (
             cause.fault is Fault.CLUSTER and whole
         ):  # a reflection or an exchange is in the shape
@@ -207,21 +211,21 @@ class _Body:
         gone = lost | {segment} if cause.fault is Fault.MIRRORED else lost
         self.links = {j: k for j, k in self.links.items() if gone.isdisjoint((k.above, k.below))}
 
-    def free(self, cluster: MarkerCluster, among: Sequence[int]) -> list[int]:
+    def list_unexplained(self, cluster: MarkerCluster, among: Sequence[int]) -> list[int]:
         """Those of the points that nothing explains yet."""
         cleared = self.cleared.get(cluster.segment, ())
         return [i for i in among if cluster.labels[i] not in cleared]
 
-    def relation(self, link: JointLink) -> Pose:
+    def compute_relation(self, link: JointLink) -> Pose:
         """Turn (3, 3) and gap (3,) m of a joint, both segments' poses as corrected."""
         (rp, tp), (rq, tq) = (
             self.pose.get(segment, NO_MOTION) for segment in (link.above, link.below)
         )
         at = rq.T @ (link.centre - tq)
-        carried = link.rotation @ (at - link.centre) + link.carried_up
-        return rp @ link.rotation @ rq.T, rp @ carried + tp - link.centre
+        carried = link.median_rotation @ (at - link.centre) + link.carried_up
+        return rp @ link.median_rotation @ rq.T, rp @ carried + tp - link.centre
 
-    def seen_from(self, segment: str) -> Iterator[tuple[JointLink, Array, Array]]:
+    def list_axis_points(self, segment: str) -> Iterator[tuple[JointLink, Array, Array]]:
         """Joint, p (2, 3) and q (2, 3) m, the axis points of a segment's joints where its
         neighbours have them.
         """
@@ -233,29 +237,31 @@ class _Body:
             points = np.array([link.centre + aside, link.centre - aside])
             turn, shift = self.pose.get(link.below if up else link.above, NO_MOTION)
             rotation, carried = (
-                (link.rotation, link.carried_up) if up else (link.rotation.T, link.carried_down)
+                (link.median_rotation, link.carried_up)
+                if up
+                else (link.median_rotation.T, link.carried_down)
             )
             yield link, points, ((points - shift) @ turn - link.centre) @ rotation.T + carried
 
-    def excesses(self) -> dict[str, float]:
+    def compute_excesses(self) -> dict[str, float]:
         """Segment or joint -> the largest of its quantities in units of the limit, where that is
         above 1.
         """
-        out = {name: self.offset_excess(cluster) for name, cluster in self.clusters.items()}
+        out = {name: self.compute_offset_excess(cluster) for name, cluster in self.clusters.items()}
         for joint, link in self.links.items():
-            turn, gap = self.relation(link)
-            ratios = np.abs(compute_root_angles(turn)[1:]) / link.turn_limits
+            turn, gap = self.compute_relation(link)
+            ratios = np.abs(compute_root_angles(turn)[1:]) / link.rotation_limits
             out[joint] = max(float(np.linalg.norm(gap)) / link.gap_limit, float(ratios.max()))
         return {name: value for name, value in out.items() if value > 1.0}
 
-    def offset_excess(self, cluster: MarkerCluster) -> float:
+    def compute_offset_excess(self, cluster: MarkerCluster) -> float:
         """The largest offset of a cluster in units of the limit."""
-        kept = self.free(cluster, range(len(cluster.labels)))
+        kept = self.list_unexplained(cluster, range(len(cluster.labels)))
         if len(kept) < FEWEST:
             return 0.0
-        turn, shift = alignment(cluster.shape[kept], cluster.static[kept])
+        turn, shift = align_points(cluster.shape[kept], cluster.static[kept])
         away = np.linalg.norm(cluster.shape[kept] @ turn.T + shift - cluster.static[kept], axis=1)
-        value = float((away / np.hypot(offset_limit(cluster), cluster.scatter[kept])).max())
+        value = float((away / np.hypot(compute_offset_limit(cluster), cluster.scatter[kept])).max())
         if not cluster.reduced:
             least = cluster.size * STEADY_M
             steady = away / np.hypot(cluster.scatter[kept], JITTER_M)
@@ -263,7 +269,7 @@ class _Body:
             value = max(value, float((away[counted] / least).max(initial=0.0)))
         return value
 
-    def cost(
+    def compute_cost(
         self,
         cluster: MarkerCluster,
         shape: Array | None = None,
@@ -276,22 +282,22 @@ class _Body:
         count.
         """
         shape = cluster.shape if shape is None else shape
-        taken = self.free(cluster, range(len(cluster.labels)) if kept is None else kept)
-        sigma = np.hypot(offset_limit(cluster), cluster.scatter[taken]) / SPREAD
+        taken = self.list_unexplained(cluster, range(len(cluster.labels)) if kept is None else kept)
+        sigma = np.hypot(compute_offset_limit(cluster), cluster.scatter[taken]) / SPREAD
         points, targets = [shape[taken]], [cluster.static[taken]]
         weights = [np.where(np.isin(taken, slid), SLID_WEIGHT, 1.0) * sigma**-2]
-        for link, p, q in self.seen_from(cluster.segment) if joints else ():
+        for link, p, q in self.list_axis_points(cluster.segment) if joints else ():
             points.append(q)
             targets.append(p)
-            weights.append(np.full(2, _joint_weight(link)))
+            weights.append(np.full(2, _compute_joint_weight(link)))
         a, b, w = np.concatenate(points), np.concatenate(targets), np.concatenate(weights)
         if len(a) < 2:
             return 0.0, NO_MOTION
-        turn, shift = alignment(a, b, w)
+        turn, shift = align_points(a, b, w)
         return float(w @ ((a @ turn.T + shift - b) ** 2).sum(axis=1)), (turn, shift)
 
 
-def _cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, Pose] | None:
+def _find_cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, Pose] | None:
     """The explanation that leaves least of the whole body, if it saves enough; of the pelvis first,
     where both thighs borrow from it.
     """
@@ -306,18 +312,18 @@ def _cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, 
             break
         joints = [link.joint for link in body.links.values() if segment in (link.above, link.below)]
         concerned = tuple(name for name in (segment, *joints) if name in excess)
-        before, rest = body.cost(cluster)[0], None
-        for found in _explanations(body, cluster):
-            saving = _saving(body, cluster, before, found)
+        before, rest = body.compute_cost(cluster)[0], None
+        for found in _list_explanations(body, cluster):
+            saving = _compute_saving(body, cluster, before, found)
             if saving <= (LIKELY if concerned else CERTAIN[found.fault.value]):
                 continue
-            rest = _cost_of_the_rest(body, segment) if rest is None else rest
+            rest = _compute_remaining_cost(body, segment) if rest is None else rest
             left = rest + before - saving
             if left < least:
                 worst = max((excess[name] for name in concerned), default=1.0)
                 best, least = (
                     (
-                        _contradiction(body, cluster, found, worst, concerned or (segment,)),
+                        _build_contradiction(body, cluster, found, worst, concerned or (segment,)),
                         found.pose,
                     ),
                     left,
@@ -325,22 +331,24 @@ def _cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, 
     return best
 
 
-def _cost_of_the_rest(body: _Body, segment: str) -> float:
+def _compute_remaining_cost(body: _Body, segment: str) -> float:
     """Cost of all other clusters, and of the joints that are not this segment's, poses as they are."""
     total = sum(
-        body.cost(other, joints=False)[0]
+        body.compute_cost(other, joints=False)[0]
         for name, other in body.clusters.items()
         if name != segment
     )
     for link in body.links.values():
         if segment not in (link.above, link.below):
             turn, shift = body.pose.get(link.below, NO_MOTION)
-            _, p, q = next(seen for seen in body.seen_from(link.below) if seen[0] is link)
-            total += _joint_weight(link) * float(((q @ turn.T + shift - p) ** 2).sum())
+            _, p, q = next(seen for seen in body.list_axis_points(link.below) if seen[0] is link)
+            total += _compute_joint_weight(link) * float(((q @ turn.T + shift - p) ** 2).sum())
     return total
 
 
-def _saving(body: _Body, cluster: MarkerCluster, before: float, found: _Explanation) -> float:
+def _compute_saving(
+    body: _Body, cluster: MarkerCluster, before: float, found: _Explanation
+) -> float:
     """What an explanation saves of the cost `before` it; a marker's absence, in the cluster that
     borrows it, too.
     """
@@ -349,23 +357,23 @@ def _saving(body: _Body, cluster: MarkerCluster, before: float, found: _Explanat
         if other.borrowed and name != cluster.segment and other.labels[-1] in found.labels:
             return (
                 saving
-                + body.cost(other)[0]
-                - body.cost(other, kept=range(len(other.labels) - 1))[0]
+                + body.compute_cost(other)[0]
+                - body.compute_cost(other, kept=range(len(other.labels) - 1))[0]
             )
     return saving
 
 
-def _carried_away(body: _Body, segment: str, pose: Pose) -> float:
+def _measure_centre_shift(body: _Body, segment: str, pose: Pose) -> float:
     """m, the farthest that a motion carries a joint centre of the segment."""
     centres = [link.centre for link in body.links.values() if segment in (link.above, link.below)]
     return max((float(np.linalg.norm(pose[0] @ c + pose[1] - c)) for c in centres), default=0.0)
 
 
-def _explanations(body: _Body, cluster: MarkerCluster) -> Iterator[_Explanation]:
-    n, own, shape, labels = len(cluster.labels), cluster.own, cluster.shape, cluster.labels
-    free = body.free(cluster, range(own))
+def _list_explanations(body: _Body, cluster: MarkerCluster) -> Iterator[_Explanation]:
+    n, own, shape, labels = len(cluster.labels), cluster.marker_count, cluster.shape, cluster.labels
+    free = body.list_unexplained(cluster, range(own))
     for i in free:
-        cost, (turn, shift) = body.cost(cluster, kept=[k for k in range(n) if k != i])
+        cost, (turn, shift) = body.compute_cost(cluster, kept=[k for k in range(n) if k != i])
         way = float(np.linalg.norm(turn @ shape[i] + shift - cluster.static[i]))
         price = PRICE["marker"] + (way / WAY_M) ** 2
         yield _Explanation(Fault.MARKER, (labels[i],), cost + price, (turn, shift))
@@ -374,28 +382,28 @@ def _explanations(body: _Body, cluster: MarkerCluster) -> Iterator[_Explanation]
             continue
         order = np.arange(n)
         order[[i, k]] = k, i
-        cost, pose = body.cost(cluster, shape[order])
+        cost, pose = body.compute_cost(cluster, shape[order])
         yield _Explanation(Fault.LABELS, (labels[i], labels[k]), cost + PRICE["labels"], pose)
     if len(free) == own and cluster.segment not in body.pose:
-        inside = body.cost(cluster, joints=False)[0]
-        across, pose = body.cost(cluster, slid=range(n))
+        inside = body.compute_cost(cluster, joints=False)[0]
+        across, pose = body.compute_cost(cluster, slid=range(n))
         yield _Explanation(Fault.CLUSTER, labels[:own], inside + across + PRICE["cluster"], pose)
         if FEWEST <= len(cluster.loose) < own:
-            among = body.cost(cluster, kept=cluster.loose, joints=False)[0]
-            rest, bone = body.cost(cluster, slid=cluster.loose)
+            among = body.compute_cost(cluster, kept=cluster.loose, joints=False)[0]
+            rest, bone = body.compute_cost(cluster, slid=cluster.loose)
             names = tuple(labels[i] for i in cluster.loose)
             yield _Explanation(Fault.CLUSTER, names, among + rest + PRICE["loose"], bone)
-        reflected = body.cost(cluster, shape * [1.0, 1.0, -1.0], joints=False)[0]
+        reflected = body.compute_cost(cluster, shape * [1.0, 1.0, -1.0], joints=False)[0]
         if not cluster.borrowed and reflected < MIRRORED**2 * inside:
             yield _Explanation(Fault.MIRRORED, labels, reflected + across + PRICE["mirrored"], pose)
 
 
-def _joint_weight(link: JointLink) -> float:
+def _compute_joint_weight(link: JointLink) -> float:
     """1/m^2, of each of the two axis points of a joint."""
     return 0.5 * float(link.gap_limit / SPREAD) ** -2
 
 
-def _contradiction(
+def _build_contradiction(
     body: _Body,
     cluster: MarkerCluster,
     found: _Explanation,
@@ -405,35 +413,38 @@ def _contradiction(
     turn, shift = found.pose
     at = [cluster.labels.index(label) for label in found.labels]
     now = cluster.shape[at] @ turn.T + shift
-    away, angle = now - cluster.static[at], angle_of(turn)
+    away, angle = now - cluster.static[at], compute_rotation_angle(turn)
     direction = away[int(np.linalg.norm(away, axis=1).argmax())]
     if found.fault is Fault.CLUSTER:
-        direction, angle = away.mean(axis=0), angle_of(alignment(cluster.static[at], now)[0])
-    of_two = found.fault is Fault.MARKER and cluster.own < FEWEST
+        direction, angle = (
+            away.mean(axis=0),
+            compute_rotation_angle(align_points(cluster.static[at], now)[0]),
+        )
+    of_two = found.fault is Fault.MARKER and cluster.marker_count < FEWEST
     return Contradiction(
         fault=found.fault,
         segment=cluster.segment,
         labels=found.labels,
-        turn=float(angle),
-        shift=_carried_away(body, cluster.segment, found.pose),
+        rotation=float(angle),
+        shift=_measure_centre_shift(body, cluster.segment, found.pose),
         direction=direction,
         excess=excess,
-        seen_at=seen_at,
-        rivals=tuple(m for m in cluster.labels[: cluster.own] if m not in found.labels)
+        exceeded_at=seen_at,
+        rivals=tuple(m for m in cluster.labels[: cluster.marker_count] if m not in found.labels)
         if of_two
         else (),
     )
 
 
-def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
+def _build_unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
     """A joint whose segments disagree for no reason that was found."""
-    turn, gap = body.relation(body.links[joint])
+    turn, gap = body.compute_relation(body.links[joint])
     return Contradiction(
         fault=Fault.UNKNOWN,
         segment=joint,
-        turn=float(np.abs(compute_root_angles(turn)[1:]).max()),
+        rotation=float(np.abs(compute_root_angles(turn)[1:]).max()),
         shift=float(np.linalg.norm(gap)),
         direction=gap,
         excess=excess,
-        seen_at=(joint,),
+        exceeded_at=(joint,),
     )

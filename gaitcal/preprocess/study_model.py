@@ -49,7 +49,7 @@ def rebuild_static(clean: Study) -> Rebuilding:
     return rebuild_lost(clean.static.recording, marker_set, others, clean.static.name)
 
 
-def nominal_of(study: Study) -> SubjectModel:
+def build_nominal_model(study: Study) -> SubjectModel:
     """Make the nominal model of a study as it was read.
 
     It follows from the static trial, the marker set and anthropometry; where the static trial lacks
@@ -63,10 +63,10 @@ def nominal_of(study: Study) -> SubjectModel:
     segment_of, noise = study.marker_set.segment_of, study.marker_set.noise
     trials = tuple(clean_trial(trial, segment_of, noise) for trial in study.trials)
     clean = replace(study, trials=trials)
-    return nominal_of_clean(clean, rebuild_static(clean))
+    return build_nominal_from_clean(clean, rebuild_static(clean))
 
 
-def nominal_of_clean(clean: Study, completed: Rebuilding) -> SubjectModel:
+def build_nominal_from_clean(clean: Study, completed: Rebuilding) -> SubjectModel:
     """Make the nominal model of a study of clean trials, whose static trial is completed.
 
     Raises
@@ -84,12 +84,14 @@ def nominal_of_clean(clean: Study, completed: Rebuilding) -> SubjectModel:
     )
     walks = [trial.recording for trial in clean.trials if trial.role is Role.GAIT]
     try:
-        return model_with_trunk(model_of, completed.static, clean.marker_set, walks)
+        return build_model_with_trunk(model_of, completed.static, clean.marker_set, walks)
     except InputError as fault:
-        raise InputError(f"{fault}{completed.why_not(str(fault))}", code=fault.code) from fault
+        raise InputError(
+            f"{fault}{completed.describe_failures(str(fault))}", code=fault.code
+        ) from fault
 
 
-def model_with_trunk(
+def build_model_with_trunk(
     model_of: Callable[[Recording], SubjectModel],
     static: Recording,
     marker_set: MarkerSet,
@@ -114,7 +116,7 @@ def model_with_trunk(
     ]
     found: dict[str, list[Array]] = {label: [] for label in wanted}
     for walk in (marker_set.rename_labels(walk) for walk in walks):
-        at, axes, origins = _standing_axes(model, walk)
+        at, axes, origins = _compute_standing_axes(model, walk)
         for label in set(wanted) & set(walk.labels):
             path = walk.markers[at, walk.labels.index(label)]
             here = np.isfinite(path).all(axis=1)
@@ -128,8 +130,8 @@ def model_with_trunk(
         return model
     window = np.zeros(len(static.time), dtype=bool)
     window[find_still_window(static, model.markers.labels).frames] = True
-    _, axes, origins = _standing_axes(model, static.frames(window))
-    origin, upright = origins.mean(axis=0), _upright(axes[:, :, 2].mean(axis=0))
+    _, axes, origins = _compute_standing_axes(model, static.frames(window))
+    origin, upright = origins.mean(axis=0), _make_upright_axes(axes[:, :, 2].mean(axis=0))
     points = np.array([origin + upright @ place for place in places.values()])
     kept = [
         i for i, label in enumerate(static.labels) if label not in places
@@ -150,7 +152,7 @@ def model_with_trunk(
     )
 
 
-def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
+def _compute_standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
     """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m
     lumbar joint.
     """
@@ -169,10 +171,10 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     moments = (measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre)
     turns = segment_frames.find_nearest_rotation(moments)
     origins: Array = middle + turns @ (model.landmarks["lumbar"][1] - centre)
-    return known, np.array([_upright(lateral) for lateral in turns[:, :, 2]]), origins
+    return known, np.array([_make_upright_axes(lateral) for lateral in turns[:, :, 2]]), origins
 
 
-def _upright(lateral: Array) -> Array:
+def _make_upright_axes(lateral: Array) -> Array:
     """(3, 3) axes in columns, z along a (3,) direction made horizontal."""
     up = np.array([0.0, 1.0, 0.0])
     z = segment_frames.normalise(lateral - (lateral @ up) * up)

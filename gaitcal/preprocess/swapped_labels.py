@@ -26,7 +26,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, find_runs, find_visible
 from gaitcal.model.subject_model import PointNoise
-from gaitcal.preprocess.clean_trial import jump_limit
+from gaitcal.preprocess.clean_trial import compute_jump_limit
 
 Templates: TypeAlias = Mapping[str, tuple[tuple[str, ...], Array]]
 """Segment -> labels that are in a trial, and their positions (nm, 3) m in the static posture."""
@@ -60,7 +60,7 @@ class SwappedLabels:
     )
 
 
-def exchanges(
+def find_swapped_labels(
     recording: Recording, templates: Templates, noise: PointNoise | None
 ) -> tuple[SwappedLabels, ...]:
     """Find pairs of labels that are exchanged somewhere, each once.
@@ -77,7 +77,7 @@ def exchanges(
         centimetres and tell nothing.
     """
     found: dict[frozenset[str], SwappedLabels] = {}
-    for exchange in by_lengths(recording, templates) if noise is None else ():
+    for exchange in find_swaps_by_lengths(recording, templates) if noise is None else ():
         pair = frozenset((exchange.label, exchange.other))
         known = found.get(pair)
         if known is None or (exchange.mutual and not known.mutual):
@@ -86,12 +86,12 @@ def exchanges(
             found[pair] = replace(found[pair], frames=known.frames | exchange.frames)
     found |= {
         frozenset((exchange.label, exchange.other)): exchange
-        for exchange in by_jumps(recording, templates, noise)
+        for exchange in find_swaps_by_jumps(recording, templates, noise)
     }  # frame by frame
     return tuple(found.values())
 
 
-def with_labels_back(recording: Recording, found: Sequence[SwappedLabels]) -> Recording:
+def restore_labels(recording: Recording, found: Sequence[SwappedLabels]) -> Recording:
     """The recording with these exchanges undone; itself where there are none."""
     if not found:
         return recording
@@ -119,7 +119,9 @@ class _Lengths:
             if not without or not segment.startswith(without)
         }
 
-    def cost(self, label: str, trajectory: str, without: tuple[str, ...], fewest: int = 1) -> Array:
+    def compute_cost(
+        self, label: str, trajectory: str, without: tuple[str, ...], fewest: int = 1
+    ) -> Array:
         """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where
         fewer are seen than `fewest`.
         """
@@ -138,28 +140,30 @@ class _Lengths:
         total = np.where(known, wrong, 0.0).sum(axis=1)
         return np.where(count >= fewest, total / np.maximum(count, 1), np.nan)
 
-    def present(self, a: str, b: str) -> Array:
+    def compute_present(self, a: str, b: str) -> Array:
         """(2, nf) m, of both labels as they are."""
-        return np.stack([self.cost(a, a, (b,)), self.cost(b, b, (a,))])
+        return np.stack([self.compute_cost(a, a, (b,)), self.compute_cost(b, b, (a,))])
 
-    def exchanged(self, a: str, b: str) -> Array:
+    def compute_swapped(self, a: str, b: str) -> Array:
         """(2, nf) m, of both labels exchanged."""
-        return np.stack([self.cost(a, b, (b,)), self.cost(b, a, (a,))])
+        return np.stack([self.compute_cost(a, b, (b,)), self.compute_cost(b, a, (a,))])
 
 
-def by_lengths(recording: Recording, templates: Templates) -> Iterator[SwappedLabels]:
+def find_swaps_by_lengths(recording: Recording, templates: Templates) -> Iterator[SwappedLabels]:
     """Exchanges that the lengths within segments show."""
     lengths, seen = _Lengths(recording, templates, ARMS), find_visible(recording.markers)
-    strange = {m: np.nan_to_num(lengths.cost(m, m, ())) > STRANGE_M for m in lengths.segment_of}
+    strange = {
+        m: np.nan_to_num(lengths.compute_cost(m, m, ())) > STRANGE_M for m in lengths.segment_of
+    }
     doubted = [m for m, frames in strange.items() if frames.sum() >= SHORTEST]
     for a, b in combinations(doubted, 2):
         both = strange[a] & strange[b]
         if both.sum() >= SHORTEST:
             present, other = (
-                lengths.present(a, b),
-                lengths.exchanged(a, b),
+                lengths.compute_present(a, b),
+                lengths.compute_swapped(a, b),
             )  # comparisons with NaN are false
-            marked = _long_enough(both & (other.sum(axis=0) < FAR_BELOW * present.sum(axis=0)))
+            marked = _drop_short_runs(both & (other.sum(axis=0) < FAR_BELOW * present.sum(axis=0)))
             # a third marker that is elsewhere makes a wrong exchange cheaper, and no exchange right
             if marked.any() and np.median(other.max(axis=0)[marked]) < STRANGE_M:
                 yield SwappedLabels(a, b, marked, True)
@@ -168,14 +172,16 @@ def by_lengths(recording: Recording, templates: Templates) -> Iterator[SwappedLa
             unseen = ~seen[:, lengths.place[b]] & strange[a]
             if b == a or unseen.sum() < SHORTEST:
                 continue
-            other = lengths.cost(b, a, (a,), FEWEST_OTHERS)
-            most = np.minimum(FAR_BELOW * np.nan_to_num(lengths.cost(a, a, (b,))), STRANGE_M)
-            marked = _long_enough(unseen & (np.nan_to_num(other, nan=np.inf) < most))
+            other = lengths.compute_cost(b, a, (a,), FEWEST_OTHERS)
+            most = np.minimum(
+                FAR_BELOW * np.nan_to_num(lengths.compute_cost(a, a, (b,))), STRANGE_M
+            )
+            marked = _drop_short_runs(unseen & (np.nan_to_num(other, nan=np.inf) < most))
             if marked.any():
                 yield SwappedLabels(a, b, marked, False)
 
 
-def _long_enough(marked: BoolArray) -> BoolArray:
+def _drop_short_runs(marked: BoolArray) -> BoolArray:
     """(nf,) the marked frames without stretches shorter than SHORTEST."""
     out = np.zeros_like(marked)
     for run in find_runs(marked, SHORTEST):
@@ -183,7 +189,7 @@ def _long_enough(marked: BoolArray) -> BoolArray:
     return out
 
 
-def by_jumps(
+def find_swaps_by_jumps(
     recording: Recording, templates: Templates, noise: PointNoise | None
 ) -> Iterator[SwappedLabels]:
     """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which
@@ -193,7 +199,7 @@ def by_jumps(
     is the wrong one.
     """
     lengths, keeps_lengths = _Lengths(recording, templates), noise is None
-    for (a, b), times in _crossings(recording, noise).items():
+    for (a, b), times in _find_crossings(recording, noise).items():
         frames = np.zeros(len(recording.time), dtype=bool)
         for start, stop in zip_longest(times[::2], times[1::2], fillvalue=len(frames)):
             frames[start:stop] = True
@@ -201,7 +207,8 @@ def by_jumps(
         present = other = np.full(len(frames), np.nan)
         if first in lengths.segment_of and second in lengths.segment_of:
             present, other = (
-                cost(first, second).sum(axis=0) for cost in (lengths.present, lengths.exchanged)
+                cost(first, second).sum(axis=0)
+                for cost in (lengths.compute_present, lengths.compute_swapped)
             )
         excess = present - other
         gain = float(np.nansum(np.where(frames, excess, -excess))) / max(
@@ -220,7 +227,9 @@ def by_jumps(
             yield SwappedLabels(first, second, frames, True, sure or not keeps_lengths)
 
 
-def _crossings(recording: Recording, noise: PointNoise | None) -> dict[tuple[int, int], list[int]]:
+def _find_crossings(
+    recording: Recording, noise: PointNoise | None
+) -> dict[tuple[int, int], list[int]]:
     """Pairs of columns -> frames at which one comes to where the other was, and the other way
     round.
     """
@@ -228,9 +237,9 @@ def _crossings(recording: Recording, noise: PointNoise | None) -> dict[tuple[int
     out: dict[tuple[int, int], list[int]] = {}
     if len(x) < 3:
         return out
-    before = _last_seen(x, max(1, round(BRIDGED_S * recording.rate)))[:-1]
+    before = _hold_last_position(x, max(1, round(BRIDGED_S * recording.rate)))[:-1]
     length = np.linalg.norm(x[1:] - before, axis=2)
-    jumping = np.nan_to_num(length) > max(jump_limit(recording, noise), JUMP_M)
+    jumping = np.nan_to_num(length) > max(compute_jump_limit(recording, noise), JUMP_M)
     for t in np.flatnonzero(jumping.sum(axis=1) >= 2):
         for a, b in combinations(np.flatnonzero(jumping[t]).tolist(), 2):
             crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(
@@ -241,7 +250,7 @@ def _crossings(recording: Recording, noise: PointNoise | None) -> dict[tuple[int
     return out
 
 
-def _last_seen(x: Array, most: int) -> Array:
+def _hold_last_position(x: Array, most: int) -> Array:
     """(nf, nm, 3) positions, gaps filled with the last one for at most `most` frames."""
     frame = np.arange(len(x))[:, None]
     last = np.maximum.accumulate(np.where(np.isfinite(x).all(axis=2), frame, -1), axis=0)

@@ -17,13 +17,13 @@ from gaitcal.model.linkage import list_joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.preprocess.clean_trial import CleanTrial, Outlier
-from gaitcal.preprocess.displaced_markers import DisplacedInterval, displaced_intervals
-from gaitcal.preprocess.joint_links import JointLink, links_of
-from gaitcal.preprocess.marker_clusters import MarkerCluster, Stance, clusters_of
-from gaitcal.preprocess.plate_contacts import Feet, PlateContact, plate_contacts
+from gaitcal.preprocess.displaced_markers import DisplacedInterval, find_displaced_intervals
+from gaitcal.preprocess.joint_links import JointLink, compute_joint_links
+from gaitcal.preprocess.marker_clusters import MarkerCluster, Stance, fit_clusters
+from gaitcal.preprocess.plate_contacts import Feet, PlateContact, find_plate_contacts
 from gaitcal.preprocess.rebuilt_markers import Rebuilding
-from gaitcal.preprocess.static_disagreement import Contradiction, contradictions
-from gaitcal.preprocess.swapped_labels import SwappedLabels, exchanges, with_labels_back
+from gaitcal.preprocess.static_disagreement import Contradiction, find_contradictions
+from gaitcal.preprocess.swapped_labels import SwappedLabels, find_swapped_labels, restore_labels
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.rigid import RigidFit, fit_segment
@@ -84,7 +84,7 @@ class TrialEvidence:
         """The file of the markers."""
         return self.recording.source
 
-    def finding(
+    def make_finding(
         self,
         severity: Severity,
         topic: str,
@@ -112,9 +112,9 @@ class TrialEvidence:
             weight=weight,
         )
 
-    error = partialmethod(finding, Severity.ERROR)
-    warning = partialmethod(finding, Severity.WARNING)
-    info = partialmethod(finding, Severity.INFO)
+    error = partialmethod(make_finding, Severity.ERROR)
+    warning = partialmethod(make_finding, Severity.WARNING)
+    info = partialmethod(make_finding, Severity.INFO)
 
     @property
     def is_static(self) -> bool:
@@ -156,12 +156,12 @@ class TrialEvidence:
         return self.rebuilding is not None
 
     @cached_property
-    def place(self) -> dict[str, int]:
+    def column(self) -> dict[str, int]:
         """Label -> column of the recording."""
         return {label: i for i, label in enumerate(self.recording.labels)}
 
     @cached_property
-    def seen(self) -> BoolArray:
+    def visible(self) -> BoolArray:
         """(nf, nm)."""
         return find_visible(self.recording.markers)
 
@@ -175,7 +175,9 @@ class TrialEvidence:
         groups = list(self.marker_set.tracking.items())
         if self.is_static:
             groups += list(self.marker_set.static_only.items())
-        lost = {outlier.label for outlier in self.outliers if outlier.frames == outlier.of}
+        lost = {
+            outlier.label for outlier in self.outliers if outlier.frames == outlier.visible_frames
+        }
         lost |= (
             set() if self.rebuilding is None else {*self.rebuilding.labels, *self.rebuilding.left}
         )
@@ -186,7 +188,7 @@ class TrialEvidence:
     @cached_property
     def present(self) -> tuple[str, ...]:
         """Those of the expected markers that the file names."""
-        return tuple(label for label in self.expected if label in self.place)
+        return tuple(label for label in self.expected if label in self.column)
 
     def weight(self, label: str) -> float:
         """Weight of a marker in this study."""
@@ -194,18 +196,20 @@ class TrialEvidence:
 
     def path(self, label: str) -> Array:
         """(nf, 3) m, where a marker of the file was; NaN in gaps."""
-        return self.recording.markers[:, self.place[label]]
+        return self.recording.markers[:, self.column[label]]
 
-    def ever_seen(self, label: str) -> bool:
+    def is_ever_visible(self, label: str) -> bool:
         """Whether a marker of the file has a position in any frame."""
-        return bool(self.seen[:, self.place[label]].any())
+        return bool(self.visible[:, self.column[label]].any())
 
     def landmark(self, name: str) -> Array | None:
         """(nf, 3) m path of a landmark; NaN in gaps; None where the trial lacks one of its markers."""
         labels = self.marker_set.landmarks.get(name, ())
-        if not labels or any(label not in self.place for label in labels):
+        if not labels or any(label not in self.column for label in labels):
             return None
-        out: Array = self.recording.markers[:, [self.place[label] for label in labels]].mean(axis=1)
+        out: Array = self.recording.markers[:, [self.column[label] for label in labels]].mean(
+            axis=1
+        )
         return out if np.isfinite(out).any() else None
 
     @cached_property
@@ -241,7 +245,7 @@ class TrialEvidence:
         """
         if self.still_frames is None:
             return {}
-        labels = [label for label in self.marker_set.labels if label in self.place]
+        labels = [label for label in self.marker_set.labels if label in self.column]
         return average_visible({label: self.path(label)[self.still_frames] for label in labels})
 
     @cached_property
@@ -252,16 +256,16 @@ class TrialEvidence:
         if self.model is None:
             return {}
         markers = self.model.markers
-        rows = {segment: markers.find_markers(segment, self.place) for segment in markers.segments}
+        rows = {segment: markers.find_markers(segment, self.column) for segment in markers.segments}
         return {
             s: (tuple(markers.labels[i] for i in own), markers.local[own])
             for s, own in rows.items()
         }
 
-    def weighed(self, segment: str) -> list[str]:
+    def list_weighted_markers(self, segment: str) -> list[str]:
         """Markers of a segment of the model that this trial shows and that have weight."""
         labels, _ = self.templates.get(segment, ((), np.empty((0, 3))))
-        return [m for m in labels if self.weight(m) > 0 and self.ever_seen(m)]
+        return [m for m in labels if self.weight(m) > 0 and self.is_ever_visible(m)]
 
     @cached_property
     def clusters(self) -> dict[str, MarkerCluster]:
@@ -271,22 +275,24 @@ class TrialEvidence:
         if self.stance is None or self.is_static:
             return {}
         landmarks = self.marker_set.landmarks
-        return clusters_of(
+        return fit_clusters(
             self.recording, self.stance, landmarks, lambda m: self.weight(m) > NEGLIGIBLE_WEIGHT
         )
 
     @cached_property
     def links(self) -> dict[str, JointLink]:
         """Joint of a leg -> how its two segments lie near the static posture."""
-        return {} if self.stance is None else links_of(self.clusters, self.stance.centres)
+        return (
+            {} if self.stance is None else compute_joint_links(self.clusters, self.stance.centres)
+        )
 
     @cached_property
     def extent(self) -> float | None:
         """Diagonal (m) of the box around the markers of the set, median over frames; None where
         too few are seen.
         """
-        columns = [self.place[m] for m in self.marker_set.labels if m in self.place]
-        frames = np.flatnonzero(self.seen[:, columns].sum(axis=1) >= 3)
+        columns = [self.column[m] for m in self.marker_set.labels if m in self.column]
+        frames = np.flatnonzero(self.visible[:, columns].sum(axis=1) >= 3)
         if not len(frames):
             return None
         some = frames[:: max(1, len(frames) // 200)]
@@ -301,26 +307,26 @@ class TrialEvidence:
         return self.extent is None or least < self.extent < most
 
     @cached_property
-    def exchanges(self) -> tuple[SwappedLabels, ...]:
+    def swapped_labels(self) -> tuple[SwappedLabels, ...]:
         """Pairs of labels that are exchanged somewhere, each once."""
         fitted = self.as_fitted
-        return exchanges(fitted.recording, fitted.templates, self.marker_set.noise)
+        return find_swapped_labels(fitted.recording, fitted.templates, self.marker_set.noise)
 
     @cached_property
-    def undone(self) -> "TrialEvidence":
+    def with_labels_restored(self) -> "TrialEvidence":
         """The trial with all exchanges undone, so that only what else is wrong with it is seen;
         itself where there are none.
         """
-        if not self.exchanges:
+        if not self.swapped_labels:
             return self
-        return self.with_recording(with_labels_back(self.recording, self.exchanges))
+        return self.with_recording(restore_labels(self.recording, self.swapped_labels))
 
     @cached_property
     def contradictions(self) -> tuple[Contradiction, ...]:
         """All in which a moving trial contradicts the static one, of what it is fitted by; every
         segment is a witness.
         """
-        found, joint = contradictions(self.clusters, self.links), self.trial.joint
+        found, joint = find_contradictions(self.clusters, self.links), self.trial.joint
         if joint is None:
             return found
         return tuple(c for c in found if c.segment in (joint, *list_joint_segments(joint)))
@@ -329,7 +335,7 @@ class TrialEvidence:
     def displaced(self) -> dict[str, list[DisplacedInterval]]:
         """Marker -> where it is elsewhere than usual in its segment."""
         fitted = self.as_fitted
-        return displaced_intervals(fitted.recording, fitted.clusters)
+        return find_displaced_intervals(fitted.recording, fitted.clusters)
 
     @cached_property
     def pelvis(self) -> RigidFit | None:
@@ -343,14 +349,14 @@ class TrialEvidence:
         )
 
     @cached_property
-    def way(self) -> Array:
+    def progression(self) -> Array:
         """(2,) m, x and z, by which the body gets on."""
         return measure_progression(self.recording)[[0, 2]]
 
     @property
     def on_the_spot(self) -> bool:
         """Whether the body does not get on, as on a treadmill."""
-        return float(np.linalg.norm(self.way)) < LEAST_PROGRESSION_M
+        return float(np.linalg.norm(self.progression)) < LEAST_PROGRESSION_M
 
     @cached_property
     def facing(self) -> Array | None:
@@ -366,7 +372,7 @@ class TrialEvidence:
         if not self.is_gait or len(self.recording.time) < 3:
             return None
         feet = Feet(self.recording.time, self.landmark)
-        return feet if feet.seen.any() else None
+        return feet if feet.visible.any() else None
 
     @cached_property
     def walked(self) -> Array:
@@ -374,12 +380,9 @@ class TrialEvidence:
         feet; where they do not get on either, a unit vector where the pelvis faces, and nothing
         where it is not seen.
         """
-        way, feet = self.way, self.feet if self.on_the_spot else None
+        way, feet = self.progression, self.feet if self.on_the_spot else None
         if feet is not None:
-            way = (
-                way
-                - np.ptp(self.recording.time) * feet.estimate_belt_velocities.mean(axis=0)[[0, 2]]
-            )
+            way = way - np.ptp(self.recording.time) * feet.belt_velocities.mean(axis=0)[[0, 2]]
         if np.linalg.norm(way) >= LEAST_PROGRESSION_M or self.facing is None:
             return np.asarray(way)
         return np.asarray(self.facing / max(float(np.linalg.norm(self.facing)), 1e-12))
@@ -389,9 +392,9 @@ class TrialEvidence:
         """All loadings of all plates that are longer than a knock; none where no foot is seen."""
         if self.feet is None:
             return ()
-        return plate_contacts(self.feet, self.recording.plates, self.subject.height)
+        return find_plate_contacts(self.feet, self.recording.plates, self.subject.height)
 
 
-def side_of(name: str) -> str:
+def get_side(name: str) -> str:
     """`r` or `l` of a segment or joint; empty for others."""
     return name[-1] if name.endswith(("_r", "_l")) else ""

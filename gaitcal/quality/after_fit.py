@@ -29,7 +29,7 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model import coordinates, linkage
-from gaitcal.preprocess.displaced_markers import STRAIGHT_M, bend
+from gaitcal.preprocess.displaced_markers import STRAIGHT_M, measure_bend
 from gaitcal.quality.verdict import BOUNDS, MARKERS_AFTER_FIT
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from gaitcal.tracking.spline import DEGREE, ORDER
@@ -244,7 +244,9 @@ def _find_swapped_marker(tracked: TrackedMarkers, k: int, frames: BoolArray) -> 
 
 def _is_straight(path: Array) -> bool:
     """Return whether a path (n, 3) is uniform motion along a line, or no motion."""
-    return bool(len(path) > SHORTEST_FRAMES and np.isfinite(path).all() and bend(path) < STRAIGHT_M)
+    return bool(
+        len(path) > SHORTEST_FRAMES and np.isfinite(path).all() and measure_bend(path) < STRAIGHT_M
+    )
 
 
 def _check_lasting_offset(tracked: TrackedMarkers, k: int, baseline: Array) -> Iterator[Finding]:

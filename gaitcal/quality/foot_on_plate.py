@@ -104,18 +104,18 @@ def _check_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
     if (
         side is not None
         and step.foot != SIDES.index(side)
-        and step.other > foot_contact.UNDER_FOOT_M
+        and step.other_distance > foot_contact.UNDER_FOOT_M
         and step.under_foot
     ):
         yield trial.error(
             TOPIC,
             f"{name}: the study assigns it to the {FEET[SIDES.index(side)]} foot, "
-            f"{1e3 * step.other:.0f} mm from the centre of pressure (the {foot} foot: {mm:.0f} mm)",
+            f"{1e3 * step.other_distance:.0f} mm from the centre of pressure (the {foot} foot: {mm:.0f} mm)",
             f'set plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or remove the entry to '
             "have the foot detected",
             code=Code.WRONG_FOOT,
         )
-    elif step.distance > foot_contact.UNDER_FOOT_M and np.isinf(step.other):
+    elif step.distance > foot_contact.UNDER_FOOT_M and np.isinf(step.other_distance):
         found = f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} foot; "
         found += f"heel and toe of the {FEET[1 - step.foot]} foot are not visible at that time"
         yield trial.info(TOPIC, found, code=Code.UNDER_NO_FOOT)
@@ -123,7 +123,7 @@ def _check_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
         yield trial.warning(
             TOPIC,
             f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} and "
-            f"{1e3 * step.other:.0f} mm from the other foot; allowed: "
+            f"{1e3 * step.other_distance:.0f} mm from the other foot; allowed: "
             f"{1e3 * foot_contact.UNDER_FOOT_M:.0f} mm",
             "check the corners of the plate, the axes of the forces, and that the forces belong to "
             "this trial",
@@ -164,19 +164,19 @@ def _report_no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Fin
     outlined = [plate for plate in trial.recording.plates if plate.corners is not None]
     if (
         feet is None
-        or not feet.seen.any(axis=0).all()
+        or not feet.visible.any(axis=0).all()
         or len(outlined) < len(trial.recording.plates)
     ):
         severity = Severity.WARNING
     for foot, name in enumerate(FEET):
-        if feet is None or not feet.seen[:, foot].any():
+        if feet is None or not feet.visible[:, foot].any():
             continue
-        sole = foot_contact.build_sole(feet.points(trial.subject.height), foot, slice(None))
+        sole = foot_contact.build_sole(feet.build_points(trial.subject.height), foot, slice(None))
         on_plate = (
             sole.sum_half_shares(sole.find_cells_off_plates(outlined)).max(axis=1)
             <= MAX_BESIDE_SHARE
         )
-        stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
+        stands = sole.resting.all(axis=1) & on_plate & feet.visible[:, foot]
         if long := [
             run
             for run in find_runs(stands, 2)
@@ -188,7 +188,7 @@ def _report_no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Fin
         "torques exist in swing only; check that the forces belong to this trial and that the "
         "plates were switched on"
     )
-    return trial.finding(severity, "plates", found, cure, code=Code.NO_STEP_ON_PLATE)
+    return trial.make_finding(severity, "plates", found, cure, code=Code.NO_STEP_ON_PLATE)
 
 
 def check_overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
@@ -216,8 +216,8 @@ def check_overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding
         for plate in trial.recording.plates
         if plate is step.plate or has_known_outline(plate, BODY_N)
     ]
-    sole = foot_contact.build_sole(feet.points(trial.subject.height), step.foot, step.frames)
-    still = sole.resting.any(axis=1) & feet.seen[step.frames, step.foot]
+    sole = foot_contact.build_sole(feet.build_points(trial.subject.height), step.foot, step.frames)
+    still = sole.resting.any(axis=1) & feet.visible[step.frames, step.foot]
     if still.sum() < 3:
         return
     beside = sole.find_cells_off_plates(surface) & sole.resting
@@ -300,12 +300,13 @@ def check_pressure_outside_sole(
     made = [step for step in trial.plate_contacts if sides.get(step.plate.name) != "none"]
     named = {plate: SIDES.index(side) for plate, side in sides.items() if side in SIDES}
     loadings = [replace(step, foot=named.get(step.plate.name, step.foot)) for step in made]
-    places = locate_pressures(loadings, feet.points(trial.subject.height), feet.time)
+    places = locate_pressures(loadings, feet.build_points(trial.subject.height), feet.time)
     outside = np.zeros((len(loadings), len(feet.time)), dtype=bool)
     for frames, one, place, step in zip(outside, loadings, places, made, strict=True):
         # larger distances are reported by `check_contacts`
         frames[one.frames] = place.outside & (
-            (step.distance if one.foot == step.foot else step.other) < foot_contact.UNDER_FOOT_M
+            (step.distance if one.foot == step.foot else step.other_distance)
+            < foot_contact.UNDER_FOOT_M
         )
     divided = np.zeros_like(outside)
     for i, k in combinations(range(len(loadings)), 2):

@@ -245,7 +245,7 @@ def measure_axis_angle(trial: TrialEvidence, knee: str) -> float | None:
     epicondyles = None if trial.stance is None else trial.stance.knee_axes.get(knee)
     if knee not in trial.links or epicondyles is None:
         return None
-    turn = trial.links[knee].turn
+    turn = trial.links[knee].rotations
     flexion = rotations.compute_root_angles(turn)[:, 0]
     used = flexion > -AXIS_FLEXION  # a knee bends to negative f
     if (

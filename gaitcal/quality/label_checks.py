@@ -39,7 +39,7 @@ def check_swapped_labels(trial: TrialEvidence) -> Iterator[Finding]:
         One for each pair: a note if the swap was corrected or has no effect.
     """
     back = trial.put_back
-    for k, found in enumerate((*back, *trial.exchanges)):
+    for k, found in enumerate((*back, *trial.swapped_labels)):
         count = int(found.frames.sum())
         what = (
             "have swapped labels"
@@ -56,13 +56,15 @@ def check_swapped_labels(trial: TrialEvidence) -> Iterator[Finding]:
         elif max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
             severity = Severity.INFO
             cure = "no effect, as both have little or no weight; relabel this interval to use them"
-        elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > MOST_OF_A_PART:
+        elif (
+            count / max(int(trial.visible[:, trial.column[found.label]].sum()), 1) > MOST_OF_A_PART
+        ):
             cure = "swap the two labels in the file"
         elif not _is_harmful(trial, found):
             severity = Severity.WARNING
         code = Code.EXCHANGED_BACK if k < len(back) else Code.EXCHANGED_LABELS
         weight = 1.0 if severity is Severity.INFO else float(count)
-        yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=code)
+        yield trial.make_finding(severity, "exchanged", message, cure, weight=weight, code=code)
 
 
 def _is_harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
@@ -107,7 +109,7 @@ def check_sides(trial: TrialEvidence) -> Iterator[Finding]:
             when = find_runs(bad)
     if wrong:
         crossed = trial.is_isolated and farthest < CROSSED_M
-        yield trial.finding(
+        yield trial.make_finding(
             Severity.WARNING if crossed else Severity.ERROR,
             "sides",
             f"right markers are to the left of the left ones: {listed(wrong)} "
@@ -130,7 +132,7 @@ def _pair_namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
             tracking.get(f"{segment}_r", ()), tracking.get(f"{segment}_l", ()), strict=False
         )
     yield from (
-        (a, b) for a, b in pairs if a in trial.place and b in trial.place and is_right_of(a, b)
+        (a, b) for a, b in pairs if a in trial.column and b in trial.column and is_right_of(a, b)
     )
 
 

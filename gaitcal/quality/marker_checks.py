@@ -81,10 +81,10 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
         return
     names = listed([f"'{outlier.label}'" for outlier in trial.outliers])
     weighed = any(trial.weight(outlier.label) > NEGLIGIBLE_WEIGHT for outlier in trial.outliers)
-    yield trial.finding(
+    yield trial.make_finding(
         Severity.WARNING if weighed else Severity.INFO,
         "strays",
-        listed([outlier.words for outlier in trial.outliers]),
+        listed([outlier.description for outlier in trial.outliers]),
         "they take no part there; label the trial again if they are needed",
         cause=f"{names} {'is' if len(trial.outliers) == 1 else 'are'} metres away from the body",
         code=Code.STRAY_MARKER,
@@ -93,7 +93,7 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
 
 def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers of the set that the trial lacks, with the label that may be meant."""
-    absent = [label for label in trial.expected if label not in trial.place]
+    absent = [label for label in trial.expected if label not in trial.column]
     needed = [] if trial.is_isolated else [label for label in absent if _is_needed(trial, label)]
     strangers = list_unknown_labels(trial)
     cure = (
@@ -108,7 +108,7 @@ def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
                 f"'{m}' (is it '{like[0]}'?)" if like else f"'{m}'" for m, like in close.items()
             ]
             found = f"{len(labels)} markers of the set are not in the file: {listed(names, 8)}"
-            yield trial.finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
+            yield trial.make_finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
 
 
 def _is_needed(trial: TrialEvidence, label: str) -> bool:
@@ -120,7 +120,9 @@ def _is_needed(trial: TrialEvidence, label: str) -> bool:
     if trial.weight(label) <= NEGLIGIBLE_WEIGHT:
         return False
     if segment not in linkage.LOWER_BODY:
-        return segment == "head_trunk" and len(trial.weighed(segment)) < FEWEST_MARKERS
+        return (
+            segment == "head_trunk" and len(trial.list_weighted_markers(segment)) < FEWEST_MARKERS
+        )
     shown = () if trial.is_static or trial.stance is None else trial.stance.landmarks
     medial = (
         m
@@ -138,9 +140,9 @@ def check_base_segment(trial: TrialEvidence) -> Iterator[Finding]:
     """
     if trial.is_static or trial.model is None:
         return
-    joint, of_pelvis = trial.trial.joint, trial.weighed("pelvis")
+    joint, of_pelvis = trial.trial.joint, trial.list_weighted_markers("pelvis")
     carrier = linkage.find_base_segment(joint) or "pelvis"
-    shown = trial.weighed(carrier)
+    shown = trial.list_weighted_markers(carrier)
     if len(shown) < FEWEST_MARKERS:
         of = "the pelvis" if carrier == "pelvis" else f"{carrier}, which carries {joint},"
         yield trial.error(
@@ -152,8 +154,11 @@ def check_base_segment(trial: TrialEvidence) -> Iterator[Finding]:
             code=Code.FEW_MARKERS,
         )
     elif carrier != "pelvis":
-        columns = [trial.place[m] for m in of_pelvis]
-        if compute_visible_share(trial.seen[:, columns].T.astype(float)) < MIN_ROOT_VISIBLE_SHARE:
+        columns = [trial.column[m] for m in of_pelvis]
+        if (
+            compute_visible_share(trial.visible[:, columns].T.astype(float))
+            < MIN_ROOT_VISIBLE_SHARE
+        ):
             found = (
                 f"the pelvis does not show three markers in half of the frames: {carrier} carries "
                 "the body, the "
@@ -168,13 +173,13 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     An error where pelvis or leg lose all that they have, in an isolated trial the segments of its
     joint: then somebody meant these columns.
     """
-    empty = [m for m in trial.present if not trial.ever_seen(m)]
+    empty = [m for m in trial.present if not trial.is_ever_visible(m)]
     if not empty:
         return
     segment_of = trial.marker_set.segment_of
     left = {segment_of[m]: 0 for m in empty}
     for label in trial.present:
-        if trial.ever_seen(label) and trial.weight(label) > 0 and segment_of[label] in left:
+        if trial.is_ever_visible(label) and trial.weight(label) > 0 and segment_of[label] in left:
             left[segment_of[label]] += 1
     joint = trial.trial.joint
     needed = linkage.list_joint_segments(joint) if joint else ("pelvis", *linkage.LEG_SEGMENTS)
@@ -185,11 +190,11 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     harmless = trial.is_isolated or light
     found = (
         f"{listed([repr(m) for m in empty])} named in the file, but never seen: found 0 of "
-        f"{len(trial.seen)} frames"
+        f"{len(trial.visible)} frames"
     )
     if lost:
         found += f"; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker"
-    yield trial.finding(
+    yield trial.make_finding(
         Severity.ERROR if lost else Severity.INFO if harmless else Severity.WARNING,
         "labels",
         found,
@@ -205,7 +210,7 @@ def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
     if not trial.is_static or trial.model is None:
         return
     for label in find_single_psis(
-        trial.marker_set, [m for m in trial.present if trial.ever_seen(m)]
+        trial.marker_set, [m for m in trial.present if trial.is_ever_visible(m)]
     ):
         found = (
             f"{describe_guessed_sacrum(label)}; 10 mm that it sits higher or lower than the other turn the "
@@ -237,7 +242,7 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     each other.
     """
     names = [label.rpartition("#")[0] for label in trial.recording.labels if "#" in label]
-    if twice := [name for name in names if name in trial.place]:
+    if twice := [name for name in names if name in trial.column]:
         found = f"labels that occur twice: {listed(twice)}; the first was taken"
         yield trial.warning(
             "labels", found, "give every marker a label of its own", code=Code.LABEL_TWICE
@@ -245,10 +250,10 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     labels = [
         label
         for label in trial.marker_set.labels
-        if label in trial.place and trial.weight(label) > 0
+        if label in trial.column and trial.weight(label) > 0
     ]
-    some = slice(None, None, max(1, len(trial.seen) // 20))  # some twenty frames tell
-    paths = trial.recording.markers[some][:, [trial.place[label] for label in labels]]
+    some = slice(None, None, max(1, len(trial.visible) // 20))  # some twenty frames tell
+    paths = trial.recording.markers[some][:, [trial.column[label] for label in labels]]
     same = []
     for i, label in enumerate(labels):
         apart = np.abs(paths[:, i, None] - paths[:, :i])
@@ -272,7 +277,7 @@ def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
     """
     if not trial.is_whole_body or trial.model is None:
         return
-    visible = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
+    visible = {m for m in trial.column if trial.is_ever_visible(m) and trial.weight(m) > 0}
     markers = trial.model.markers
     wanted: dict[str, list[str]] = {segment: [] for segment in linkage.LEG_SEGMENTS}
     for label, segment, weight in zip(
@@ -299,7 +304,7 @@ def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
 
 def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
-    used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
+    used = {m for m in trial.as_fitted.present if trial.is_ever_visible(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
     rare = {
         g.label: f"{g.label} {100 * g.visible_share:.0f} %"
@@ -309,7 +314,7 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     kept = Counter(
         segment
         for segment in trial.templates
-        for m in trial.weighed(segment)
+        for m in trial.list_weighted_markers(segment)
         if m in used - set(rare)
     )
     harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
@@ -329,7 +334,7 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
                     f"{FEWEST_MARKERS} others tell how their segments lie, or they have hardly any "
                     "weight"
                 )
-            yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
+            yield trial.make_finding(severity, "gaps", found, cure, code=Code.GAPS)
     long = sorted(
         (g for g in markers if g.visible_share >= HALF and g.longest_gap > BRIDGED_S),
         key=lambda g: -g.longest_gap,
@@ -368,27 +373,29 @@ def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
     if trial.rebuilding is None or trial.model is None:
         return
     markers = trial.rebuilding.markers
-    doubted = [m for m in markers if m.landmarks and (m.uncertainty > LANDMARK_M or m.stranger)]
+    doubted = [
+        m for m in markers if m.landmarks and (m.uncertainty > LANDMARK_M or m.unknown_marker)
+    ]
     for marker in doubted:
         cure = (
             "look whether the angles of that segment are plausible; a static trial that shows it "
             "is better"
         )
-        if marker.stranger:
+        if marker.unknown_marker:
             cure = (
-                f'rename = {{ "{marker.stranger}" = "{marker.label}" }} under [markers], if it is '
+                f'rename = {{ "{marker.unknown_marker}" = "{marker.label}" }} under [markers], if it is '
                 "the same"
             )
         yield trial.warning(
             "lost markers",
-            marker.words,
+            marker.description,
             cure,
             cause=f"the static trial lost '{marker.label}', which makes "
             f"{listed(list(marker.landmarks))}",
             weight=marker.uncertainty / LANDMARK_M,
             code=Code.REBUILT_MARKER,
         )
-    if rest := [marker.words for marker in markers if marker not in doubted]:
+    if rest := [marker.description for marker in markers if marker not in doubted]:
         yield trial.info("lost markers", listed(rest), code=Code.REBUILT_MARKER)
 
 
@@ -478,7 +485,7 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
     unsure = _estimate_uncertainty(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
-        side, labels = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
+        side, labels = segment[-1], listed([f"'{m}'" for m in trial.list_weighted_markers(segment)])
         share = 100 * np.mean(counts[segment] >= TWO)
         found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({labels})"
         cure = (
@@ -513,7 +520,7 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
         weight = 3.0 if severity is Severity.WARNING else 1.0
         cause = f"one marker alone follows {segment}"
         code = Code.ONE_MARKER_SEGMENT
-        yield trial.finding(
+        yield trial.make_finding(
             severity, ONE_MARKER, found, cure, cause=cause, leg=side, weight=weight, code=code
         )
 
@@ -529,7 +536,8 @@ def _count_markers(trial: TrialEvidence) -> dict[str, Array]:
         else tuple(s for s in linkage.list_joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
     )
     return {
-        s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in judged
+        s: trial.visible[:, [trial.column[m] for m in trial.list_weighted_markers(s)]].sum(axis=1)
+        for s in judged
     }
 
 
@@ -577,7 +585,11 @@ def find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
         for label in list_unknown_labels(trial)
         if not is_unlabelled(label)
         and _has_fixed_distances(trial, label, segment)
-        and not (below and trial.weighed(below) and _has_fixed_distances(trial, label, below))
+        and not (
+            below
+            and trial.list_weighted_markers(below)
+            and _has_fixed_distances(trial, label, below)
+        )
     ]
 
 
@@ -585,14 +597,15 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
     near_joint = {
-        m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place
+        m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.column
     }
-    near_joint |= dict.fromkeys(trial.weighed(segment), FIXED_DISTANCE_M)
+    near_joint |= dict.fromkeys(trial.list_weighted_markers(segment), FIXED_DISTANCE_M)
     spread = [(_measure_scatter(trial, label, other), most) for other, most in near_joint.items()]
     others = [
         _measure_scatter(trial, label, m)
         for s in linkage.SIDES
-        for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")
+        for m in trial.list_weighted_markers(f"foot_{s}")
+        + trial.list_weighted_markers(f"thigh_{s}")
     ]
     moved = max((s for s in others if s is not None), default=0.0)
     return (

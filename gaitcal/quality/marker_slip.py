@@ -13,7 +13,7 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.preprocess.displaced_markers import AWAY_M, DisplacedInterval
 from gaitcal.preprocess.marker_clusters import FEWEST
-from gaitcal.preprocess.trial_evidence import TrialEvidence, side_of
+from gaitcal.preprocess.trial_evidence import TrialEvidence, get_side
 
 REFUSED_M = 0.025
 REFUSED_SURE_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
@@ -46,12 +46,12 @@ def check_displaced_markers(trial: TrialEvidence) -> Iterator[Finding]:
                 "line over a gap"
             )
         cure = f'export gaps as gaps, or weights = {{ "{worst.label}" = 0 }} under [markers]'
-        if worst.cluster.own < FEWEST:
+        if worst.cluster.marker_count < FEWEST:
             cure = (
                 "or export gaps as gaps: without this marker the other does not tell how the "
                 "segment lies"
             )
-        yield trial.finding(
+        yield trial.make_finding(
             Severity.ERROR if any(_is_harmful(s, time) for s in of_marker) else Severity.WARNING,
             "left its place",
             f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} "
@@ -59,7 +59,7 @@ def check_displaced_markers(trial: TrialEvidence) -> Iterator[Finding]:
             f"{format_spans(time, frames)}",
             f"leave that part out with time = [start, end], {cure}",
             cause=what,
-            leg=side_of(part),
+            leg=get_side(part),
             weight=worst.distance / AWAY_M[worst.cluster.part],
             code=Code.MARKER_LEFT_PLACE,
         )
@@ -85,7 +85,7 @@ def check_frozen(trial: TrialEvidence) -> Iterator[Finding]:
     for label in trial.as_fitted.present:
         held = [
             run
-            for run in find_runs(same[:, trial.place[label]], shortest)
+            for run in find_runs(same[:, trial.column[label]], shortest)
             if _has_body_moved(x, run)
         ]
         if held:
@@ -116,7 +116,7 @@ def check_constant_coordinates(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers with a coordinate that never changes."""
     trial, labels = trial.as_fitted, []
     for label in trial.present:
-        x = trial.path(label)[trial.seen[:, trial.place[label]]]
+        x = trial.path(label)[trial.visible[:, trial.column[label]]]
         if len(x) <= 10:
             continue
         way = np.ptp(x, axis=0)

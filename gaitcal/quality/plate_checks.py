@@ -327,7 +327,9 @@ def check_pressure_beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
     shifts: tuple[list[float], list[float]] = ([], [])
     for step in _select_long_steps(trial):
         _, right = _compute_directions(trial)
-        flat = feet.seen[step.frames, step.foot] & (step.load > LOADED_SHARE * trial.subject.weight)
+        flat = feet.visible[step.frames, step.foot] & (
+            step.load > LOADED_SHARE * trial.subject.weight
+        )
         if flat.sum() < 3:
             continue
         heel, toe = (
@@ -557,7 +559,7 @@ def _mark_fully_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
     )  # beside a plate a foot may bear before and after that plate is loaded
     for foot in range(2):
         beside = feet.resting[:, foot] & ~mark_near(loaded[:, foot], feet.time)
-        doubtful |= mark_near(beside, feet.time) | ~feet.seen[:, foot]
+        doubtful |= mark_near(beside, feet.time) | ~feet.visible[:, foot]
     out: BoolArray = loaded.any(axis=1) & ~doubtful
     return out
 

@@ -30,7 +30,7 @@ from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.force_plate import is_filterable
 from gaitcal.io.recording import find_runs
 from gaitcal.io.text_file import UNEVEN_STEP_SHARE
-from gaitcal.preprocess.clean_trial import jump_limit
+from gaitcal.preprocess.clean_trial import compute_jump_limit
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.tracking.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, compute_cutoff
@@ -110,7 +110,7 @@ def check_speed(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     if not trial.is_gait or len(time) < 2:
         return
-    speed = float(np.linalg.norm(trial.way)) / float(time[-1] - time[0])
+    speed = float(np.linalg.norm(trial.progression)) / float(time[-1] - time[0])
     if speed > SPEED_M_S:
         found, cause = f"the body moves at {speed:.2f} m/s", "nobody walks so fast"
         cure = "if the person did not run, the time column or the unit of length is wrong"
@@ -126,7 +126,7 @@ def check_header_rate(trial: TrialEvidence) -> Iterator[Finding]:
     apart = {key: value for key, value in named.items() if abs(value - hz) > 0.01 * hz}
     if "CameraRate" in apart:
         agreed = "" if len(apart) == len(named) else ", as DataRate says"
-        yield trial.finding(
+        yield trial.make_finding(
             Severity.INFO if trial.is_isolated or trial.is_static else Severity.WARNING,
             "time",
             f"time goes at {hz:.4g} Hz{agreed}; the header names "
@@ -279,7 +279,7 @@ def check_spikes(trial: TrialEvidence) -> Iterator[Finding]:
     if len(x) < 3:
         return
     away = np.linalg.norm(x[1:-1] - 0.5 * (x[2:] + x[:-2]), axis=2)
-    limit = jump_limit(trial.recording, trial.marker_set.noise)
+    limit = compute_jump_limit(trial.recording, trial.marker_set.noise)
     sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
     peak = (sides[1:-1] >= sides[:-2]) & (
         sides[1:-1] >= sides[2:]
@@ -288,7 +288,7 @@ def check_spikes(trial: TrialEvidence) -> Iterator[Finding]:
         peak[max(one.frame - 2, 0) : one.frame + 2] = False
     labels, largest = [], 0.0
     for label in trial.as_fitted.present:
-        column = trial.place[label]
+        column = trial.column[label]
         out = np.where(peak[:, column], np.nan_to_num(away[:, column]), 0.0)
         if (out > limit).any():
             labels.append(f"{label} ({int((out > limit).sum())} frames)")
@@ -308,7 +308,7 @@ def check_spikes(trial: TrialEvidence) -> Iterator[Finding]:
         f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: "
         f"{listed(labels)}"
     )
-    yield trial.finding(severity, "jumps", found, cure, code=Code.SPIKES)
+    yield trial.make_finding(severity, "jumps", found, cure, code=Code.SPIKES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,7 +342,7 @@ def check_seams(trial: TrialEvidence) -> Iterator[Finding]:
         cure += "with time = [start, end]"
     twice = all(-1.5 < one.lost < -0.5 for one in found)
     cause = "a frame stands in it twice" if twice else "frames were cut out, or two parts joined"
-    yield trial.finding(
+    yield trial.make_finding(
         Severity.WARNING if trial.is_whole_body else Severity.INFO,
         "jumps",
         f"most markers jump at once at {where}",

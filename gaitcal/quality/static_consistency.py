@@ -16,9 +16,9 @@ import numpy as np
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDE_WORDS
-from gaitcal.preprocess.marker_clusters import FEWEST, alignment
+from gaitcal.preprocess.marker_clusters import FEWEST, align_points
 from gaitcal.preprocess.static_disagreement import OFFSET_M, Contradiction, Fault
-from gaitcal.preprocess.trial_evidence import BODY_SIZE, TrialEvidence, side_of
+from gaitcal.preprocess.trial_evidence import BODY_SIZE, TrialEvidence, get_side
 from gaitcal.quality import knee_axes, label_checks
 
 POSE_TRANSLATION_M, POSE_ROTATION_RAD = 0.012, np.deg2rad(7.0)
@@ -85,7 +85,7 @@ def check_static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Findin
     sound = [t for t in sized if t.name not in spoilt]
     for group in found.values():
         yield _report_contradiction(group, len(sound))
-    yield from knee_axes.check_knee_axes(sound, {side_of(segment) for _, segment, _ in found})
+    yield from knee_axes.check_knee_axes(sound, {get_side(segment) for _, segment, _ in found})
     yield from _check_between_walks(
         [t for t in sound if t.is_gait], {segment for _, segment, _ in found}
     )
@@ -108,7 +108,7 @@ def _report_contradiction(group: list[tuple[TrialEvidence, Contradiction]], movi
         cause=cause,
         found=f"{found} ({f'throughout {listed(names)}' if several else _format_whole_time(trial)})",
         cure=cure,
-        leg=side_of(worst.segment),
+        leg=get_side(worst.segment),
         weight=worst.excess,
         code=CODES[worst.fault],
     )
@@ -123,14 +123,14 @@ def _judge_severity(cause: Contradiction) -> Severity:
         # a way that only the joints tell, none of which is beyond its limit, is no measured one
         far = cause.fault is Fault.MARKER and cause.offset > BEYOND_SKIN_M and cause.excess > 1.0
         sure = cause.excess > REFUSED_TIMES_LIMIT or far
-        refused = sure and (cause.shift > POSE_TRANSLATION_M or cause.turn > POSE_ROTATION_RAD)
+        refused = sure and (cause.shift > POSE_TRANSLATION_M or cause.rotation > POSE_ROTATION_RAD)
     return Severity.ERROR if refused else Severity.WARNING
 
 
 def _describe(cause: Contradiction, other: str) -> tuple[str, str, str]:
     """What is wrong, the evidence, and what to do; `other`: another static trial."""
     place, labels = _name_segment(cause.segment), [repr(label) for label in cause.labels]
-    mm, deg = 1e3 * cause.offset, np.rad2deg(cause.turn)
+    mm, deg = 1e3 * cause.offset, np.rad2deg(cause.rotation)
     if cause.fault is Fault.MARKER:
         which = " or ".join([labels[0], *map(repr, cause.rivals)])
         pose = (
@@ -164,7 +164,7 @@ def _describe(cause: Contradiction, other: str) -> tuple[str, str, str]:
     if cause.fault is Fault.CLUSTER:
         offset = (
             f"{mm:.0f} mm{_describe_direction(cause)} and {deg:.0f} deg, seen at "
-            f"{listed([_name_segment(j) for j in cause.seen_at])}"
+            f"{listed([_name_segment(j) for j in cause.exceeded_at])}"
         )
         plane = (
             f"; one of {listed(labels)} out of their plane would look alike"
@@ -197,7 +197,7 @@ def _describe_direction(cause: Contradiction) -> str:
 
 def _name_segment(name: str) -> str:
     """`thigh_r` as `right thigh`."""
-    return f"{SIDE_WORDS[name[-1]]} {name[:-2]}" if side_of(name) else name
+    return f"{SIDE_WORDS[name[-1]]} {name[:-2]}" if get_side(name) else name
 
 
 def _format_whole_time(trial: TrialEvidence) -> str:
@@ -254,7 +254,7 @@ def _check_between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iter
             if len(same) < FEWEST_WALKS or segment in told:
                 continue
             baseline = np.median([c.shape for c in same], axis=0)
-            turn, shift = alignment(cluster.shape, baseline)
+            turn, shift = align_points(cluster.shape, baseline)
             away = np.linalg.norm(cluster.shape @ turn.T + shift - baseline, axis=1)
             limit = BETWEEN_WALKS * np.hypot(cluster.size * OFFSET_M[cluster.part], cluster.scatter)
             if (worst := float((away / limit).max())) <= 1.0:
@@ -267,7 +267,7 @@ def _check_between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iter
                 "leave the trial out",
                 cause=f"the markers of the {_name_segment(segment)} sit otherwise than in the other "
                 f"{len(walks) - 1} walks",
-                leg=side_of(segment),
+                leg=get_side(segment),
                 weight=worst,
                 code=Code.ODD_WALK,
             )
@@ -292,7 +292,9 @@ def detect_odd_scale(trial: TrialEvidence) -> float | None:
     ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
     scatter = 1.48 * float(np.median(np.abs(ratios - np.median(ratios))))
     margin = min(MOST_MARGIN, 2.5 * scatter / float(np.sqrt(len(ratios))))
-    margin += 2.0 * float(np.mean([c.tissue() / c.static_size for c in trial.clusters.values()]))
+    margin += 2.0 * float(
+        np.mean([c.compute_tissue_spread() / c.static_size for c in trial.clusters.values()])
+    )
     swollen = float(np.median([c.swelling for c in trial.clusters.values()]))
     return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 
@@ -338,7 +340,7 @@ def check_body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     weight = 1.0 + max(away.values()) / (1.0 - SCALE[0])
     for t, by in blamed:
         severity = Severity.ERROR if by > CERTAIN else Severity.WARNING
-        yield t.finding(
+        yield t.make_finding(
             severity, "body size", found, cure, cause=cause, weight=weight, code=Code.BODY_SIZE
         )
 

@@ -332,7 +332,7 @@ def _report_displacement(trial: TrialEvidence, fault: DisplacedLandmark) -> Find
     rivals = [
         f"{describe_labels(trial, other)} by {1e3 * m:.0f} mm" for other, m in fault.rivals[:3]
     ]
-    return trial.finding(
+    return trial.make_finding(
         Severity.ERROR if fault.size > GROSS_M else Severity.WARNING,
         "landmarks",
         _format_measures(fault.before)
@@ -365,7 +365,7 @@ def _report_height(
         if factor != 1.0
         else "other lengths do not decide"
     )
-    return trial.finding(
+    return trial.make_finding(
         severity,
         "height",
         f"{found}{likely}{'; ' + _format_measures(lengths) if factor != 1.0 and lengths else ''}",

@@ -184,7 +184,7 @@ def check_preprocessed(of: PreprocessedStudy) -> tuple[Finding, ...]:
             remove_consequences([*(of.faults if trial.name == static else ()), *found])
         )
         if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
-            measured.append(trial.undone)
+            measured.append(trial.with_labels_restored)
     if static in [trial.name for trial in measured] and study.marker_set.noise is None:
         findings += static_consistency.check_static_consistency(measured)
     return (
@@ -204,7 +204,7 @@ def check_further(evidence: TrialEvidence) -> tuple[Finding, ...]:
     found = remove_consequences(_check_trial(evidence))
     of_body = (
         *plate_checks.check_body_mass((evidence,)),
-        *static_consistency.check_static_consistency((evidence.undone,)),
+        *static_consistency.check_static_consistency((evidence.with_labels_restored,)),
     )
     return tuple(_sort_worst_first([*found, *of_body]))
 
@@ -216,7 +216,7 @@ def _check_trial(trial: TrialEvidence) -> list[Finding]:
     asked = TRIAL_CHECKS
     if trial.marker_set.noise is not None:
         asked = tuple(check for check in TRIAL_CHECKS if check not in SKIN_MARKER_CHECKS)
-    mended = trial.undone
+    mended = trial.with_labels_restored
     found = units + [f for check in asked for f in check(trial if check in AS_READ else mended)]
     return [*found, *foot_on_plate.check_pressure_outside_sole(mended, found)]
 

@@ -129,7 +129,7 @@ def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
             m for s, labels in trial.marker_set.tracking.items() if s[:-2] in LEGS for m in labels
         ]
         feet = list(
-            trial.recording.markers[:, [trial.place[m] for m in legs if m in trial.place], 1].T
+            trial.recording.markers[:, [trial.column[m] for m in legs if m in trial.column], 1].T
         )
     if not hips or not np.isfinite(feet).any():
         return None
@@ -199,7 +199,7 @@ def check_heading(trial: TrialEvidence) -> Iterator[Finding]:
     way, over = trial.walked, ""
     if trial.on_the_spot:
         found = (
-            f"the body moves {np.linalg.norm(trial.way):.2f} m (treadmill?): x is where the pelvis "
+            f"the body moves {np.linalg.norm(trial.progression):.2f} m (treadmill?): x is where the pelvis "
             "faces"
         )
         yield trial.info("heading", found, code=Code.ON_THE_SPOT)
@@ -232,7 +232,7 @@ def check_heading(trial: TrialEvidence) -> Iterator[Finding]:
                 "the feet point where it faces, and forces brake before they drive: the person "
                 "walks backwards"
             )
-        yield trial.finding(
+        yield trial.make_finding(
             Severity.INFO if backwards else Severity.WARNING,
             "heading",
             found,
@@ -359,7 +359,7 @@ def check_flat_feet(trial: TrialEvidence) -> Iterator[Finding]:
         posture, legs, trial.recording.facts.static_plantarflexion, rule
     ).doubts
     if doubts:
-        yield trial.finding(
+        yield trial.make_finding(
             Severity.WARNING,
             "posture",
             "; ".join(f"{SIDE_WORDS[side]} foot: {why}" for side, why in doubts.items()),
@@ -445,7 +445,7 @@ def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         labels_off = listed(
             [f"'{label}' {1e3 * away:.0f} mm ({segment})" for away, label, segment in disagreeing]
         )
-        yield other.finding(
+        yield other.make_finding(
             Severity.ERROR if disagreeing[0][0] > GROSS_M else Severity.WARNING,
             "static trial",
             f"against the other markers of its segment: {labels_off}; allowed: "

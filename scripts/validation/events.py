@@ -30,7 +30,7 @@ from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.motion import track_motion
 
@@ -68,7 +68,7 @@ def events_of(walk: Walk) -> list[FootEvent]:
 
 
 def walks_of(study: Study) -> list[Walk]:
-    model, out = nominal_of(study), []
+    model, out = build_nominal_model(study), []
     for trial in (t for t in study.moving if t.role is Role.GAIT):
         ready = prepare_trial(trial, model, study.settings)
         motion = track_motion(ready.body, model.parameters)

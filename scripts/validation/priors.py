@@ -42,7 +42,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, ParameterKind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.study.cohort_prior import (
     HEIGHT_STEP_M,
     REFERENCE_HEIGHT_M,
@@ -191,7 +191,7 @@ def recorded(
             write_folder(Path(name), recordings, ("made up", 70.0, person.height, person.sex))
         )
     truth = compute_static_frames(tall, HipCentre(study.settings.hip_rule)).parameters.joint
-    return MadePerson(study=study, truth=truth, nominal=nominal_of(study), person=person)
+    return MadePerson(study=study, truth=truth, nominal=build_nominal_model(study), person=person)
 
 
 @cache

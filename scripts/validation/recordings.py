@@ -16,7 +16,7 @@ from typing import TypeAlias
 from gaitcal import Study, synthesize
 from gaitcal.cli.console import Console
 from gaitcal.cli.study_folder import check_person_options, find_or_draft_study
-from gaitcal.intake.draft_file import study_of
+from gaitcal.intake.draft_file import build_study
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import tomllib
@@ -192,7 +192,7 @@ def study_of_person(name: str) -> Study:
     person.copy(folder)
     options = check_person_options(person.mass, person.height, person.sex, None)
     draft = find_or_draft_study(folder, options, Console(quiet=True, verbose=False))
-    return Study.load(draft) if isinstance(draft, Path) else study_of(draft)
+    return Study.load(draft) if isinstance(draft, Path) else build_study(draft)
 
 
 def changed(study: Study, settings: Mapping[str, object]) -> Study:

@@ -60,7 +60,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import preprocess_study
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.tracking.motion import Motion, track_motion
 from scripts.validation.harness import matching, option, rms, say
 from scripts.validation.recordings import CHILDREN, study_of_person
@@ -220,7 +220,7 @@ class Walk:
 
 def walk_of(study: Study, name: str, trial: str) -> Walk:
     """A gait trial of a study through its nominal model."""
-    model = nominal_of(study)
+    model = build_nominal_model(study)
     chosen = next(t for t in study.trials if t.name == trial)
     return _walk(name, prepare_trial(chosen, model, study.settings), model, model.parameters, study)
 

@@ -179,7 +179,7 @@ def test_what_its_markers_may_have_done_goes_into_its_bars(
     for change in (lambda t: t, turned):
         with pytest.raises(ConvergenceError):
             commands.run("dynamics", folder / "result", *spoil(folder, change))
-    before, after = (np.rad2deg(moves["thigh_l"].turn[1]) for moves in given)
+    before, after = (np.rad2deg(moves["thigh_l"].rotation[1]) for moves in given)
     assert before < 1.0 and 3.0 < after < 14.0
 
 

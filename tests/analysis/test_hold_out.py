@@ -16,7 +16,7 @@ from gaitcal.analysis.result import Calibration
 from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.synthetic_motion import draw_marker_noise
@@ -44,7 +44,7 @@ def study() -> Study:
 
 
 def prepared(study: Study) -> MovingTrial:
-    return prepare_trial(study.moving[0], nominal_of(study), study.settings)
+    return prepare_trial(study.moving[0], build_nominal_model(study), study.settings)
 
 
 def test_every_frame_is_left_out_once(study: Study) -> None:
@@ -56,7 +56,7 @@ def test_every_frame_is_left_out_once(study: Study) -> None:
 
 
 def test_every_fold_is_fitted_to_all_but_its_own_blocks(study: Study) -> None:
-    trial, nominal, hidden = prepared(study), nominal_of(study).parameters, []
+    trial, nominal, hidden = prepared(study), build_nominal_model(study).parameters, []
 
     def fit(trials: list[MovingTrial]) -> tuple[None, Parameters]:
         hidden.append((trials[0].joints.data.weight == 0).all(axis=0))
@@ -73,7 +73,7 @@ def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     fitted = mask_frames(trial, held).joints
     spoilt = replace(fitted.data, measured=fitted.data.measured + np.where(held, 0.5, 0.0))
     coefficients = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
-    body = fitted.build_body(nominal_of(study).parameters)
+    body = fitted.build_body(build_nominal_model(study).parameters)
     assert replace(fitted, data=spoilt).compute_cost(coefficients, body) == pytest.approx(
         fitted.compute_cost(coefficients, body), rel=1e-12
     )
@@ -105,7 +105,7 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
     """A fit that follows its own frames alone: found only where they have weight, lost where they
     have none.
     """
-    trial, nominal = prepared(study), nominal_of(study).parameters
+    trial, nominal = prepared(study), build_nominal_model(study).parameters
 
     def bend(trials: list[MovingTrial]) -> tuple[None, object]:
         wrong = nominal.with_joint(("knee_r.shank.sup",), np.array([nominal.joint.max() + 0.05]))

@@ -12,7 +12,7 @@ from gaitcal.errors import Code, Severity
 from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.linkage import list_joint_segments
 from gaitcal.model.parameters import JP_INDEX
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import track_motion
@@ -85,7 +85,7 @@ def test_a_proximal_segment_of_two_markers_carries_nothing(uf3: Study) -> None:
 
 @pytest.mark.parametrize("joint", ["knee_r", "ankle_l"])
 def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
-    model = nominal_of(uf3)
+    model = build_nominal_model(uf3)
     recording = recording_of(bare(uf3, joint), joint)
     root, *_ = segments = list_joint_segments(joint)
     body = build_trial_problem(joint, model, recording, NodeRule(), carrier=root)

@@ -75,7 +75,7 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     )
     problem = done.joint.artefact.displace_markers(problem)
     turned = estimate_axis_deviations(
-        study.settings, done.nominal, preprocess_study(study).moves()["walk"]
+        study.settings, done.nominal, preprocess_study(study).find_possible_moves()["walk"]
     )
     errors = ForceErrors(
         problem,

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from gaitcal import load_model
-from gaitcal.intake.draft_file import draft_text
-from gaitcal.intake.drafting import draft_of
-from gaitcal.intake.people_in_folder import pair_distances, placed_otherwise
+from gaitcal.intake.draft_file import format_draft
+from gaitcal.intake.drafting import draft_folder
+from gaitcal.intake.people_in_folder import describe_placement_difference, measure_pair_distances
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.csv_recordings import write_markers_csv
@@ -21,7 +21,7 @@ from gaitcal.io.segment_poses import add_landmarks, make_upright_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import save_model
 from gaitcal.model.nominal import published_model
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import simulate_gait
 from scripts.validation.harness import results
@@ -40,7 +40,7 @@ def test_a_bare_folder_of_poses(data_dir: Path, tmp_path: Path) -> None:
     """The only file walks: it is the walk, and the standing posture comes from its segments; mass
     is asked for.
     """
-    made = draft_of(read_folder(data_dir / "more_labs/theia"), Options())
+    made = draft_folder(read_folder(data_dir / "more_labs/theia"), Options())
     assert made.fault == made.problem == "" and made.missing == ("mass_kg",)
     assert [(trial.name, trial.role) for trial in made.trials] == [
         ("poses_upright", "static"),
@@ -49,12 +49,12 @@ def test_a_bare_folder_of_poses(data_dir: Path, tmp_path: Path) -> None:
     assert all(trial.certain for trial in made.trials)
     path = tmp_path / "study.toml"
     path.write_text(
-        draft_text(
-            draft_of(read_folder(data_dir / "more_labs/theia"), Options(mass=75.0)), tmp_path
+        format_draft(
+            draft_folder(read_folder(data_dir / "more_labs/theia"), Options(mass=75.0)), tmp_path
         )
     )
     study = Study.load(path)
-    model = nominal_of(study)
+    model = build_nominal_model(study)
     assert model.noise is not None and model.noise == study.marker_set.noise
     check_text(model.notes)
     save_model(model, tmp_path / "model.toml")
@@ -82,7 +82,7 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
         tmp_path / "walk.csv",
         points_recording(0, exact, body_poses(person, walk.q), walk.basis.time),
     )
-    made = draft_of(read_folder(tmp_path), Options(mass=69.4, height=1.7, sex="male"))
+    made = draft_folder(read_folder(tmp_path), Options(mass=69.4, height=1.7, sex="male"))
     assert (
         made.fault == made.problem == ""
         and made.choice is not None
@@ -92,10 +92,10 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
         ("walk_upright", "static"),
         ("walk", "gait"),
     ]
-    (tmp_path / "study.toml").write_text(draft_text(made, tmp_path))
+    (tmp_path / "study.toml").write_text(format_draft(made, tmp_path))
     study = Study.load(tmp_path / "study.toml")
     assert serious(study) == []
-    model, poses = nominal_of(study), body_poses(person, walk.q)
+    model, poses = build_nominal_model(study), body_poses(person, walk.q)
     for side in "rl":
         for segment, above in (("shank", "thigh"), ("foot", "shank")):
             length = np.linalg.norm(
@@ -139,8 +139,12 @@ def test_another_person_without_markers(
         add_landmarks(made(seed, errors, of, walk.basis.time))
         for seed, of in enumerate([poses] * 3 + [child])
     ]
-    first, *others = (pair_distances(recording, known) for recording in recordings)
-    assert [bool(placed_otherwise(first, other, known)) for other in others] == [False, False, True]
+    first, *others = (measure_pair_distances(recording, known) for recording in recordings)
+    assert [bool(describe_placement_difference(first, other, known)) for other in others] == [
+        False,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.slow

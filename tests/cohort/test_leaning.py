@@ -20,7 +20,7 @@ from gaitcal.cohort.one_person import CommonSettings, _contradictions
 from gaitcal.cohort.outcome import Outcome, fingerprint, keep
 from gaitcal.cohort.run_cohort import mark
 from gaitcal.errors import Code
-from gaitcal.intake.draft_file import settings_text
+from gaitcal.intake.draft_file import format_settings
 from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved_result import load_result
@@ -297,8 +297,8 @@ def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path:
 
 
 def test_the_drafted_study_of_a_result_names_the_priors(tmp_path: Path) -> None:
-    text = settings_text(
+    text = format_settings(
         CalibrationSettings(ip="none"), tmp_path / "lab" / "p.json", tmp_path / "out" / "P0"
     )
     assert text == '\n[calibration]\nip = "none"\npriors = "../../lab/p.json"\n'
-    assert settings_text(CalibrationSettings(), None, tmp_path) == ""
+    assert format_settings(CalibrationSettings(), None, tmp_path) == ""

@@ -27,7 +27,7 @@ from gaitcal.cohort.run_cohort import (
     run_cohort,
 )
 from gaitcal.errors import Code
-from gaitcal.intake.draft_file import settings_text
+from gaitcal.intake.draft_file import format_settings
 from gaitcal.io.atomic import convert_disk_errors
 from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides, write_result
 from tests.commands import refused
@@ -489,7 +489,7 @@ def test_cohort_file_names_people_and_settings(folder: Path) -> None:
     cohort, settings = read_cohort(folder, folder / "out")
     assert [p.key for p in cohort.people] == [("Ann", ""), ("Bob", "pre")]
     assert cohort.people[1].folder == (folder / "Bob" / "pre").resolve()
-    assert settings_text(settings) == '\n[calibration]\nip = "none"\n'
+    assert format_settings(settings) == '\n[calibration]\nip = "none"\n'
 
 
 @pytest.mark.parametrize(

@@ -172,7 +172,7 @@ def test_a_leg_that_no_weighted_marker_shows_is_not_valid(
 
 
 def reactions(recording: Recording) -> GroundReactions:
-    feet = Feet(recording.time, evidence(recording).landmark).points(HEIGHT)
+    feet = Feet(recording.time, evidence(recording).landmark).build_points(HEIGHT)
     return compute_foot_reactions(recording.plates, recording.time, feet, cutoff=None)
 
 

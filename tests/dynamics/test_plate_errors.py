@@ -26,7 +26,7 @@ from gaitcal.errors import Severity
 from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground, resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.preprocess.preprocessed_study import preprocess_study
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.quality import plate_checks
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.settings import PlateErrorTable
@@ -174,7 +174,7 @@ def test_what_a_missing_plate_bore_is_not_valid(
     study_of: Callable[[str], Study], name: str
 ) -> None:
     study = study_of(name)
-    model = nominal_of(study)
+    model = build_nominal_model(study)
     prepared = prepare_trial(
         next(t for t in study.trials if t.role is Role.GAIT), model, study.settings
     )

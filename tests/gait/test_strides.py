@@ -37,7 +37,7 @@ from gaitcal.io.labels import FootMoment
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.tracking.motion import Motion, track_motion
 from scripts.validation.recordings import study_of_person
 from tests.report.page.people import subject_model
@@ -237,7 +237,7 @@ the room's axis counts there, and the centre of the ankle."""
 @pytest.mark.parametrize("person", ["HC002D", "HC032A"])
 def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data_dir: Path) -> None:
     study = study_of_person(person)
-    model = nominal_of(study)
+    model = build_nominal_model(study)
     trial = next(t for t in study.trials if t.name == "straight")
     prepared = prepare_trial(trial, model, study.settings)
     motion = track_motion(prepared.body, model.parameters)

@@ -17,7 +17,7 @@ from gaitcal.dynamics.ground_reactions import (
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.tracking.motion import track_motion
 from scripts.validation.recordings import study_of_person
 
@@ -31,7 +31,7 @@ def recorded_strides(data: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
     out = {}
     for person, folder in PEOPLE.items():
         study = study_of_person(person)
-        model = nominal_of(study)
+        model = build_nominal_model(study)
         for trial in study.trials:
             if trial is not study.static:
                 prepared = prepare_trial(trial, model, study.settings)

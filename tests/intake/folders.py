@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.intake.draft_file import Draft
-from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.drafting import draft_folder
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv
@@ -43,7 +43,7 @@ def write(folder: Path, files: dict[str, Recording], *, forces: str = "") -> Pat
 
 def draft(folder: Path, options: Options = SAID) -> Draft:
     """What follows from a folder."""
-    return draft_of(read_folder(folder), options)
+    return draft_folder(read_folder(folder), options)
 
 
 def drafted(folder: Path, **changed: Recording) -> Draft:

@@ -12,12 +12,21 @@ from hypothesis import strategies as st
 from gaitcal.cli.console import Console
 from gaitcal.cli.study_folder import find_or_draft_study
 from gaitcal.errors import STUDY, Code, Finding, Severity
-from gaitcal.intake.draft_file import draft_notes, draft_text, missing_words, study_of
-from gaitcal.intake.drafting import draft_study, faulty_trials, rejected_forces
-from gaitcal.intake.people_in_folder import exchange_told, pair_distances, placed_otherwise
+from gaitcal.intake.draft_file import (
+    build_study,
+    describe_missing_fields,
+    format_draft,
+    list_draft_notes,
+)
+from gaitcal.intake.drafting import draft_study, find_faulty_trials, find_rejected_forces
+from gaitcal.intake.people_in_folder import (
+    describe_placement_difference,
+    find_explaining_swap,
+    measure_pair_distances,
+)
 from gaitcal.intake.recordings_folder import FileKind, Folder, FolderFile
-from gaitcal.intake.subject_metadata import Known, Options
-from gaitcal.intake.trial_movement import unit_fault
+from gaitcal.intake.subject_metadata import KnownField, Options
+from gaitcal.intake.trial_movement import check_units
 from gaitcal.io.csv_recordings import write_forces_csv
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import write_trc
@@ -82,9 +91,9 @@ def test_the_text_of_a_draft(tmp_path: Path) -> None:
     (folder / "photo.png").touch()
     made = draft(folder, Options(height=1.70, sex="male"))
     worn = "has R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..., worn for standing only"
-    assert draft_text(made, folder) == SNAPSHOT.replace("@", worn)
+    assert format_draft(made, folder) == SNAPSHOT.replace("@", worn)
     assert made.missing == ("mass_kg",)
-    (folder / "study.toml").write_text(draft_text(made, folder), encoding="utf-8")
+    (folder / "study.toml").write_text(format_draft(made, folder), encoding="utf-8")
     with refuses(Code.MISSING_FIELD, field="subject.mass_kg", source="study.toml"):
         Study.load(folder / "study.toml")
 
@@ -94,11 +103,11 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
     folder = write(tmp_path / "person", recordings(*JOINTS), forces="walk_forces")
     made = draft(folder)
     assert roles(made) == ROLES
-    text = draft_text(made, tmp_path / "elsewhere")
-    assert draft_text(draft(folder), tmp_path / "elsewhere") == text
+    text = format_draft(made, tmp_path / "elsewhere")
+    assert format_draft(draft(folder), tmp_path / "elsewhere") == text
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere/study.toml").write_text(text, encoding="utf-8")
-    loaded, direct = Study.load(tmp_path / "elsewhere/study.toml"), study_of(made)
+    loaded, direct = Study.load(tmp_path / "elsewhere/study.toml"), build_study(made)
     assert [t.name for t in loaded.trials] == [t.name for t in direct.trials]
     assert len(direct.trials[-1].recording.plates) == len(loaded.trials[-1].recording.plates) == 2
     assert "study.toml" not in direct.inputs, "nobody wrote one"
@@ -133,7 +142,7 @@ ROLES = {"static": "static", "walk": "gait"} | {joint: f"joint {joint}" for join
 def test_what_neither_walks_nor_moves_one_joint_is_a_motion(tmp_path: Path) -> None:
     made = drafted(tmp_path, squat=squat())
     assert roles(made)["squat"] == "motion"
-    assert 'role = "motion"' in draft_text(made, tmp_path)
+    assert 'role = "motion"' in format_draft(made, tmp_path)
 
 
 def test_who_stands_when_the_belt_stops_has_not_run(tmp_path: Path) -> None:
@@ -184,7 +193,7 @@ def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path
     )
     made = draft(write(tmp_path / "person", {"walk": walk, "start": slow}))
     check_text(made.fault)
-    assert {row.name for row in made.seen} == {"walk.csv", "start.csv"}
+    assert {row.name for row in made.rows} == {"walk.csv", "start.csv"}
     named = draft(write(tmp_path / "person", {"static_and_walk": slow}))
     assert named.fault == "" and not named.trials[0].certain, (
         "what is called static may hold walking"
@@ -210,7 +219,7 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
         )  # an ending that subfolders are asked for
     made = draft(tmp_path / "person")
     assert sorted(t.role for t in made.trials) == ["gait", "static"]
-    assert 'file = "moving/' in draft_text(made, tmp_path / "person")
+    assert 'file = "moving/' in format_draft(made, tmp_path / "person")
     write_trc(tmp_path / "person/moving/other.trc", other_person(files["walk"], 1.2))
     check_text(draft(tmp_path / "person").fault, 2, 1)
 
@@ -226,7 +235,7 @@ def test_folders_that_nobody_understands(
         (tmp_path / name).write_bytes(data)
     made = draft(tmp_path)
     assert words in made.fault
-    assert len(made.seen) == len(content)
+    assert len(made.rows) == len(content)
 
 
 def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
@@ -253,7 +262,7 @@ def test_a_walk_with_labels_exchanged_is_of_the_same_person(tmp_path: Path, file
     made = drafted(
         tmp_path, **{file: exchanged(recordings()[file], {"R.Thigh.Front": "R.Shank.Front"})}
     )
-    assert roles(made) == {"static": "static", "walk": "gait"}, [row.reason for row in made.seen]
+    assert roles(made) == {"static": "static", "walk": "gait"}, [row.reason for row in made.rows]
 
 
 def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
@@ -266,13 +275,13 @@ def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
         m: "L" + m[1:] for m in walk.labels if m.startswith("R") and "L" + m[1:] in walk.labels
     }
     one, same, sides, child = (
-        pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other)
+        measure_pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other)
     )
-    assert placed_otherwise(one, same, marker_set) == ""
+    assert describe_placement_difference(one, same, marker_set) == ""
     for other, told in ((sides, "left and right"), (child, "")):
         assert (
-            placed_otherwise(one, other, marker_set)
-            and exchange_told(one, other, marker_set) == told
+            describe_placement_difference(one, other, marker_set)
+            and find_explaining_swap(one, other, marker_set) == told
         )
 
 
@@ -287,7 +296,7 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
         find_or_draft_study(
             next(folder.glob("*.csv")), Options(), Console(quiet=True, verbose=False)
         )
-    check_text(missing_words(made), "subject.mass_kg")
+    check_text(describe_missing_fields(made), "subject.mass_kg")
 
 
 def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
@@ -302,7 +311,7 @@ def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
     )
     made = draft(write(tmp_path / "person", {"cap1": whole}))
     check_text(made.fault, "cap1.csv")
-    check_text(made.seen[0].reason, 0)
+    check_text(made.rows[0].reason, 0)
 
 
 def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
@@ -318,8 +327,8 @@ def test_a_unit_is_suspected_before_another_person(name: str, factor: float) -> 
     """One file in another unit than the others, whatever the person does in it."""
     recording = recordings()[name]
     marker_set = load_marker_set("gait2354")
-    assert unit_fault(recording, marker_set) == ""
-    fault = unit_fault(replace(recording, markers=factor * recording.markers), marker_set)
+    assert check_units(recording, marker_set) == ""
+    fault = check_units(replace(recording, markers=factor * recording.markers), marker_set)
     times, how = max(factor, 1 / factor), "large" if factor > 1 else "small"
     check_text(fault, f"{times:.0f}", f"{how}")
 
@@ -329,7 +338,7 @@ def test_a_walk_in_another_unit_is_left_out_for_it(tmp_path: Path) -> None:
     made = drafted(
         tmp_path, **(recordings() | {"walk2": replace(walk, markers=10.0 * walk.markers)})
     )
-    (row,) = (row for row in made.seen if row.name.startswith("walk2"))
+    (row,) = (row for row in made.rows if row.name.startswith("walk2"))
     assert not row.used
     check_text(row.reason, 10)
     assert "walk" in roles(made)
@@ -340,8 +349,8 @@ def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
     (tmp_path / "person").mkdir()
     (tmp_path / "person/photo.png").touch()
     made = drafted(tmp_path, static=static, squat=squat())
-    legs = Known(value={"r": 900.0, "l": 910.0}, reason="guess", certain=False)
-    notes = draft_notes(replace(made, person={**made.person, "leg_length_mm": legs}))
+    legs = KnownField(value={"r": 900.0, "l": 910.0}, reason="guess", certain=False)
+    notes = list_draft_notes(replace(made, person={**made.person, "leg_length_mm": legs}))
     check_text(notes, "R.Knee.Inner")
     assert any("leg_length_mm = { r = 900, l = 910 }: guess" in note for note in notes), (
         "as the study file has it"
@@ -355,7 +364,7 @@ def with_bad_take(tmp_path_factory: pytest.TempPathFactory) -> Study:
     walk = recordings()["walk"]
     again = walk.frames(walk.time > walk.time[60])
     again = replace(again, source="x", markers=again.markers[::-1].copy(), notes=())
-    return study_of(drafted(tmp_path_factory.mktemp("x"), other=again))
+    return build_study(drafted(tmp_path_factory.mktemp("x"), other=again))
 
 
 def error(where: str, severity: Severity = Severity.ERROR) -> Finding:
@@ -365,7 +374,7 @@ def error(where: str, severity: Severity = Severity.ERROR) -> Finding:
 
 def test_a_faulty_walk_goes_and_is_told(with_bad_take: Study) -> None:
     assert [t.name for t in with_bad_take.trials] == ["static", "other", "walk"]
-    faulty = faulty_trials(with_bad_take, (error("other"), error("walk", Severity.WARNING)))
+    faulty = find_faulty_trials(with_bad_take, (error("other"), error("walk", Severity.WARNING)))
     assert faulty == {"other": "plates: x is wrong; do y"}
 
 
@@ -375,7 +384,7 @@ def test_a_faulty_walk_goes_and_is_told(with_bad_take: Study) -> None:
 def test_nothing_goes_where_nothing_would_be_left_or_all_is_in_doubt(
     with_bad_take: Study, where: tuple[str, ...]
 ) -> None:
-    assert faulty_trials(with_bad_take, [error(name) for name in where]) == {}
+    assert find_faulty_trials(with_bad_take, [error(name) for name in where]) == {}
 
 
 FAR = np.array([3.0, 0.0, 0.0])
@@ -410,11 +419,11 @@ def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
     assert all(t.forces is None for t in made.trials)
     (row,) = (row for row in made.left_out if row.name == "walk_grf.csv")
     check_text(row.reason)
-    (warning,) = rejected_forces(made)
+    (warning,) = find_rejected_forces(made)
     assert warning.severity is Severity.WARNING and warning.where == "walk"
     check_finding(warning, Code.FORCES_NOT_USED, "walk_grf.csv")
     (folder / "walk_grf.csv").unlink()
-    assert rejected_forces(draft(folder)) == (), "a folder without forces is asked for angles"
+    assert find_rejected_forces(draft(folder)) == (), "a folder without forces is asked for angles"
 
 
 @pytest.mark.parametrize("kept", [slice(40, None), slice(40, 110)])
@@ -429,7 +438,7 @@ def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept:
     forces = made.trials[-1].forces
     assert forces is not None
     check_text(forces.reason, f"{part[0].time[0]:.2f}", f"{part[0].time[-1]:.2f}")
-    trial = study_of(made, proposed=True).moving[-1].recording
+    trial = build_study(made, proposed=True).moving[-1].recording
     assert len(trial.time) == len(recordings()["walk"].time)
     assert sum("no torques beyond" in note for note in trial.notes) == len(part)
     late = with_forces(tmp_path, [replace(p, time=p.time + 100.0) for p in plates])
@@ -453,7 +462,7 @@ def test_forces_called_after_the_static_trial_are_not_those_of_a_walk(tmp_path: 
     (row,) = (row for row in made.left_out if row.name == "static_forces.csv")
     assert made.trials[-1].forces is None
     check_text(row.reason, "static.csv")
-    assert rejected_forces(made) == ()
+    assert find_rejected_forces(made) == ()
 
 
 def test_forces_with_their_time_in_milliseconds_are_refused(tmp_path: Path) -> None:

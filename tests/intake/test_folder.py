@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gaitcal.errors import Code
-from gaitcal.intake.recordings_folder import FileKind, marker_sets_above, read_folder
+from gaitcal.intake.recordings_folder import FileKind, find_marker_sets_above, read_folder
 from gaitcal.io.toml import find_models_folder
 from tests.intake.folders import recordings, write
 from tests.messages import refuses
@@ -46,12 +46,12 @@ def test_kinds(tmp_path: Path) -> None:
         "broken.c3d": FileKind.UNREADABLE,
         "noending": FileKind.OTHER,
     }
-    assert found["loads.xml"].names == "grf.mot"
+    assert found["loads.xml"].table_name == "grf.mot"
     assert all(
         file.reason for file in found.values() if file.kind in (FileKind.UNREADABLE, FileKind.OTHER)
     )
     (folder / "person").mkdir()
-    assert [f.name for f in marker_sets_above(folder / "person")] == ["own.toml"]
+    assert [f.name for f in find_marker_sets_above(folder / "person")] == ["own.toml"]
 
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])

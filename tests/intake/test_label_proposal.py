@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 from gaitcal.cli.console import Console
 from gaitcal.cli.study_folder import draft_study_file, find_or_draft_study
 from gaitcal.errors import Code
-from gaitcal.intake.draft_file import doubtful_lines, study_of
-from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.draft_file import build_study, list_uncertain_choices
+from gaitcal.intake.drafting import draft_folder
 from gaitcal.intake.label_proposal import LANDMARK_SET, LabelProposal, propose_labels
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
-from gaitcal.intake.unnamed_markers import forward_direction, standing_points
+from gaitcal.intake.unnamed_markers import estimate_forward_direction, measure_standing_points
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
@@ -101,21 +101,25 @@ def test_segments_of_labels_that_say_nothing(angle: float, size: float) -> None:
 def test_a_walk_tells_which_way_is_forward() -> None:
     files = recordings()
     labels = files["static"].labels
-    points = standing_points(files["static"], labels)
-    ahead = forward_direction([files["walk"]], points, labels)
+    points = measure_standing_points(files["static"], labels)
+    ahead = estimate_forward_direction([files["walk"]], points, labels)
     assert ahead[0] > 0.8 and abs(ahead[1]) < 0.1, "x, as both feet say"
     walk = turned(files["walk"], 1.0)
-    assert forward_direction([walk], points, labels) == pytest.approx(ahead, abs=1e-9), (
+    assert estimate_forward_direction([walk], points, labels) == pytest.approx(ahead, abs=1e-9), (
         "wherever the walk leads"
     )
     isolated = recordings("hip_r")["hip_r"]
-    assert forward_direction([walk, isolated], points, labels) == pytest.approx(ahead, abs=2e-3), (
-        "one foot is mute"
+    assert estimate_forward_direction([walk, isolated], points, labels) == pytest.approx(
+        ahead, abs=2e-3
+    ), "one foot is mute"
+    assert estimate_forward_direction([on_the_spot(walk)], points, labels)[0] > 0.8, (
+        "on a treadmill, too"
     )
-    assert forward_direction([on_the_spot(walk)], points, labels)[0] > 0.8, "on a treadmill, too"
-    assert forward_direction([isolated], points, labels) == pytest.approx(0, abs=1e-3), "one foot"
+    assert estimate_forward_direction([isolated], points, labels) == pytest.approx(0, abs=1e-3), (
+        "one foot"
+    )
     backward = replace(walk, markers=walk.markers[::-1])
-    assert forward_direction([backward], points, labels)[0] < -0.8
+    assert estimate_forward_direction([backward], points, labels)[0] < -0.8
 
 
 def test_a_walk_backward_alone_does_not_exchange_the_sides() -> None:
@@ -173,7 +177,7 @@ def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> 
     with refuses(Code.UNKNOWN_LABEL, source="person"):
         find_or_draft_study(folder, SAID, QUIET)
     with refuses(Code.UNKNOWN_LABEL, source="person"):
-        study_of(draft(folder))
+        build_study(draft(folder))
     draft_study_file(QUIET, folder, mass=SAID.mass, height=SAID.height, sex=SAID.sex)
     study = folder / "study.toml"
     with refuses(Code.UNKNOWN_LABEL, field="markers.confirmed", source="study.toml"):
@@ -267,20 +271,20 @@ def test_markers_that_a_set_does_not_know_follow_what_they_move_with(tmp_path: P
     made = draft(write(tmp_path / "person", files))
     assert (
         made.choice is not None
-        and made.choice.further is not None
+        and made.choice.further_markers is not None
         and made.choice.entry == "gait2354"
     )
-    assert made.choice.further.tracking == {
+    assert made.choice.further_markers.tracking == {
         "thigh_r": ("X1",),
         "shank_l": ("X2",),
         "foot_r": ("X3",),
     }
     words = "in no trial that moves; lies where ankle_med_r does: rename it, if it is"
-    assert made.choice.further.unused == {"X4": words}
-    told_lines = " ".join(doubtful_lines(made))
+    assert made.choice.further_markers.unused == {"X4": words}
+    told_lines = " ".join(list_uncertain_choices(made))
     assert f"X4 ({words})" in told_lines
     check_text(told_lines, "thigh_r")
-    study = study_of(made)
+    study = build_study(made)
     assert study.marker_set.segment_of["X1"] == "thigh_r" and study.marker_set.weight("X1") == 1
     with refuses(Code.MARKER_SET, "X1", "foot_l", "thigh_r", field="markers.tracking"):
         study.marker_set.with_further({"foot_l": ["X1"]})
@@ -290,9 +294,9 @@ def test_markers_that_a_set_does_not_know_follow_what_they_move_with(tmp_path: P
 
 @pytest.mark.slow
 def test_points_that_a_program_computed_are_no_markers(data_dir: Path) -> None:
-    made = draft_of(read_folder(data_dir / "children/HC032A"), Options(sex="male"))
-    assert made.choice is not None and made.choice.further is not None
-    found = made.choice.further
+    made = draft_folder(read_folder(data_dir / "children/HC032A"), Options(sex="male"))
+    assert made.choice is not None and made.choice.further_markers is not None
+    found = made.choice.further_markers
     for side, segment in (("R", "foot_r"), ("L", "foot_l")):
         assert {f"{side}CPG", f"{side}STL"} <= set(found.tracking[segment]), (
             "of the Oxford foot model"

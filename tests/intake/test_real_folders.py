@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.intake.draft_file import draft_text, study_of
-from gaitcal.intake.drafting import draft_of
-from gaitcal.intake.people_in_folder import sitting_of
+from gaitcal.intake.draft_file import build_study, format_draft
+from gaitcal.intake.drafting import draft_folder
+from gaitcal.intake.people_in_folder import find_session
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.model.parameters import JP_NAMES
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from tests.intake.folders import JOINTS, roles
 from tests.messages import check_text
 
@@ -51,7 +51,7 @@ WITH_HEIGHT = ("labs_c3d/kad", "labs_c3d/multi", "children/HC002D", "pig_c3d")
 @pytest.mark.parametrize("name", FOLDERS)
 def test_bare_folders(name: str, data_dir: Path) -> None:
     marker_set, expected, missing = FOLDERS[name]
-    made = draft_of(read_folder(data_dir / name), Options())
+    made = draft_folder(read_folder(data_dir / name), Options())
     assert made.fault == "" and made.problem == ""
     assert made.choice is not None and made.choice.entry == marker_set
     assert roles(made) == expected
@@ -66,13 +66,13 @@ def test_bare_folders(name: str, data_dir: Path) -> None:
     assert [row.name for row in made.left_out] == (
         ["static_unlabelled.c3d"] if name == "uf3" else []
     )
-    assert str(data_dir) not in draft_text(made, data_dir / name), "paths are relative"
+    assert str(data_dir) not in format_draft(made, data_dir / name), "paths are relative"
 
 
 def test_recordings_of_nobody_who_stands(data_dir: Path) -> None:
-    made = draft_of(read_folder(data_dir / "c3d_formats"), Options())
+    made = draft_folder(read_folder(data_dir / "c3d_formats"), Options())
     assert made.fault and made.trials == ()
-    assert {row.name for row in made.seen if "SGI/MIPS" in row.reason} == {
+    assert {row.name for row in made.rows if "SGI/MIPS" in row.reason} == {
         "Eb015si.c3d",
         "Eb015sr.c3d",
     }
@@ -80,7 +80,7 @@ def test_recordings_of_nobody_who_stands(data_dir: Path) -> None:
 
 def test_a_recording_with_joint_centres_is_the_walk_again(data_dir: Path) -> None:
     """The set lies beside the folder, as laboratories keep one for all of their people."""
-    made = draft_of(read_folder(data_dir / "opensim_truth/p01"), Options())
+    made = draft_folder(read_folder(data_dir / "opensim_truth/p01"), Options())
     assert roles(made) == {"static": "static", "walk": "gait"}
     assert made.choice is not None and made.choice.entry.endswith("markerset.toml")
     assert made.trials[-1].forces is not None and made.trials[-1].forces.file.name == "grf.mot"
@@ -97,10 +97,10 @@ def test_one_frame_stands_for_a_static_trial(data_dir: Path) -> None:
     """Joint parameters of any frame of a child who stands are those of the mean, to what standing
     sways; and where a longer trial is there, too, that one is the first.
     """
-    made = draft_of(read_folder(data_dir / "children/HC002D"), Options(sex="female"))
+    made = draft_folder(read_folder(data_dir / "children/HC002D"), Options(sex="female"))
     assert made.choice is not None
-    study = study_of(made)
-    standing_still, whole = study.static.recording, nominal_of(study).parameters.joint
+    study = build_study(made)
+    standing_still, whole = study.static.recording, build_nominal_model(study).parameters.joint
     legs = [
         i
         for i, name in enumerate(JP_NAMES)
@@ -110,8 +110,8 @@ def test_one_frame_stands_for_a_static_trial(data_dir: Path) -> None:
     for frame in shown[[0, len(shown) // 2, -1]]:
         moment = standing_still.frames(np.arange(len(standing_still.time)) == frame)
         one = replace(study, trials=(replace(study.static, recording=moment), *study.trials[1:]))
-        assert np.abs(nominal_of(one).parameters.joint - whole)[legs].max() < SWAY
-    sitting = sitting_of(
+        assert np.abs(build_nominal_model(one).parameters.joint - whole)[legs].max() < SWAY
+    sitting = find_session(
         {0: moment, 1: standing_still}, {0: "static a", 1: "static b"}, made.choice.marker_set
     )
     assert sitting is not None

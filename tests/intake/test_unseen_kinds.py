@@ -12,14 +12,14 @@ import pytest
 
 from gaitcal.dynamics.ground_reactions import _detect_seated
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.intake.draft_file import Draft, marker_set_line, study_of
-from gaitcal.intake.drafting import draft_of
-from gaitcal.intake.people_in_folder import pair_distances, placed_otherwise
+from gaitcal.intake.draft_file import Draft, build_study, describe_marker_set
+from gaitcal.intake.drafting import draft_folder
+from gaitcal.intake.people_in_folder import describe_placement_difference, measure_pair_distances
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.preprocess.marker_clusters import SPREAD_RAD, tissue_spread
+from gaitcal.preprocess.marker_clusters import SPREAD_RAD, compute_tissue_spread
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.named_joint_centres import identify_computed_points
 from gaitcal.quality.study_checks import check_study
@@ -36,12 +36,14 @@ CENTRES = {"RKNE": "r knee", "RANK": "r ankle", "LKNE": "l knee", "LANK": "l ank
 @pytest.fixture(scope="module")
 def case(data_dir: Path) -> Callable[[str], Draft]:
     """What follows from the folder of a case; read once, as nobody changes it."""
-    return cache(lambda name: draft_of(read_folder(data_dir / "cases" / name), Options(mass=68.5)))
+    return cache(
+        lambda name: draft_folder(read_folder(data_dir / "cases" / name), Options(mass=68.5))
+    )
 
 
 @pytest.fixture(scope="module")
 def stairs(case: Callable[[str], Draft]) -> Study:
-    return study_of(case("stairs"))
+    return build_study(case("stairs"))
 
 
 def serious(study: Study) -> set[Code]:
@@ -62,9 +64,9 @@ def test_centres_under_the_names_of_markers_give_way_to_the_markers(
     assert made.choice is not None
     assert made.choice.rename == {label: name for name, label in MEASURED.items()}
     assert set(made.choice.centres) == set(CENTRES.values()) and not made.choice.certain
-    assert all(f"{label} = {name}" in marker_set_line(made) for name, label in MEASURED.items())
-    plain = study_of(draft_of(read_folder(data_dir / "pig_c3d"), Options()))
-    for ours, theirs in zip(study_of(made).trials, plain.trials, strict=True):
+    assert all(f"{label} = {name}" in describe_marker_set(made) for name, label in MEASURED.items())
+    plain = build_study(draft_folder(read_folder(data_dir / "pig_c3d"), Options()))
+    for ours, theirs in zip(build_study(made).trials, plain.trials, strict=True):
         for label in (m for m in theirs.recording.labels if m in plain.marker_set.labels):
             paths = (
                 t.recording.markers[:, t.recording.labels.index(label)] for t in (ours, theirs)
@@ -88,13 +90,13 @@ def test_a_centre_with_the_very_label_of_the_set_is_put_aside(
         old: f"{new}_skin" for new, old in MEASURED.items()
     }
     folder = write(tmp_path / "person", renamed_files(data_dir, names))
-    made = draft_of(read_folder(folder), Options(mass=66.5, height=1.79, sex="male"))
+    made = draft_folder(read_folder(folder), Options(mass=66.5, height=1.79, sex="male"))
     assert made.choice is not None
     expected = {f"{name}_skin": name for name in MEASURED} | {
         name: f"{name} (centre)" for name in MEASURED
     }
     assert made.choice.rename == expected
-    study = study_of(made)
+    study = build_study(made)
     assert not of_code(study, Code.LANDMARK_DISPLACED)
     back = {v: k for k, v in expected.items()}
     trusting = replace(
@@ -123,15 +125,17 @@ def test_of_a_rigid_pair_the_inner_point_is_computed_and_both_where_the_body_lie
 def test_a_real_file_of_the_names_of_bts_is_understood(case: Callable[[str], Draft]) -> None:
     made = case("bts_labels")
     assert (
-        made.choice is not None and made.choice.entry == "davis" and made.choice.further is not None
+        made.choice is not None
+        and made.choice.entry == "davis"
+        and made.choice.further_markers is not None
     )
     assert [(t.name, t.role) for t in made.trials] == [("standing", "static"), ("dynamic", "gait")]
-    assert not made.choice.explained.missing and not made.choice.further.tracking
+    assert not made.choice.coverage.missing and not made.choice.further_markers.tracking
     lateral = {
         name: made.choice.marker_set.landmarks[name] for name in ("knee_lat_r", "ankle_lat_l")
     }
     assert lateral == {"knee_lat_r": ("r knee 1",), "ankle_lat_l": ("l mall",)}
-    assert {"r hip", "r knee", "r ankle", "r asis#2"} <= set(made.choice.further.unused)
+    assert {"r hip", "r knee", "r ankle", "r asis#2"} <= set(made.choice.further_markers.unused)
 
 
 def part(study: Study, start: int, stop: int) -> Study:
@@ -152,8 +156,8 @@ def test_flexed_knees_make_no_other_body(stairs: Study, start: int, stop: int) -
     """
     study = part(stairs, start, stop)
     assert not of_code(study, Code.BODY_SIZE)
-    static, moving = (pair_distances(t.recording, study.marker_set) for t in study.trials)
-    assert not placed_otherwise(static, moving, study.marker_set)
+    static, moving = (measure_pair_distances(t.recording, study.marker_set) for t in study.trials)
+    assert not describe_placement_difference(static, moving, study.marker_set)
 
 
 def test_nothing_refuses_a_walk_down_stairs(stairs: Study) -> None:
@@ -167,18 +171,20 @@ def test_another_body_is_found_on_stairs_and_in_a_lunge(stairs: Study, by: float
 
 
 def test_soft_tissue_grows_with_flexion_beyond_what_is_near() -> None:
-    assert tissue_spread(1e-3, 0.0) == 0.0
-    assert tissue_spread(2e-3, SPREAD_RAD) == pytest.approx(2.0 * tissue_spread(1e-3, SPREAD_RAD))
+    assert compute_tissue_spread(1e-3, 0.0) == 0.0
+    assert compute_tissue_spread(2e-3, SPREAD_RAD) == pytest.approx(
+        2.0 * compute_tissue_spread(1e-3, SPREAD_RAD)
+    )
     # bones of three people, thigh, 60 deg beyond: 4.5 to 11 mm along each axis of a marker by
     # itself
-    assert 4e-3 < tissue_spread(1e-3, np.deg2rad(60.0)) < 11e-3
+    assert 4e-3 < compute_tissue_spread(1e-3, np.deg2rad(60.0)) < 11e-3
 
 
 def test_labels_exchanged_in_every_third_frame_are_put_back_before_anything_is_judged(
     case: Callable[[str], Draft],
 ) -> None:
     """A heel was refused, the right leg with it: its shape was that of a foot whose toes flip."""
-    study = study_of(case("run_labels_exchanged"))
+    study = build_study(case("run_labels_exchanged"))
     (trial,) = preprocess_study(study).moving
     (found,) = trial.put_back
     assert {found.label, found.other} == {"RTOE", "RMT5"}
@@ -193,7 +199,7 @@ def test_labels_exchanged_in_every_third_frame_are_put_back_before_anything_is_j
 def test_who_walks_backwards_brakes_before_driving_all_the_same(
     case: Callable[[str], Draft],
 ) -> None:
-    study = study_of(case("backwards"))
+    study = build_study(case("backwards"))
     assert not of_code(study, Code.FORCE_SIGN)
     (note,) = of_code(study, Code.HEADING)
     assert note.severity is Severity.INFO

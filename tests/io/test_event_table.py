@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import Code
-from gaitcal.intake.draft_file import study_of
+from gaitcal.intake.draft_file import build_study
 from gaitcal.intake.recordings_folder import FileKind, read_folder
 from gaitcal.io.csv_recordings import EVENT_FILE, apply_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
@@ -88,7 +88,7 @@ def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_a
     made = draft(folder)
     [row] = [row for row in made.left_out if row.name == EVENT_FILE]
     check_text(row.reason, "file,time,side,event")
-    study = study_of(made)
+    study = build_study(made)
     walk = next(trial for trial in study.trials if trial.name == "walk")
     assert not walk.recording.corrected and EVENT_FILE not in study.inputs
     check_text(walk.recording.notes, "events.csv")
@@ -96,19 +96,19 @@ def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_a
         "file;time;side;event\nwalk.csv;0,5;right;foot strike\n", encoding="utf-8"
     )
     with refuses(Code.FILE_FORMAT, "file,time,side,event", field="line 1", source="events.csv"):
-        study_of(made)
+        build_study(made)
 
 
 def test_a_study_of_a_folder_uses_it_and_has_its_hash(tmp_path: Path) -> None:
     folder = write(tmp_path, recordings())
     (folder / EVENT_FILE).write_text(f"{HEAD}walk.csv,0.5,right,foot strike\n", encoding="utf-8")
     read = read_folder(folder)
-    assert [file.name for file in read.of_kind(FileKind.EVENTS)] == [EVENT_FILE]
+    assert [file.name for file in read.select_kind(FileKind.EVENTS)] == [EVENT_FILE]
     made = draft(folder)
-    assert [row.used for row in made.seen if row.name == EVENT_FILE] == [
+    assert [row.used for row in made.rows if row.name == EVENT_FILE] == [
         "foot events of the recordings that it names"
     ]
-    study = study_of(made)
+    study = build_study(made)
     static, walk = study.static, next(trial for trial in study.trials if trial.name == "walk")
     assert [event.time for event in walk.recording.events] == [0.5] and walk.recording.corrected
     assert not static.recording.corrected

@@ -13,7 +13,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.landmarks import find_hip_labels
 from gaitcal.model.nominal import PUBLISHED
 from gaitcal.model.segment_frames import HipCentre, compute_hip_centre
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.study.settings import CalibrationSettings
 from tests.model.people import from_published, published_static
 from tests.quality.spoilt import findings, sound_study, with_trial
@@ -128,7 +128,9 @@ def test_given_hips_that_are_no_mirror_images_are_doubted(
     found = findings(given, "hip centres")
     assert [f.severity for f in found] == [Severity.WARNING] * told
     assert all(f"{1e3 * shift[1] - 10:+.0f} mm up" in f.found for f in found)
-    (note,) = [n for n in nominal_of(given).notes if n.startswith("hip centres are points")]
+    (note,) = [
+        n for n in build_nominal_model(given).notes if n.startswith("hip centres are points")
+    ]
     assert "this far from where Harrington 2007 has them: RHJC" in note and "mm, LHJC" in note
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaitcal.io.recording import Recording
-from gaitcal.preprocess.clean_trial import clean_trial, without_outliers, without_spikes
+from gaitcal.preprocess.clean_trial import clean_trial, remove_outliers, remove_spikes
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from tests.quality.spoilt import sound_study
@@ -20,7 +20,7 @@ RealStudies = Callable[[str], Study]
 def test_nothing_of_real_recordings_is_left_out(name: str, real_study: RealStudies) -> None:
     study = real_study(name)
     for trial in study.trials:
-        assert without_outliers(trial.recording, study.marker_set.segment_of)[1] == (), trial.name
+        assert remove_outliers(trial.recording, study.marker_set.segment_of)[1] == (), trial.name
 
 
 def test_single_positions_out_of_line_are_left_out_and_steps_are_not() -> None:
@@ -34,7 +34,7 @@ def test_single_positions_out_of_line_are_left_out_and_steps_are_not() -> None:
     markers[:, 2] += np.random.default_rng(1).normal(0.0, 0.03, (200, 3))
     markers[50, 3], markers[51, 3] = np.nan, path[51] + 0.1
     markers[[0, -1], 4] += 0.1
-    found, out = without_spikes(Recording(source="x", time=time, labels=labels, markers=markers))
+    found, out = remove_spikes(Recording(source="x", time=time, labels=labels, markers=markers))
     assert list(out) == ["spiked"] and out["spiked"] == (3, pytest.approx(0.1, abs=0.005))
     gone = np.isnan(found.markers[:, :, 0]) & ~np.isnan(markers[:, :, 0])
     assert np.argwhere(gone).tolist() == [[40, 0], [90, 0], [140, 0]]

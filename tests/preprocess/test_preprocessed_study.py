@@ -112,7 +112,7 @@ def test_labels_exchanged_for_a_part_are_put_back_in_a_study_and_in_a_further_tr
         assert {back.label, back.other} == set(pair)
         assert np.flatnonzero(back.frames).tolist() == list(range(50, 80))
         np.testing.assert_array_equal(trial.recording.markers, sound.trials[1].recording.markers)
-        assert trial.exchanges == () and trial.undone is trial
+        assert trial.swapped_labels == () and trial.with_labels_restored is trial
     codes = {f.code for f in check_further(alone)}
     assert Code.EXCHANGED_BACK in codes and Code.EXCHANGED_LABELS not in codes
     np.testing.assert_array_equal(

@@ -15,7 +15,7 @@ from gaitcal.io.recording import Recording, find_still_window
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import get_path
 from gaitcal.preprocess.rebuilt_markers import Rebuilding, rebuild_lost
-from gaitcal.preprocess.study_model import nominal_of, rebuild_static
+from gaitcal.preprocess.study_model import build_nominal_model, rebuild_static
 from gaitcal.study.study import Study
 from tests.model.people import without
 from tests.quality.spoilt import findings, serious, with_trial
@@ -65,7 +65,7 @@ def test_a_rigid_body_gives_its_marker_back(seed: int, label: str) -> None:
     done = rebuilt(standing(label), moving(seed))
     (marker,) = done.markers
     assert (marker.label, marker.trial) == (label, "walk")
-    assert np.abs(marker.place - PELVIS[label]).max() < EXACT_M
+    assert np.abs(marker.position - PELVIS[label]).max() < EXACT_M
     assert np.abs(get_path(done.static, label) - PELVIS[label]).max() < EXACT_M
 
 
@@ -81,7 +81,7 @@ def test_the_static_trial_itself_is_asked_first_where_it_shows_the_marker_at_ano
     )
     (marker,) = rebuilt(lost_from(long, "RPSI", slice(0, 60))).markers
     assert marker.trial == "static"
-    assert np.abs(marker.place - PELVIS["RPSI"]).max() < EXACT_M
+    assert np.abs(marker.position - PELVIS["RPSI"]).max() < EXACT_M
 
 
 def lost_from(recording: Recording, label: str, frames: slice = slice(None)) -> Recording:
@@ -110,7 +110,7 @@ def test_a_body_that_changed_its_shape_is_told_as_uncertain() -> None:
     good, worse = (
         rebuilt(standing("RPSI"), w).markers[0] for w in (walk, replace(walk, markers=bent))
     )
-    away = float(np.linalg.norm(worse.place - PELVIS["RPSI"]))
+    away = float(np.linalg.norm(worse.position - PELVIS["RPSI"]))
     assert 10 * EXACT_M < away < 2 * worse.uncertainty and worse.uncertainty > good.uncertainty
 
 
@@ -132,12 +132,12 @@ def test_a_real_marker_is_rebuilt_as_well_as_is_said(subject01: Study, label: st
     truth = np.nanmean(recorded.markers[still, recorded.labels.index(label)], axis=0)
     done: Rebuilding = rebuild_static(that_lost(subject01, label))
     (marker,) = done.markers
-    assert np.linalg.norm(marker.place - truth) < min(marker.uncertainty, 0.008)
+    assert np.linalg.norm(marker.position - truth) < min(marker.uncertainty, 0.008)
 
 
 def test_a_lost_landmark_gives_a_model_and_a_finding_and_is_no_evidence(subject01: Study) -> None:
     lost = that_lost(subject01, "R.Heel")
-    model, whole = nominal_of(lost), nominal_of(subject01)
+    model, whole = build_nominal_model(lost), build_nominal_model(subject01)
     assert np.abs(model.landmarks["toe_r"][1] - whole.landmarks["toe_r"][1]).max() < 0.01
     assert any("'R.Heel' rebuilt" in note for note in model.notes)
     assert [f for f in serious(lost) if f.severity is Severity.ERROR] == []

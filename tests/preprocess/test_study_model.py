@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.study.study import Study
 from tests.messages import check_text
 from tests.quality.spoilt import with_trial, without
@@ -23,7 +23,10 @@ def study(real_study: Callable[[str], Study]) -> Study:
 
 
 def test_walks_place_the_trunk_that_the_static_trial_lacks(study: Study) -> None:
-    whole, borrowed = nominal_of(study), nominal_of(with_trial(study, "static", without(*THORAX)))
+    whole, borrowed = (
+        build_nominal_model(study),
+        build_nominal_model(with_trial(study, "static", without(*THORAX))),
+    )
     assert not any("placed by the walks" in note for note in whole.notes)
     assert not any(name.startswith("lumbar") for name in borrowed.frozen)
     check_text(borrowed.notes, "C7, T10, CLAV, STRN, RSHO, LSHO")
@@ -37,7 +40,7 @@ def test_walks_place_the_trunk_that_the_static_trial_lacks(study: Study) -> None
 def test_one_marker_in_walks_is_placed_too(study: Study) -> None:
     head = ("LFHD", "RFHD", "LBHD", "RBHD")
     fewer = with_trial(study, "static", without(*THORAX, *head))
-    model = nominal_of(with_trial(fewer, "gait", without(*THORAX[1:], *head)))
+    model = build_nominal_model(with_trial(fewer, "gait", without(*THORAX[1:], *head)))
     assert [
         m
         for m, s in zip(model.markers.labels, model.markers.segments, strict=True)

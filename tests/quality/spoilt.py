@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.intake.draft_file import study_of
-from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.draft_file import build_study
+from gaitcal.intake.drafting import draft_folder
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.recording import ForcePlate, Recording
@@ -113,7 +113,7 @@ def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> T
 
 def drafted(folder: Path) -> Study:
     """The study that is drafted from a real folder."""
-    return study_of(draft_of(read_folder(folder), Options(sex="female")))
+    return build_study(draft_folder(read_folder(folder), Options(sex="female")))
 
 
 def moved(label: str, change: Callable[[Array], Array]) -> Change:

@@ -12,9 +12,9 @@ from gaitcal.analysis.prepared_trials import prepare_trial
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.preprocess.clean_trial import without_outliers
+from gaitcal.preprocess.clean_trial import remove_outliers
 from gaitcal.preprocess.preprocessed_study import preprocess_study
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.quality.label_checks import check_swapped_labels
 from gaitcal.quality.marker_checks import check_gaps
 from gaitcal.study.study import Study
@@ -41,7 +41,7 @@ def accused(study: Study, seed: int) -> list[Finding]:
     are missing.
     """
     rng = np.random.default_rng(seed)
-    model, out = nominal_of(study), []
+    model, out = build_nominal_model(study), []
     for trial in study.moving[:3]:
         markers = trial.recording.markers.copy()
         markers[rng.random(markers.shape[:2]) < 0.2] = np.nan
@@ -72,7 +72,7 @@ def test_arms_that_turn_under_their_skin_are_not_accused(real_study: RealStudies
     """
     study = real_study("functional_c3d")
     (trial,) = [t for t in study.trials if t.name == "knee_r"]
-    found = check_swapped_labels(evidence(study, trial, nominal_of(study)))
+    found = check_swapped_labels(evidence(study, trial, build_nominal_model(study)))
     assert [f.found for f in found if "LHE" in f.found] == []
 
 
@@ -98,7 +98,7 @@ def pelvis_found(study: Study) -> tuple[Finding, ...]:
     """What is said of the walk's gaps, beside each marker's own."""
     return tuple(
         f
-        for f in check_gaps(evidence(study, study.trials[1], nominal_of(study)))
+        for f in check_gaps(evidence(study, study.trials[1], build_nominal_model(study)))
         if f.code is Code.PELVIS_LOST
     )
 
@@ -130,7 +130,7 @@ def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, l
     (told,) = findings(spoilt, "strays")
     check_finding(told, Code.STRAY_MARKER, Severity.WARNING, label, 208, 0.0, 1.03)
     fitted = prepare_trial(
-        preprocess_study(spoilt).clean.trials[1], nominal_of(spoilt), spoilt.settings
+        preprocess_study(spoilt).clean.trials[1], build_nominal_model(spoilt), spoilt.settings
     ).recording
     assert label not in fitted.labels and any(label in note for note in fitted.notes)
 
@@ -139,7 +139,7 @@ def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
     spoilt = with_trial(
         sound, "walk", moved("R.Thigh.Front", lambda x: put(x, slice(50, 60), [5.0, 3.0, 0.0]))
     )
-    kept, strays = without_outliers(recording_of(spoilt), spoilt.marker_set.segment_of)
+    kept, strays = remove_outliers(recording_of(spoilt), spoilt.marker_set.segment_of)
     gone = ~np.isfinite(kept.markers[:, kept.labels.index("R.Thigh.Front")]).all(axis=1)
     assert np.flatnonzero(gone).tolist() == list(range(50, 60))
     assert [(s.label, s.frames) for s in strays] == [("R.Thigh.Front", 10)]
@@ -150,7 +150,7 @@ def test_a_tracking_marker_metres_away_in_the_static_trial_is_in_no_model(sound:
     spoilt = with_trial(sound, "static", moved("R.Thigh.Front", lambda x: x + [0.0, 0.0, 2.0]))
     assert (
         "R.Thigh.Front"
-        not in nominal_of(replace(spoilt, weights={"R.Thigh.Front": 0.0})).markers.labels
+        not in build_nominal_model(replace(spoilt, weights={"R.Thigh.Front": 0.0})).markers.labels
     )
     assert any(f.where == "static" for f in findings(spoilt, "strays"))
 
@@ -210,7 +210,7 @@ def test_a_while_with_one_marker_is_a_note_with_its_seconds(pig: Study) -> None:
 
 
 def tracked(study: Study) -> Motion:
-    model, recording = nominal_of(study), study.trials[1].recording
+    model, recording = build_nominal_model(study), study.trials[1].recording
     problem = build_trial_problem(
         "gait", model, recording, NodeRule(), root="pelvis", segments=LOWER_BODY
     )

@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from gaitcal.errors import Code
-from gaitcal.intake.draft_file import draft_text, study_of
+from gaitcal.intake.draft_file import build_study, format_draft
 from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
@@ -83,8 +83,8 @@ def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
     facts = Facts(session_date="2016-03-01", birth_date=born)
     write_markers_csv(folder / "static.csv", replace(recordings()["static"], facts=facts))
     made = draft(folder, replace(SAID, age=said))
-    drafted = draft_text(made, folder)
-    study = study_of(made)
+    drafted = format_draft(made, folder)
+    study = build_study(made)
     assert (study.subject.age, study.subject.record.birth_date) == (age, "")
     assert born not in drafted and ("# age_years =" in drafted) == (age is None)
     notes = [note for note in study.static.recording.notes if "make an age" in note]

@@ -13,7 +13,7 @@ from gaitcal.dynamics.ground_reactions import ground_reactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual, inverse_dynamics
 from gaitcal.gait.events import activity_events, trial_events
 from gaitcal.gait.strides import strides_of
-from gaitcal.intake.trial_movement import Shows, movement, standing
+from gaitcal.intake.trial_movement import MovementKind, classify_movement, detect_standing
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.marker_set import load_marker_set
@@ -108,10 +108,11 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     )
     marker_set = load_marker_set("published")
     still = place_on_floor(model, simulate_static_trial(standing=make_standing_pose()))
-    posture, _ = standing(record_motion("static", still, model, model.markers.labels), marker_set)
+    posture, _ = detect_standing(record_motion("static", still, model, model.markers.labels), marker_set
+    )
     assert posture is not None
-    shown = movement(recording, posture.worn, None, posture.stance)
-    assert shown.shows is Shows.MOVES and shown.certain
+    shown = classify_movement(recording, posture.marker_set, None, posture.stance)
+    assert shown.kind is MovementKind.MOVES and shown.certain
 
     tracked = track(model, recording)
     reactions = ground_reactions(model, tracked, recording)

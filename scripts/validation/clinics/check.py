@@ -49,8 +49,8 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.errors import GaitcalError
-from gaitcal.intake.draft_file import STUDY, draft_text
-from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.draft_file import STUDY, format_draft
+from gaitcal.intake.drafting import draft_folder
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.formats import read_recording
@@ -173,7 +173,7 @@ def propose(name: str, folder: Path) -> Proposed:
         for m in read_recording(path).labels
     }
     segments = {m: s for m, s in segments.items() if m in moving or m in landmarks}
-    draft = draft_of(
+    draft = draft_folder(
         read_folder(folder), Options(mass=person.mass, height=person.height, sex=person.sex)
     )
     if draft.choice is None or draft.choice.proposal is None:
@@ -198,7 +198,7 @@ def propose(name: str, folder: Path) -> Proposed:
         evidence={**dict.fromkeys(landmarks, "a person's word"), **found.evidence},
         asked=frozenset(),
     )
-    text = draft_text(replace(draft, choice=replace(draft.choice, proposal=answered)), folder)
+    text = format_draft(replace(draft, choice=replace(draft.choice, proposal=answered)), folder)
     (folder / STUDY).write_text(
         text.replace("confirmed = false", "confirmed = true"), encoding="utf-8"
     )

@@ -23,7 +23,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, JP_TO_SI
-from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.preprocess.study_model import build_nominal_model
 from scripts.validation.harness import bars, rms
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import changed, data, only
@@ -88,7 +88,7 @@ def add_fits(
 
 def true_parameters(made: IsolatedPerson, study: Study) -> tuple[dict[str, float], Array]:
     """Joint parameters of the legs (m, rad), and all nominal ones (98,)."""
-    nominal = nominal_of(study)
+    nominal = build_nominal_model(study)
     frames = static_frames(nominal, study.static.recording)
     truth = {
         name: value for side in SIDES for name, value in leg_parameters(made, frames, side).items()
