@@ -43,10 +43,16 @@ from gaitcal.dynamics.measurement_errors import (
 )
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.events import GaitEvents, activity_events, crouches, trial_events
-from gaitcal.gait.moments import segment_words
-from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
-from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
+from gaitcal.gait.events import GaitEvents, find_activity_events, find_crouches, find_trial_events
+from gaitcal.gait.moments import describe_segment
+from gaitcal.gait.spatiotemporal import assign_stride_lines, check_strides, measure_strides
+from gaitcal.gait.strides import (
+    FootAxes,
+    compute_facing,
+    compute_foot_axes,
+    get_pelvis_angles,
+    measure_out_of_plane,
+)
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import (
     JOINTS,
@@ -150,8 +156,10 @@ def _without_torque_errors(
         session.model.subject,
     )
     model = session.model.with_parameters(final)
-    events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
-    events = activity_events(body, events) if trial.role is Role.MOTION else events
+    events = (
+        GaitEvents() if trial.joint else find_trial_events(model, body, reactions, trial.recording)
+    )
+    events = find_activity_events(body, events) if trial.role is Role.MOTION else events
     feet = (
         ground_reactions.compute_foot_points(model, body, final)
         if ground_reactions.has_feet(model)
@@ -160,12 +168,12 @@ def _without_torque_errors(
     may_turn = (
         trial.joint or trial.role is Role.MOTION
     )  # nothing of an activity is left out because it is a turn
-    faced = None if may_turn else facing(pelvis_angles(body))
-    strides = strides_measured(
+    faced = None if may_turn else compute_facing(get_pelvis_angles(body))
+    strides = measure_strides(
         events, body.time, feet, ground_reactions.find_unobserved_frames(body), faced
     )
-    lines = stride_lines(strides, body.time)
-    long_axes, by_coordinate = foot_axes(body, final, lines)
+    lines = assign_stride_lines(strides, body.time)
+    long_axes, by_coordinate = compute_foot_axes(body, final, lines)
     variances = (
         None
         if moves is None
@@ -215,7 +223,7 @@ def _without_torque_errors(
         strides=strides,
         doubts=(
             *trial_findings(trial, loads, subject.weight),
-            *stride_findings(trial.name, strides),
+            *check_strides(trial.name, strides),
             *_crouch_findings(trial.name, body, events, activity=trial.role is Role.MOTION),
         ),
     )
@@ -235,7 +243,7 @@ def _crouch_findings(
         else []
     )
     found = (
-        [span for span in crouches(body.time, height, told) if span not in spans]
+        [span for span in find_crouches(body.time, height, told) if span not in spans]
         if told or activity
         else []
     )
@@ -277,7 +285,7 @@ def _foot_axes(
     """
     if variances is None:
         return FootAxes(long_axes)
-    _, about = out_of_plane(long_axes, lines)
+    _, about = measure_out_of_plane(long_axes, lines)
     variance, own = (of[:, -len(inverse_dynamics.FEET) :].copy() for of in variances)
     for k, foot in enumerate(inverse_dynamics.FEET):
         if foot in turned:
@@ -387,7 +395,7 @@ def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
         or int(trial.calibrated.errors.select_observed(*segments).sum()) >= FEWEST_MARKERS
     )
     return RmsErrors(
-        label=segment_words(segments[0]) if len(segments) == 1 else trial.name,
+        label=describe_segment(segments[0]) if len(segments) == 1 else trial.name,
         nominal=nominal,
         calibrated=calibrated,
         floor=floor,

@@ -22,7 +22,7 @@ from gaitcal.analysis.truth_errors import (
 )
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import get_leg
-from gaitcal.gait.moments import joint_words, moment_names, moment_of
+from gaitcal.gait.moments import describe_joint, get_moment, list_moments
 from gaitcal.model import linkage
 from gaitcal.model.parameters import (
     IP_NAMES,
@@ -140,7 +140,7 @@ def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, .
                 FeatureTruth(
                     joint=f"{joint}_{side}",
                     part=part,
-                    words=f"{joint_words(joint)} {words}",
+                    words=f"{describe_joint(joint)} {words}",
                     unit=rows[0].unit,
                     nominal=gap(nominal, true),
                     fitted=gap(fitted, true),
@@ -189,9 +189,9 @@ def _trial(
             forces[name] = CurveTruth(
                 name=name,
                 truth=true,
-                fitted=moment_of(loads.final, name),
-                nominal=moment_of(loads.nominal, name),
-                error_bar=None if loads.errors is None else moment_of(loads.errors, name),
+                fitted=get_moment(loads.final, name),
+                nominal=get_moment(loads.nominal, name),
+                error_bar=None if loads.errors is None else get_moment(loads.errors, name),
                 counts=loads.reactions.valid_for(name),
             )
     return CurveTruths(time, coordinates, forces)
@@ -294,7 +294,7 @@ def sums(calibration: Calibration, truth: TruthErrors) -> tuple[TruthSum, ...]:
 def curve_rows(calibration: Calibration, truth: TruthErrors, trial: str) -> tuple[CurveRow, ...]:
     """The coordinates and moments of both legs, in the order of the result."""
     known = truth.of(trial)
-    names = [name for name in moment_names(calibration.model) if get_leg(name)]
+    names = [name for name in list_moments(calibration.model) if get_leg(name)]
     rows = (
         CurveRow(name=n, angle=known.coordinates.get(n), moment=known.forces.get(n)) for n in names
     )

@@ -66,7 +66,7 @@ def calibrate_study(
     `normal`: file of normal bands, or the name of those that gaitcal brings. `priors`: file of a
     cohort, on which joint parameters lean where the study file names none.
     """
-    normal = None if normal is None else normal_bands.bands_file(normal)
+    normal = None if normal is None else normal_bands.find_bands_file(normal)
     if normal is not None:
         normal_bands.read_normal_bands(
             normal
@@ -164,7 +164,7 @@ def analyse_further(
 def _no_walks(trials: Sequence[TrialResult]) -> list[str]:
     """What a trial that was taken as a walk looks like, where its feet do not strike in turn."""
     repeats = {
-        t.name: events.activity_events(t.body, t.events).repeats
+        t.name: events.find_activity_events(t.body, t.events).repeats
         for t in trials
         if t.role is Role.GAIT
     }

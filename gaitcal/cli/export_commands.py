@@ -307,7 +307,7 @@ def export_into(
         raise UsageError(
             f"found '{attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments"
         )
-    if muscles and not transfer_account.opensim_is_installed():
+    if muscles and not transfer_account.is_opensim_installed():
         raise UsageError(
             "needs OpenSim, which is not installed: pip install opensim", field="--muscles"
         )
@@ -315,7 +315,7 @@ def export_into(
     if saved.uncertainty.joint is None:
         message = "its joint parameters were not calibrated: there is nothing to put into a model"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    done = joint_transfer.into_osim(
+    done = joint_transfer.transfer_joints(
         saved.model,
         model,
         errors=saved.uncertainty.joint,
@@ -332,7 +332,9 @@ def export_into(
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
     write_bytes_atomically(out, done.content)
-    write_text_atomically(out.with_suffix(".joints.csv"), joint_moves.joints_csv(done.joints))
+    write_text_atomically(
+        out.with_suffix(".joints.csv"), joint_moves.format_joints_csv(done.joints)
+    )
     earlier = _earlier(out)
     for path in earlier:
         with convert_disk_errors(path):
@@ -344,9 +346,12 @@ def export_into(
         )
     if done.carried:
         write_text_atomically(
-            out.with_suffix(".attachments.csv"), joint_moves.carried_csv(done.carried)
+            out.with_suffix(".attachments.csv"), joint_moves.format_moved_points_csv(done.carried)
         )
-    tables, said = [*transfer_account.joint_tables(done)], [*transfer_account.sentences(done)]
+    tables, said = (
+        [*transfer_account.make_joint_tables(done)],
+        [*transfer_account.describe_transfer(done)],
+    )
     for table in tables:
         _tell_table(console, table)
     for text in said:
@@ -358,21 +363,22 @@ def export_into(
             step(f"draw {k + 1} of {len(drawn)}")
             write_bytes_atomically(path, done.drawn(rng))
         if muscles:
-            ranges = transfer_account.leg_ranges(done.legs)
+            ranges = transfer_account.list_leg_ranges(done.legs)
             step("muscles before")
-            before = transfer_account.muscle_paths(model, ranges)
+            before = transfer_account.compute_muscle_paths(model, ranges)
             step("muscles after")
-            changes = transfer_account.muscle_changes(
-                before, transfer_account.muscle_paths(out, ranges)
+            changes = transfer_account.compare_muscles(
+                before, transfer_account.compute_muscle_paths(out, ranges)
             )
             spread: list[Mapping[tuple[str, str], transfer_account.MusclePath]] = []
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
-                spread.append(transfer_account.muscle_paths(path, ranges))
+                spread.append(transfer_account.compute_muscle_paths(path, ranges))
             write_text_atomically(
-                out.with_suffix(".muscles.csv"), transfer_account.muscles_csv(changes, spread)
+                out.with_suffix(".muscles.csv"),
+                transfer_account.format_muscles_csv(changes, spread),
             )
-            tables.append(transfer_account.muscle_table(changes, spread))
+            tables.append(transfer_account.make_muscle_table(changes, spread))
     console.line()
     if muscles:
         _tell_table(console, tables[-1])

@@ -72,7 +72,7 @@ def draw_figures(
         charts = chosen(charts, only or ())
         folder = out or result / FOLDER
         with result_folder.amend_result(folder) as stage:
-            step(f"drawing {moments.counted(len(charts), 'figure')}")
+            step(f"drawing {moments.format_count(len(charts), 'figure')}")
             files = write_charts(charts, stage, endings)
             read.require_unchanged()
     for remark in read.remarks:

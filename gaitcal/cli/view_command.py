@@ -28,7 +28,7 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, InputError, UsageError, note_of
 from gaitcal.export.opensim import motion_comparison
-from gaitcal.export.opensim.model_comparison import compare, osim_words
+from gaitcal.export.opensim.model_comparison import compare_with_osim, describe_osim_differences
 from gaitcal.gait import moments, normal_bands
 from gaitcal.io.atomic import write_text_atomically
 from gaitcal.io.result_folder import MANIFEST, ResultKind, check_output_folder, write_file_in_place
@@ -216,7 +216,7 @@ def print_report(
     with write_file_in_place(target) as path:
         pages = write_pdf(content, path)
     console.line(
-        f"wrote {target}: {moments.counted(pages, 'page')}"
+        f"wrote {target}: {moments.format_count(pages, 'page')}"
         + (f", comments of {file}" if file else "")
     )
 
@@ -296,8 +296,8 @@ def compare_models(result: Path, osim: Path, console: Console) -> None:
     model, read, doubts = saved_result.load_result_model(result)
     for text in (*read.remarks, *map(note_of, doubts)):
         console.line(f"warning: {text}")
-    rows = compare(model, osim)
-    for line in osim_words(rows):
+    rows = compare_with_osim(model, osim)
+    for line in describe_osim_differences(rows):
         console.line(line)
     for row in rows:
         numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))

@@ -28,7 +28,7 @@ from typing import Final, NamedTuple
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
+from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, get_coordinate, get_curve_kind
 from gaitcal.model.coordinates import ClinicalSense, describe_coordinate, get_senses
 from gaitcal.model.subject_model import Subject
 
@@ -118,7 +118,7 @@ class Convention:
         `side`: empty where no stride says it: what the sides count otherwise then has OpenSim's
         sign.
         """
-        name, kind = coordinate_of(variable), kind_of(variable)
+        name, kind = get_coordinate(variable), get_curve_kind(variable)
         match kind:
             case CurveKind.MOMENT:
                 return self.moment(name, values, subject, side)
@@ -131,11 +131,11 @@ class Convention:
         """What positive and negative values of a variable mean in strides of one side; empty: where
         none says it.
         """
-        name, kind = coordinate_of(variable), kind_of(variable)
+        name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.POWER:
             return "generated", "absorbed"
         clinical = self._clinical(name, side)
-        one, other = (clinical.positive, clinical.opposite) if clinical else _senses(name)
+        one, other = (clinical.positive, clinical.opposite) if clinical else _get_senses(name)
         opposed = (
             kind is CurveKind.MOMENT
             and self.signs is Signs.CLINICAL
@@ -145,7 +145,7 @@ class Convention:
 
     def title(self, variable: str) -> str:
         """`Hip flexion`, `Hip extension moment`, `Hip power`: named by what a positive value means."""
-        name, kind = coordinate_of(variable), kind_of(variable)
+        name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.FORCE:
             return GROUND_FORCES[name].title
         if kind is CurveKind.POWER:
@@ -153,7 +153,7 @@ class Convention:
         title, positive, sense = (
             describe_coordinate(name).title,
             self.senses(variable, "r")[0],
-            _senses(name)[0],
+            _get_senses(name)[0],
         )
         turns = kind is CurveKind.MOMENT and sense.endswith(" rotation")
         if title.endswith(f" {sense}") or turns:
@@ -226,7 +226,7 @@ GROUND_FORCES: Final[Mapping[str, GroundForce]] = {
 }
 
 
-def _senses(name: str) -> tuple[str, str]:
+def _get_senses(name: str) -> tuple[str, str]:
     senses = GROUND_FORCES[name].senses if name in GROUND_FORCES else get_senses(name)
     if senses is None:
         raise KeyError(name)

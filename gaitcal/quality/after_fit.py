@@ -25,7 +25,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.errors import Code, Finding, Severity, listed
-from gaitcal.gait.moments import moment_of
+from gaitcal.gait.moments import get_moment
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model import coordinates, linkage
 from gaitcal.preprocess.displaced_markers import STRAIGHT_M, bend
@@ -338,7 +338,7 @@ def _resolved_speed(motion: Motion, at: int) -> Array:
 def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]:
     for name, limit in TORQUES_PERCENT_BWH.items():
         share = np.where(
-            valid, 100.0 * np.abs(moment_of(moments, f"{name}_{side}")) / moments.bwh, 0.0
+            valid, 100.0 * np.abs(get_moment(moments, f"{name}_{side}")) / moments.bwh, 0.0
         )
         if (share > limit).any():
             words = f"torque of {name}_{side} {share.max():.0f} %BW*H (allowed: {limit:.0f})"

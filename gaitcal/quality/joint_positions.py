@@ -28,7 +28,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import COVARIANCE
 from gaitcal.errors import STUDY, Code, Finding, Severity
-from gaitcal.gait.moments import joint_words
+from gaitcal.gait.moments import describe_joint
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
@@ -195,10 +195,10 @@ def _finding(
     kind, side = joint.split("_")
     least = min(place.probability for place in views)
     few = round(1 / (RARE if least < RARE else UNUSUAL))
-    cause = f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one"
+    cause = f"the {describe_joint(joint)} joint lies where fewer than 1 in {few} people have one"
     if least >= UNUSUAL:
         cause = (
-            f"the {joint_words(joint)} joint lies {FARTHEST:.0f} scatters of people from where it "
+            f"the {describe_joint(joint)} joint lies {FARTHEST:.0f} scatters of people from where it "
             "is expected"
         )
     return Finding(

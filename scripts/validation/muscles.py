@@ -46,12 +46,21 @@ from scipy.stats import t as student
 from gaitcal import calibrate
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
-from gaitcal.export.opensim.joint_transfer import into_osim
-from gaitcal.export.opensim.osim_correspondence import Hinge, LegJoint, leg_joints
-from gaitcal.export.opensim.osim_reader import FramePlacement, peer_of, read_document, read_osim
-from gaitcal.export.opensim.osim_writer import frames_of
+from gaitcal.export.opensim.joint_transfer import transfer_joints
+from gaitcal.export.opensim.osim_correspondence import Hinge, LegJoint, find_leg_joints
+from gaitcal.export.opensim.osim_reader import (
+    FramePlacement,
+    build_peer_model,
+    read_document,
+    read_osim,
+)
+from gaitcal.export.opensim.osim_writer import get_joint_frames
 from gaitcal.export.opensim.peer_model import Axis, PeerModel
-from gaitcal.export.opensim.transfer_account import MusclePath, leg_ranges, muscle_paths
+from gaitcal.export.opensim.transfer_account import (
+    MusclePath,
+    compute_muscle_paths,
+    list_leg_ranges,
+)
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters, read_published_parameters
 from gaitcal.model.rotations import make_axis_rotation
@@ -74,7 +83,7 @@ def person_of(peer: PeerModel, *, markers: bool = True) -> SubjectModel:
     does not have).
     """
     parameters, posture = read_published_parameters(), dict[str, float]()
-    legs = {leg.ours: leg.theirs for leg in leg_joints(peer)}
+    legs = {leg.ours: leg.theirs for leg in find_leg_joints(peer)}
     bodies = {"pelvis": legs["hip_r"].parent}
     for side in SIDES:
         bodies |= {
@@ -115,7 +124,9 @@ def _leg(
     """
     s = 1.0 if side == "r" else -1.0
     legs = {
-        leg.ours.partition("_")[0]: leg for leg in leg_joints(peer) if leg.ours.endswith(f"_{side}")
+        leg.ours.partition("_")[0]: leg
+        for leg in find_leg_joints(peer)
+        if leg.ours.endswith(f"_{side}")
     }
     hip, knee, hinge = legs["hip"].theirs, legs["knee"].theirs, _hinge(legs["knee"])
     shank, foot = bodies[f"shank_{side}"], bodies[f"foot_{side}"]
@@ -148,7 +159,9 @@ def _leg(
         angles = base.zero_angles.copy()
         for name, value in zero.items():
             angles[ZERO_ANGLES.index(f"{name}_{side}.zero")] = value
-        found = frames_of(JOINT[f"{joint}_{side}"], Parameters(joints, base.inertial, angles))
+        found = get_joint_frames(
+            JOINT[f"{joint}_{side}"], Parameters(joints, base.inertial, angles)
+        )
         return found.in_parent, found.in_child
 
     r = of_thigh.rotation  # Rz(flexion) Rx(s adduction) Ry(s rotation)
@@ -223,7 +236,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
     rng = np.random.default_rng(3)
     document = read_document(source)
     places = {}
-    for leg in leg_joints(peer_of(document)):
+    for leg in find_leg_joints(build_peer_model(document)):
         for end, frame in (("parent", leg.theirs.in_parent), ("child", leg.theirs.in_child)):
             way = rng.normal(size=3)
             if across and leg.hinge is not None:
@@ -292,7 +305,7 @@ def draw(
             disturbed(source, Path(name) / "wrong.osim", across=True),
             Path(name) / "m.osim",
         )
-        done = into_osim(
+        done = transfer_joints(
             found.model,
             wrong,
             errors=found.uncertainty.joint,
@@ -302,13 +315,13 @@ def draw(
         )
         values_of = {
             c: values[list(VALUES)]
-            for c, values in leg_ranges(done.legs).items()
+            for c, values in list_leg_ranges(done.legs).items()
             if c.endswith("_r")
         }
 
         def arms(content: bytes) -> Arms:
             back.write_bytes(content)
-            return muscle_paths(back, values_of)
+            return compute_muscle_paths(back, values_of)
 
         truth, now = arms(source.read_bytes()), arms(done.content)
         others = [arms(done.drawn(rng)) for _ in range(models)]
@@ -411,18 +424,18 @@ def _same(file: Path) -> tuple[str, bool]:
         peer = read_osim(file)
         person = person_of(peer)
         start = time.perf_counter()
-        done = into_osim(person, file)
+        done = transfer_joints(person, file)
         seconds = time.perf_counter() - start
     except InputError as error:
         return f"  {error}", False
     with tempfile.TemporaryDirectory() as name:
         other = Path(name) / "other.osim"
-        wrong = into_osim(person, disturbed(file, other, across=True))
+        wrong = transfer_joints(person, disturbed(file, other, across=True))
         start = time.perf_counter()
         wrong.drawn(np.random.default_rng(0))
         of_draw = time.perf_counter() - start
         other.write_bytes(wrong.content)
-        apart = max(_apart(done.legs, leg_joints(read_osim(other))))
+        apart = max(_apart(done.legs, find_leg_joints(read_osim(other))))
         other.write_bytes(done.content)
         pairs = list(
             zip(
@@ -456,7 +469,7 @@ def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]
 
     opensim.Logger.removeFileSink()
     opensim.Logger.setLevelString("Off")
-    rng, ranges = np.random.default_rng(0), leg_ranges(legs)
+    rng, ranges = np.random.default_rng(0), list_leg_ranges(legs)
     model = opensim.Model(str(file))
     state, names = model.initSystem(), list(ranges)
     coordinates = [model.getCoordinateSet().get(name) for name in names]

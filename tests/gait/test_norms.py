@@ -13,21 +13,21 @@ from gaitcal.analysis.result import Calibration
 from gaitcal.dynamics.joint_kinetics import COMPONENTS, MomentFrame
 from gaitcal.errors import Code
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import known_variables
+from gaitcal.gait.cycles import list_variables
 from gaitcal.gait.normal_bands import (
     BAND_SIGNS,
     SHIPPED,
     SLOWEST,
     SPEEDS,
-    bands_file,
-    free_steps,
-    leg_length,
-    norm_for,
-    own_norm,
+    compute_free_steps,
+    estimate_leg_length,
+    find_bands_file,
+    make_user_norm,
     read_normal_bands,
+    select_norm,
 )
 from gaitcal.gait.normal_bands import FREE as FREE_SPEEDS
-from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, profile_scores
+from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, compute_profile_scores
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES, REACTIONS
 from gaitcal.model.subject_model import GRAVITY, Subject
@@ -154,13 +154,13 @@ def test_a_file_that_a_spreadsheet_program_saved_is_the_same_file(tmp_path: Path
 
 def test_bands_that_come_with_the_program_have_names() -> None:
     assert "hip_flexion_moment" in read_normal_bands("schwartz2008")
-    assert all(bands_file(name).is_file() for name in SHIPPED)
+    assert all(find_bands_file(name).is_file() for name in SHIPPED)
     with refuses(Code.NORMAL_BANDS, "schwartz2008", source="schwartz"):
         read_normal_bands("schwartz")
 
 
 def test_every_variable_of_the_table_of_strides_may_have_a_band(whole: Calibration) -> None:
-    assert set(build_cycle_table(whole.model, whole.trials)["variable"]) <= set(known_variables())
+    assert set(build_cycle_table(whole.model, whole.trials)["variable"]) <= set(list_variables())
 
 
 CHILD = Subject("c", 30.0, 1.34, "female", age=9.0, leg_length={"r": 0.70, "l": 0.70})
@@ -176,7 +176,7 @@ def at(relative: float, leg: float = 0.70) -> float:
     [(0.2, "very slow"), (0.3, "slow"), (0.43, "free"), (0.55, "fast"), (0.7, "very fast")],
 )
 def test_a_child_is_held_against_children_of_its_speed(relative: float, words: str) -> None:
-    norm = norm_for(CHILD, at(relative))
+    norm = select_norm(CHILD, at(relative))
     check_text(norm.words, words, 4, 17, 83, 2008)
     assert set(ANGLES) < set(norm.bands)
     check_text(norm.remark, f"{relative:.2f}", words, 0.7)
@@ -184,10 +184,10 @@ def test_a_child_is_held_against_children_of_its_speed(relative: float, words: s
 
 def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
     tall = Subject("t", 60.0, 1.75, "male", age=16.0)
-    check_text(norm_for(tall, at(0.37)).words)
-    check_text(norm_for(CHILD, at(0.37)).words)
-    assert leg_length(tall)[0] == pytest.approx(0.91)
-    check_text(leg_length(tall)[1])
+    check_text(select_norm(tall, at(0.37)).words)
+    check_text(select_norm(CHILD, at(0.37)).words)
+    assert estimate_leg_length(tall)[0] == pytest.approx(0.91)
+    check_text(estimate_leg_length(tall)[1])
 
 
 @pytest.mark.parametrize(
@@ -204,19 +204,19 @@ def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
     ],
 )
 def test_nobody_else_is_held_against_children_without_a_word(subject: Subject, why: str) -> None:
-    norm = norm_for(subject, 1.2)
+    norm = select_norm(subject, 1.2)
     assert not norm.bands and not norm.steps and why in norm.remark
-    asked = own_norm(read_normal_bands(FREE), FREE, subject)
+    asked = make_user_norm(read_normal_bands(FREE), FREE, subject)
     assert asked.bands
     check_text(asked.remark, 4, 17)
 
 
 @pytest.mark.parametrize("speed", [0.05, 4.0])
 def test_no_curves_for_who_walks_slower_or_faster_than_they_did(speed: float) -> None:
-    norm = norm_for(CHILD, speed)
+    norm = select_norm(CHILD, speed)
     assert not norm.bands and norm.steps and f"{speed:.2f} m/s" in norm.remark
     check_text(norm.remark, 0.158, 0.705)
-    check_text(norm_for(CHILD, None).remark)
+    check_text(select_norm(CHILD, None).remark)
 
 
 def test_speeds_are_in_order_with_outer_limits_one_sd_beyond_those_of_the_paper() -> None:
@@ -229,7 +229,7 @@ def test_steps_scale_with_the_leg() -> None:
     """Speed is cadence times step length, non-dimensional or not, within what means over people
     leave.
     """
-    short, long = free_steps(0.6), free_steps(0.9)
+    short, long = compute_free_steps(0.6), compute_free_steps(0.9)
     assert long["step_length"][0] / short["step_length"][0] == pytest.approx(1.5)
     assert long["speed"][0] / short["speed"][0] == pytest.approx(np.sqrt(1.5))
     for steps in (short, long):
@@ -256,12 +256,13 @@ def strides(
 
 def scores(table: dict[str, np.ndarray]) -> dict[tuple[str, str], float]:
     return {
-        (s.side, s.variable): s.score for s in profile_scores(table, read_normal_bands(FREE), CHILD)
+        (s.side, s.variable): s.score
+        for s in compute_profile_scores(table, read_normal_bands(FREE), CHILD)
     }
 
 
 def test_the_score_of_the_norm_itself_is_zero_and_healthy_people_have_their_spread() -> None:
-    found = profile_scores(strides({}), read_normal_bands(FREE), CHILD)
+    found = compute_profile_scores(strides({}), read_normal_bands(FREE), CHILD)
     assert len(found) == 21 and all(s.score == pytest.approx(0.0, abs=1e-12) for s in found)
     healthy = next(s.norm for s in found if s.variable == GPS and s.side == BOTH)
     assert 5.0 < healthy < 7.0, "Baker's healthy children: a median of 5.2"
@@ -291,11 +292,13 @@ def test_errors_of_scores() -> None:
     sqrt(n).
     """
     offset = {f"{name}_{side}": 20.0 for name in ANGLES for side in "rl"}
-    shared = profile_scores(strides(offset, error=3.0), read_normal_bands(FREE), CHILD)[0]
+    shared = compute_profile_scores(strides(offset, error=3.0), read_normal_bands(FREE), CHILD)[0]
     assert shared.error == pytest.approx(3.0, rel=1e-3)
-    moving = profile_scores(strides(offset, alternate=2.0), read_normal_bands(FREE), CHILD)[0]
+    moving = compute_profile_scores(strides(offset, alternate=2.0), read_normal_bands(FREE), CHILD)[
+        0
+    ]
     assert (moving.score, moving.error) == (pytest.approx(21.0), pytest.approx(1.0))
-    near = profile_scores(strides({}, error=3.0), read_normal_bands(FREE), CHILD)[0]
+    near = compute_profile_scores(strides({}, error=3.0), read_normal_bands(FREE), CHILD)[0]
     draws = np.abs(3.0 * np.random.default_rng(1).standard_normal(100_000))
     assert near.error == pytest.approx(draws.std(), rel=0.15), (
         "near 0 a score is no linear function of the error"
@@ -305,14 +308,14 @@ def test_errors_of_scores() -> None:
 def test_nothing_is_scored_without_an_angle(tmp_path: Path) -> None:
     bands = read_normal_bands(FREE)
     assert (
-        profile_scores(
+        compute_profile_scores(
             strides({}), {n: b for n, b in bands.items() if n not in PELVIS_ANGLES}, CHILD
         )
         == ()
     )
     lost = strides({})
     lost["valid"] = np.where((lost["variable"] == "foot_progression") & (lost["side"] == "l"), 0, 1)
-    assert {s.side for s in profile_scores(lost, bands, CHILD)} == {"r"}, (
+    assert {s.side for s in compute_profile_scores(lost, bands, CHILD)} == {"r"}, (
         "the other side has its score, both have none"
     )
 

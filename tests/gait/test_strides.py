@@ -19,19 +19,19 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.gait.cycles import GaitCycle
-from gaitcal.gait.moments import MomentNumbers, moment_numbers
-from gaitcal.gait.spatiotemporal import Stride, stride_lines
+from gaitcal.gait.moments import MomentSummary, summarise_moments
+from gaitcal.gait.spatiotemporal import Stride, assign_stride_lines
 from gaitcal.gait.strides import (
     AXES,
     TURNING,
     FootAxes,
     Layout,
-    along_line,
-    facing,
-    foot_axes,
-    out_of_plane,
-    turn_between,
-    turns,
+    compute_facing,
+    compute_foot_axes,
+    express_along_line,
+    is_turning,
+    measure_out_of_plane,
+    measure_turn,
 )
 from gaitcal.io.labels import FootMoment
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
@@ -71,7 +71,7 @@ def test_each_leg_has_its_own_main_and_complete_strides() -> None:
     assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
 
 
-def numbers(by_cycle: bool) -> MomentNumbers:
+def numbers(by_cycle: bool) -> MomentSummary:
     """Of the right knee: 80 sin(2 pi t) N·m with the final model, 8 N·m less with the nominal one."""
     tau, none = np.zeros((len(TIME), len(COORDINATES))), np.zeros((len(TIME), 2))
     tau[:, KNEE] = MASS * np.sin(2 * np.pi * TIME)
@@ -85,7 +85,7 @@ def numbers(by_cycle: bool) -> MomentNumbers:
         for moments in (tau, before)
     )  # fmt: skip
     errors = TorqueErrors(np.full_like(tau, 4.0), none)
-    of_all = moment_numbers(model, layout(by_cycle), final, nominal, errors)
+    of_all = summarise_moments(model, layout(by_cycle), final, nominal, errors)
     return next(n for n in of_all if n.name == "knee_angle_r")
 
 
@@ -119,10 +119,12 @@ def turned(angles: np.ndarray, by: np.ndarray | float) -> np.ndarray:
 @given(st.floats(-np.pi, np.pi))
 def test_angles_along_the_line_know_no_direction_of_the_room(by: float) -> None:
     inside = np.ones(len(WALK_TIME), dtype=bool)
-    np.testing.assert_allclose(along_line(turned(ANGLES, by), by, inside), ANGLES, atol=EXACT)
+    np.testing.assert_allclose(
+        express_along_line(turned(ANGLES, by), by, inside), ANGLES, atol=EXACT
+    )
     # walking backwards: the feet go the other way, the pelvis is the same
     np.testing.assert_allclose(
-        along_line(turned(ANGLES, by), by + np.pi, inside), ANGLES, atol=EXACT
+        express_along_line(turned(ANGLES, by), by + np.pi, inside), ANGLES, atol=EXACT
     )
 
 
@@ -136,13 +138,13 @@ def test_a_line_across_the_room_makes_a_tilt_a_list() -> None:
 
 
 def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
-    straight = facing(ANGLES)
-    assert turn_between(WALK_TIME, straight, 0.3, 1.3) == pytest.approx(0.0, abs=0.01)
+    straight = compute_facing(ANGLES)
+    assert measure_turn(WALK_TIME, straight, 0.3, 1.3) == pytest.approx(0.0, abs=0.01)
     for sign in (-1.0, 1.0):
-        faced = facing(turned(ANGLES, sign * np.radians(200.0) * WALK_TIME))
-        assert turn_between(WALK_TIME, faced, 0.3, 1.3) == pytest.approx(sign * 200.0, abs=0.5)
-        assert turns(turn_between(WALK_TIME, faced, 0.3, 1.3))
-    assert not turns(None) and not turns(TURNING) and turns(-TURNING - 0.1)
+        faced = compute_facing(turned(ANGLES, sign * np.radians(200.0) * WALK_TIME))
+        assert measure_turn(WALK_TIME, faced, 0.3, 1.3) == pytest.approx(sign * 200.0, abs=0.5)
+        assert is_turning(measure_turn(WALK_TIME, faced, 0.3, 1.3))
+    assert not is_turning(None) and not is_turning(TURNING) and is_turning(-TURNING - 0.1)
 
 
 def test_progression_follows_coordinates_as_finite_differences_do() -> None:
@@ -155,8 +157,8 @@ def test_progression_follows_coordinates_as_finite_differences_do() -> None:
 
     def progression(at: Array) -> tuple[Array, Array]:
         motion = cast(Motion, SimpleNamespace(q=at, coordinates=COORDINATES))
-        axes, moved = foot_axes(motion, model.parameters, lines)
-        return out_of_plane(axes, lines)[0], moved
+        axes, moved = compute_foot_axes(motion, model.parameters, lines)
+        return measure_out_of_plane(axes, lines)[0], moved
 
     _, moved = progression(q)
     for k, name in enumerate(COORDINATES):
@@ -193,7 +195,7 @@ def test_a_raised_heel_does_not_blow_progression_up_nor_its_error() -> None:
     """
     heading = np.arcsin(np.sin(np.radians(5.0)) / np.cos(np.radians(60.0)))
     u = axis_to(heading, -np.radians(60.0))
-    off, about = out_of_plane(u, 0.0)
+    off, about = measure_out_of_plane(u, 0.0)
     assert np.degrees(heading) > 10.0 and np.degrees(off) == pytest.approx(5.0)
     assert np.linalg.norm(about) == pytest.approx(1.0) and abs(about @ u) < EXACT
 
@@ -223,9 +225,9 @@ def test_each_frame_of_a_foot_has_the_line_of_its_stride() -> None:
         Stride(side="r", number=n, start=n, stop=n + 1.0, sources=(), measures={}, line=0.5 * n)
         for n in (0, 1)
     ]
-    lines = stride_lines(strides, np.array([-1.0, 0.9, 1.1, 5.0]))
+    lines = assign_stride_lines(strides, np.array([-1.0, 0.9, 1.1, 5.0]))
     np.testing.assert_array_equal(lines, np.array([[0.0, 0.0, 0.5, 0.5]] * 2).T)
-    assert not stride_lines([], WALK_TIME).any()
+    assert not assign_stride_lines([], WALK_TIME).any()
 
 
 FROM_VENDOR_DEG = 4.0
@@ -241,7 +243,7 @@ def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data
     trial = next(t for t in study.trials if t.name == "straight")
     prepared = prepare_trial(trial, model, study.settings)
     motion = track_motion(prepared.body, model.parameters)
-    feet = FootAxes(foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
+    feet = FootAxes(compute_foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
     points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
     for side in "rl":
         ours, theirs = (

@@ -112,7 +112,7 @@ class Bone:
         return pin.SE3(self.turn, self.now - self.turn @ self.was)
 
 
-def bones_of(
+def find_moved_bones(
     moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[osim_correspondence.LegJoint]
 ) -> dict[str, Bone]:
     """Body -> how it follows; of those between two joints of ours of which one at least was moved."""
@@ -153,20 +153,22 @@ Change = tuple[
 ]  # Of an element the numbers of these children
 
 
-def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
+def move_attachments(
+    document: osim_reader.OsimDocument, bones: Mapping[str, Bone]
+) -> Iterator[Change]:
     """What changes in the document: points and wraps that are fixed to these bodies, markers
     excepted.
     """
-    source, bone_at = document.source, _by_frame(document, bones)
+    source, bone_at = document.source, _map_frames(document, bones)
     for element in document.model.iter() if bones else ():
-        bone = bone_at.get(_fixed_to(element))
+        bone = bone_at.get(_find_parent_path(element))
         if bone is None or element.tag == "Marker":
             continue
         if element.find("location") is not None:  # of a moving point, too, in OpenSim 3
             place = read_numbers(element, "location", source, count=3)
             yield element, ("location",), (bone.point(place),)
         if element.tag == "MovingPathPoint":
-            yield from _moving_point(element, bone, document)
+            yield from _move_path_point(element, bone, document)
     for body in bones:
         for path, _, frame in document.frames_of(body):
             for wrap in frame.findall("WrapObjectSet/objects/*"):
@@ -174,15 +176,15 @@ def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> It
                     read_numbers(wrap, tag, source, count=3)
                     for tag in ("translation", "xyz_body_rotation")
                 )
-                turned = bone_at[path].turn @ osim_writer.from_body_fixed_xyz(angles)
+                turned = bone_at[path].turn @ osim_writer.convert_from_body_fixed_xyz(angles)
                 yield (
                     wrap,
                     ("translation", "xyz_body_rotation"),
-                    (bone_at[path].point(at), osim_writer.body_fixed_xyz(turned)),
+                    (bone_at[path].point(at), osim_writer.convert_to_body_fixed_xyz(turned)),
                 )
 
 
-def _by_frame(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
+def _map_frames(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
     """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the
     axes of the frame.
     """
@@ -193,17 +195,19 @@ def _by_frame(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> 
     }
 
 
-def _fixed_to(element: ET.Element) -> str:
+def _find_parent_path(element: ET.Element) -> str:
     """The path, from a body on, of what an element with a place is fixed to, of either generation
     of files; empty where it has none.
     """
-    found = (osim_reader.socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
+    found = (
+        osim_reader.find_socket(element, tag) for tag in ("socket_parent_frame", "socket_frame")
+    )
     named = next((e for e in (*found, element.find("body")) if e is not None), None)
     text = "" if named is None else (named.text or "").strip()
     return text.rpartition("bodyset/")[2].rpartition("../")[2]
 
 
-def _moving_point(
+def _move_path_point(
     element: ET.Element, bone: Bone, document: osim_reader.OsimDocument
 ) -> Iterator[Change]:
     found = []
@@ -230,7 +234,7 @@ def _moving_point(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CarriedPoints:
+class MovedPoints:
     """The points of one muscle that went with their bones."""
 
     muscle: str
@@ -238,21 +242,21 @@ class CarriedPoints:
     farthest: float  # m
 
 
-def carried_by_muscles(
+def summarise_muscle_points(
     document: osim_reader.OsimDocument, bones: Mapping[str, Bone]
-) -> tuple[CarriedPoints, ...]:
+) -> tuple[MovedPoints, ...]:
     """Every muscle with such points, the one with the farthest first."""
-    out, bone_at = [], _by_frame(document, bones)
+    out, bone_at = [], _map_frames(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():
         moves = []
         for point in force.iter():
-            bone = bone_at.get(_fixed_to(point))
+            bone = bone_at.get(_find_parent_path(point))
             if bone is not None and point.find("location") is not None:
                 place = read_numbers(point, "location", document.source, count=3)
                 moves.append(float(np.linalg.norm(bone.point(place) - place)))
         if moves:
             out.append(
-                CarriedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves))
+                MovedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves))
             )
     return tuple(sorted(out, key=lambda m: -m.farthest))
 
@@ -263,7 +267,7 @@ JOINTS_HEADER = (
 )
 
 
-def joints_csv(moves: Sequence[JointMove]) -> str:
+def format_joints_csv(moves: Sequence[JointMove]) -> str:
     """A row for either end of every joint; a figure that does not exist is left out."""
     lines = [JOINTS_HEADER]
     for move in moves:
@@ -287,10 +291,10 @@ def joints_csv(moves: Sequence[JointMove]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def carried_csv(points: Sequence[CarriedPoints]) -> str:
+def format_moved_points_csv(points: Sequence[MovedPoints]) -> str:
     """A row for every muscle."""
     rows = [f'"{m.muscle}",{m.points},{1e3 * m.farthest:.4f}' for m in points]
-    return "\n".join([CARRIED_HEADER, *rows]) + "\n"
+    return "\n".join([MOVED_POINTS_HEADER, *rows]) + "\n"
 
 
-CARRIED_HEADER = "muscle,points,farthest_mm"
+MOVED_POINTS_HEADER = "muscle,points,farthest_mm"

@@ -46,19 +46,19 @@ from gaitcal.calibration.error_sources import ErrorSources, compute_posterior_ra
 from gaitcal.export.opensim import joint_moves, osim_registration
 from gaitcal.export.opensim.osim_correspondence import (
     LegJoint,
-    leg_joints,
-    put_ball,
-    put_hinge,
-    shift_between,
-    smallest_motion,
-    standing_coordinates,
-    turn_between,
+    compute_smallest_motion,
+    find_leg_joints,
+    measure_distance,
+    measure_rotation,
+    move_ball_joint,
+    move_hinge,
+    solve_standing_coordinates,
 )
 from gaitcal.export.opensim.osim_reader import (
+    BodyMass,
     FramePlacement,
     OsimDocument,
-    Weight,
-    peer_of,
+    build_peer_model,
     read_document,
 )
 from gaitcal.export.opensim.peer_model import PeerModel
@@ -70,7 +70,7 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import JointPrior
 
 UNDETERMINED_SHARE = 0.9  # Of the standard error before; nine tenths are a fifth of the variance
-APART = 0.010
+MISFIT_M = 0.010
 """m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to
 some millimetres.
 """
@@ -78,7 +78,7 @@ FAR_M = 0.020
 """m; twice what the best regressions miss a hip by, in three directions together
 (`calibration/joint_prior.py`).
 """
-ROLLING = 1e-4  # m RMS, from a hinge, from which a joint rolls
+ROLLING_M = 1e-4  # m RMS, from a hinge, from which a joint rolls
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ class CalibratedOsim:
         osim_registration.SegmentMass, ...
     ]  # Of the segments whose bodies weigh what ours do; empty unless asked for
     carried: tuple[
-        joint_moves.CarriedPoints, ...
+        joint_moves.MovedPoints, ...
     ]  # Of every muscle the points that went with a bone; empty unless asked for
     notes: tuple[str, ...]  # What the user should know, one sentence each
     transfer: "Transfer"  # What was read, of which draws are made
@@ -113,7 +113,7 @@ class CalibratedOsim:
 
 
 @with_one_blas_thread
-def into_osim(
+def transfer_joints(
     model: SubjectModel,
     osim: Path | str,
     *,
@@ -146,16 +146,16 @@ def into_osim(
     Raises InputError: The file is no model, or has no legs that can be told, or its markers do not
     fit this person.
     """
-    model = model if marker_set is None else osim_registration.with_landmarks(model, marker_set)
+    model = model if marker_set is None else osim_registration.add_landmarks(model, marker_set)
     document = read_document(osim)
-    peer = peer_of(document)
-    legs = leg_joints(peer, names, recorded)
+    peer = build_peer_model(document)
+    legs = find_leg_joints(peer, names, recorded)
     return Transfer(
         model=model,
         document=document,
         peer=peer,
         legs=legs,
-        bodies=osim_registration.registrations(model, peer, legs),
+        bodies=osim_registration.register_bodies(model, peer, legs),
         errors=errors,
         known={leg.ours: compute_posterior_ratio(leg.ours, errors, prior) for leg in legs},
         masses=masses,
@@ -185,7 +185,7 @@ class Transfer:
         return CalibratedOsim(
             content=self._content(moves, weights, self.legs),
             masses=told,
-            carried=joint_moves.carried_by_muscles(self.document, self._bones(moves)),
+            carried=joint_moves.summarise_muscle_points(self.document, self._bones(moves)),
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
@@ -214,7 +214,7 @@ class Transfer:
             parameters = parameters.with_inertial(inertial)
         bodies = {s: replace(r, pose=r.drawn(rng)) for s, r in self.bodies.items()}
         left = {
-            leg.ours: osim_registration.about_its_place(
+            leg.ours: osim_registration.perturb_joint(
                 leg, self.peer, self.bodies, self.model.parameters, parameters
             )
             for leg in self.legs
@@ -233,17 +233,17 @@ class Transfer:
     def _is_left(self, joint: str) -> bool:
         return self.known[joint] > UNDETERMINED_SHARE
 
-    def _weights(self) -> tuple[dict[str, Weight], tuple[osim_registration.SegmentMass, ...]]:
+    def _weights(self) -> tuple[dict[str, BodyMass], tuple[osim_registration.SegmentMass, ...]]:
         if not self.masses:
             return {}, ()
-        return osim_registration.body_weights(
+        return osim_registration.compute_body_masses(
             self.model.parameters, self.document, self.peer, self.bodies
         )
 
     def _content(
         self,
         moves: Sequence[joint_moves.JointMove],
-        weights: Mapping[str, Weight],
+        weights: Mapping[str, BodyMass],
         legs: Sequence[LegJoint],
     ) -> bytes:
         """The file with these joints, and bodies of these weights; `legs`: as they were read."""
@@ -254,8 +254,8 @@ class Transfer:
                 before, after = (getattr(joint.theirs, f"in_{name}") for joint in (was, now))
                 after = after if end is None else end.place
                 moved = (
-                    shift_between(before, after) > joint_moves.UNMOVED_M,
-                    turn_between(before, after) > joint_moves.UNMOVED_RAD,
+                    measure_distance(before, after) > joint_moves.UNMOVED_M,
+                    measure_rotation(before, after) > joint_moves.UNMOVED_RAD,
                 )
                 if any(moved):
                     places[was.theirs.name, name] = FramePlacement(
@@ -270,15 +270,15 @@ class Transfer:
                 )
         meshes = {body: bone.rigid for body, bone in bones.items()}
         return self.document.changed(
-            places, weights, joint_moves.carried(self.document, bones), meshes
+            places, weights, joint_moves.move_attachments(self.document, bones), meshes
         )
 
     def _bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
-        return joint_moves.bones_of(moves, self.peer, self.legs) if self.follow else {}
+        return joint_moves.find_moved_bones(moves, self.peer, self.legs) if self.follow else {}
 
     def moves(self) -> tuple[joint_moves.JointMove, ...]:
         """What becomes of every joint."""
-        segments = osim_registration.standing_segments(self.model, self.model.parameters)
+        segments = osim_registration.fit_standing_segments(self.model, self.model.parameters)
         stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
         found: dict[str, joint_moves.JointMove] = {}
         for side in SIDES:
@@ -312,7 +312,7 @@ class Transfer:
         """The joints between two registered bodies, the upper one first."""
         row = self.peer.joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
-        q0 = standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
+        q0 = solve_standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
         moving = [j for j in row if j.name in ours and not self._is_left(ours[j.name].ours)]
         pose = stand[top]  # of the joint's parent
         for joint in row:
@@ -345,10 +345,10 @@ class Transfer:
                 if of_above
                 else osim_registration.JOINT_OF[leg.ours].child
             )
-            target = osim_registration.axis_of_ours(
+            target = osim_registration.compute_joint_axis(
                 leg.ours, self.model.parameters, of_above
             ).moved(pose.actInv(segments[segment]))
-            put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
+            put = (move_ball_joint if leg.hinge is None else move_hinge)(leg, was, target, standing)
             now = (
                 put.in_parent
                 * joint.in_parent.actInv(was * joint.in_child)
@@ -363,8 +363,8 @@ class Transfer:
                     shift=put.shifts[not of_parent],
                     turn=put.turns[not of_parent],
                     errors=self._errors(leg.ours, of_parent, centre, segments),
-                    changed=shift_between(before, place) > joint_moves.UNMOVED_M
-                    or turn_between(before, place) > joint_moves.UNMOVED_RAD,
+                    changed=measure_distance(before, place) > joint_moves.UNMOVED_M
+                    or measure_rotation(before, place) > joint_moves.UNMOVED_RAD,
                     landmarks=self._by_landmarks(leg, of_parent),
                 )
                 for of_parent, before, place in (
@@ -376,7 +376,7 @@ class Transfer:
                 verdict=joint_moves.MoveOutcome.MOVED,
                 rolls=(0.0, 0.0)
                 if standing is None
-                else (shift_between(standing, now), turn_between(standing, now)),
+                else (measure_distance(standing, now), measure_rotation(standing, now)),
                 parent=ends[0],
                 child=ends[1],
             )
@@ -393,13 +393,13 @@ class Transfer:
         registration = self.bodies.get(segment)
         if registration is None or registration.body != body:
             return float("nan")
-        target = osim_registration.axis_of_ours(leg.ours, self.model.nominal, of_parent).moved(
-            registration.pose.inverse()
-        )
+        target = osim_registration.compute_joint_axis(
+            leg.ours, self.model.nominal, of_parent
+        ).moved(registration.pose.inverse())
         if leg.hinge is None:
             return float(np.linalg.norm(target.point - frame.translation))
         line = leg.hinge.in_parent if of_parent else leg.hinge.in_child
-        return float(np.linalg.norm(smallest_motion(line, target, frame.translation)[1]))
+        return float(np.linalg.norm(compute_smallest_motion(line, target, frame.translation)[1]))
 
     def _errors(
         self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
@@ -413,7 +413,7 @@ class Transfer:
         if registration is None:
             return float("nan"), float("nan")
         at = segments[segment].actInv(point)
-        axis = osim_registration.axis_of_ours(joint, parameters, of_parent)
+        axis = osim_registration.compute_joint_axis(joint, parameters, of_parent)
         across = (
             np.eye(3)
             if joint.startswith("hip")
@@ -428,10 +428,10 @@ class Transfer:
             for k, name in enumerate(told):
                 value = parameters.joint[JP_INDEX[name]]
                 more, less = (
-                    osim_registration.axis_of_ours(
+                    osim_registration.compute_joint_axis(
                         joint, parameters.with_joint((name,), np.array([value + d])), of_parent
                     )
-                    for d in (_STEP, -_STEP)
+                    for d in (_DIFFERENCE_STEP, -_DIFFERENCE_STEP)
                 )
                 ends = [
                     np.concatenate(
@@ -439,7 +439,7 @@ class Transfer:
                     )
                     for x in (more, less)
                 ]
-                moves[:, k] = (ends[0] - ends[1]) / (2 * _STEP)
+                moves[:, k] = (ends[0] - ends[1]) / (2 * _DIFFERENCE_STEP)
             covariance = moves @ self.errors.select(told).covariance @ moves.T
             shift, turn = shift + covariance[:3, :3], across @ turn @ across + covariance[3:, 3:]
         size = float(np.sqrt(np.trace(across @ shift @ across)))
@@ -471,7 +471,10 @@ class Transfer:
             else ": muscle points beside it stay on their bones, and may no longer suit it"
         )
         for move in moves:
-            if move.verdict is joint_moves.MoveOutcome.MOVED and off.get(move.joint, 0.0) > ROLLING:
+            if (
+                move.verdict is joint_moves.MoveOutcome.MOVED
+                and off.get(move.joint, 0.0) > ROLLING_M
+            ):
                 yield (
                     f"{move.theirs} is no hinge: over the postures of the recordings "
                     f"{1e3 * off[move.joint]:.1f} mm "
@@ -503,7 +506,7 @@ class Transfer:
                 f"{osim_registration.NAME_OR_SCALE}"
             )
         for r in self.bodies.values():
-            if r.rms > APART and not r.by_axes:
+            if r.rms > MISFIT_M and not r.by_axes:
                 yield (
                     f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that "
                     "it may be of another "
@@ -512,4 +515,4 @@ class Transfer:
                 )
 
 
-_STEP = 1e-6  # m, rad, of central differences
+_DIFFERENCE_STEP = 1e-6  # m, rad, of central differences

@@ -27,7 +27,7 @@ from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.peer_model import Axis, PeerJoint, PeerModel, displacement_axis
+from gaitcal.export.opensim.peer_model import Axis, PeerJoint, PeerModel, find_displacement_axis
 from gaitcal.io.toml import Table, read_validated, require_known
 from gaitcal.model.linkage import COORDINATE_INDEX, NEEDED_JOINTS, SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
@@ -105,7 +105,7 @@ def read_names(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
     return file.joints, file.coordinates
 
 
-def leg_joints(
+def find_leg_joints(
     peer: PeerModel, names: Path | None = None, recorded: Mapping[str, Array] | None = None
 ) -> tuple[LegJoint, ...]:
     """The joints of both legs, as far as the model has them; each after the one above it.
@@ -126,7 +126,7 @@ def leg_joints(
     shape = (
         None
         if with_usual_names or any(name.startswith("hip") for name in joints)
-        else _by_topology(peer)
+        else _find_legs_by_topology(peer)
     )
     out = []
     for side in SIDES:
@@ -159,7 +159,7 @@ def leg_joints(
                     source=names or Path(),
                     field="coordinates",
                 )
-            name = own or (first if first in known else _main_coordinate(peer, ours, joint))
+            name = own or (first if first in known else _select_main_coordinate(peer, ours, joint))
             by = "your file" if joint in told else found_by
             leg = LegJoint(
                 ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None
@@ -169,12 +169,12 @@ def leg_joints(
     return tuple(
         leg
         if leg.ours.startswith("hip")
-        else replace(leg, hinge=hinge_of(peer, leg, recorded or {}))
+        else replace(leg, hinge=fit_hinge(peer, leg, recorded or {}))
         for leg in out
     )
 
 
-def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
+def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
     """The hinge that comes nearest to a joint's motion; InputError where the joint does not turn."""
     c = next(c for c in leg.theirs.coordinates if c.name == leg.coordinate)
     kind, side = leg.ours.split("_")
@@ -186,7 +186,7 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
     stride = stride if kind != "knee" or c.high >= -c.low else -stride
     poses = [peer.joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
     ends = poses[int(np.argmin(stride))], poses[int(np.argmax(stride))]
-    axis = displacement_axis(*ends)
+    axis = find_displacement_axis(*ends)
     if axis is None:
         message = f"does not turn with its coordinate {c.name}"
         raise InputError(
@@ -218,7 +218,7 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
     return hinge
 
 
-def _main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
+def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
     """The coordinate that turns most nearly about the pelvis' z, to the right, as hips, knees and
     ankles flex; of a subtalar joint, whose axis is oblique, that of the widest range. `leg`: kind
     of joint of ours -> theirs.
@@ -262,7 +262,7 @@ def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
         above = leg
 
 
-def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
+def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
     """`hip_r` and so on -> joint; InputError where no body has two legs."""
     below: dict[str, list[PeerJoint]] = {}
     for joint in peer.joints.values():
@@ -307,7 +307,7 @@ def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PutJoint:
+class MovedJoint:
     """A joint's frames, parent's before child's, and how far centre and axis have gone in either
     body.
     """
@@ -319,7 +319,9 @@ class PutJoint:
     turns: tuple[float, float]
 
 
-def put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+def move_ball_joint(
+    leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None
+) -> MovedJoint:
     """The centre of a joint taken to the point of `target`.
 
     `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None
@@ -333,24 +335,26 @@ def put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None
     if standing is not None:
         in_child = standing.actInv(in_parent * joint.in_parent.actInv(was * joint.in_child))
     shifts = shift, in_child.translation - joint.in_child.translation
-    return PutJoint(
+    return MovedJoint(
         in_parent=in_parent,
         in_child=in_child,
         centre=target.point,
         shifts=shifts,
-        turns=(0.0, turn_between(joint.in_child, in_child)),
+        turns=(0.0, measure_rotation(joint.in_child, in_child)),
     )
 
 
-def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> MovedJoint:
     """The axis of a joint taken to `target`; arguments as of `put_ball`."""
     joint, hinge = leg.theirs, leg.hinge
     if hinge is None:
         raise ValueError(f"{leg.ours} is no hinge")
-    step, shift, to = smallest_motion(hinge.in_parent, target, (was * joint.in_child).translation)
+    step, shift, to = compute_smallest_motion(
+        hinge.in_parent, target, (was * joint.in_child).translation
+    )
     in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
     if standing is not None:
-        other, shift_child, _ = smallest_motion(
+        other, shift_child, _ = compute_smallest_motion(
             hinge.in_child, target.moved(standing.inverse()), joint.in_child.translation
         )
         new = Hinge(step * hinge.in_parent, other * hinge.in_child)
@@ -361,16 +365,18 @@ def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | Non
         turn_child = float(
             np.arctan2(np.linalg.norm(np.cross(old_axis, new_axis)), old_axis @ new_axis)
         )
-    return PutJoint(
+    return MovedJoint(
         in_parent=step * joint.in_parent,
         in_child=in_child,
         centre=to,
         shifts=(shift, shift_child),
-        turns=(turn_between(pin.SE3.Identity(), step), turn_child),
+        turns=(measure_rotation(pin.SE3.Identity(), step), turn_child),
     )
 
 
-def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
+def compute_smallest_motion(
+    hinge: pin.SE3, target: Axis, centre: Array
+) -> tuple[pin.SE3, Array, Array]:
     """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts
     the point of the axis next to `centre`, and where that point is then.
     """
@@ -386,17 +392,17 @@ def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE
     )
 
 
-def turn_between(a: pin.SE3, b: pin.SE3) -> float:
+def measure_rotation(a: pin.SE3, b: pin.SE3) -> float:
     """rad, from one frame to the other."""
     return float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
 
 
-def shift_between(a: pin.SE3, b: pin.SE3) -> float:
+def measure_distance(a: pin.SE3, b: pin.SE3) -> float:
     """m, between the origins of two frames."""
     return float(np.linalg.norm(a.translation - b.translation))
 
 
-def standing_coordinates(
+def solve_standing_coordinates(
     peer: PeerModel, row: Sequence[PeerJoint], target: pin.SE3, legs: Mapping[str, LegJoint]
 ) -> dict[str, float]:
     """Coordinates of the model as it was with which its bodies are turned against each other as
@@ -452,14 +458,14 @@ _SIDED = {
 }
 
 
-def slides(body: str) -> bool:
+def is_sliding_body(body: str) -> bool:
     """Whether a peer's body slides on the segment it is counted with, so that its markers are no
     part of it.
     """
     return body.startswith("patella_")
 
 
-def segment_of(body: str) -> str | None:
+def find_segment(body: str) -> str | None:
     """Our segment for a peer's body (the talus counts with the foot), or None."""
     if body in MASSIVE_SEGMENTS:
         return body
@@ -471,16 +477,16 @@ def segment_of(body: str) -> str | None:
     return body if body in SEGMENTS else None
 
 
-def same_label(label: str, candidates: tuple[str, ...]) -> str | None:
+def match_label(label: str, candidates: tuple[str, ...]) -> str | None:
     """The candidate with this name; else the only one that is the same but for case and
     punctuation; else None.
     """
     if label in candidates:
         return label
-    plain = _plain(label)
-    alike = [c for c in candidates if _plain(c) == plain]
+    plain = _normalise_label(label)
+    alike = [c for c in candidates if _normalise_label(c) == plain]
     return alike[0] if len(alike) == 1 and plain else None
 
 
-def _plain(label: str) -> str:
+def _normalise_label(label: str) -> str:
     return "".join(c for c in label.casefold() if c.isalnum())

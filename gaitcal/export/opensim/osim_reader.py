@@ -20,10 +20,10 @@ import pinocchio as pin
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.export.opensim.osim_writer import (
-    body_fixed_xyz,
-    from_body_fixed_xyz,
-    numbers,
-    original_name,
+    convert_from_body_fixed_xyz,
+    convert_to_body_fixed_xyz,
+    decode_name,
+    format_numbers,
 )
 from gaitcal.export.opensim.peer_model import (
     PeerAxis,
@@ -68,7 +68,7 @@ class FramePlacement:
 
 
 @dataclass(frozen=True)
-class Weight:
+class BodyMass:
     """What a body weighs now."""
 
     mass: float  # kg
@@ -104,11 +104,11 @@ class OsimDocument:
             path, pose, element = held.pop()
             yield path, pose, element
             for frame in element.findall("components/PhysicalOffsetFrame"):
-                if _named(frame, "socket_parent").rpartition("/")[2] in (
+                if _read_socket(frame, "socket_parent").rpartition("/")[2] in (
                     "..",
                     path.rpartition("/")[2],
                 ):
-                    place = pose * _place(frame, *TAGS_4, self.source)
+                    place = pose * _read_pose(frame, *TAGS_4, self.source)
                     held.append((f"{path}/{frame.get('name', '')}", place, frame))
 
     def mass_centre(self, name: str) -> Array:
@@ -139,7 +139,7 @@ class OsimDocument:
     def changed(
         self,
         places: Mapping[tuple[str, str], FramePlacement],
-        weights: Mapping[str, Weight] | None = None,
+        weights: Mapping[str, BodyMass] | None = None,
         further: Iterable[tuple[ET.Element, Sequence[str], Sequence[Array]]] = (),
         meshes: Mapping[str, pin.SE3] | None = None,
     ) -> bytes:
@@ -173,12 +173,12 @@ class _Edits:
     def place(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
         values = (
             place.translation,
-            None if place.rotation is None else body_fixed_xyz(place.rotation),
+            None if place.rotation is None else convert_to_body_fixed_xyz(place.rotation),
         )
         if joint.find("location_in_parent") is not None or joint.find("parent_body") is not None:
             self.numbers(joint, TAGS_3[end], values)
             return
-        socket = socket_of(joint, f"socket_{end}_frame")
+        socket = find_socket(joint, f"socket_{end}_frame")
         connected = "" if socket is None else (socket.text or "").strip()
         frame = next(
             (f for f in joint.findall("frames/*") if f.get("name") == connected.rpartition("/")[2]),
@@ -193,14 +193,14 @@ class _Edits:
             body = connected if connected.startswith("/") else f"/bodyset/{connected}"
             inside = f"<socket_parent>{body}</socket_parent>"
             inside += "".join(
-                f"<{tag}>{numbers(v)}</{tag}>"
+                f"<{tag}>{format_numbers(v)}</{tag}>"
                 for tag, v in zip(TAGS_4, values, strict=True)
                 if v is not None
             )
             frame_text = f'<PhysicalOffsetFrame name="{name}">{inside}</PhysicalOffsetFrame>'
             self.new_frames.setdefault(joint, []).append(frame_text)
 
-    def weigh(self, body: ET.Element, weight: Weight) -> None:
+    def weigh(self, body: ET.Element, weight: BodyMass) -> None:
         source = self.document.source
         self.numbers(body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre))
         for tag in INERTIA_TAGS:
@@ -214,18 +214,20 @@ class _Edits:
         content, spans = self.document.content, self.document._spans
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
             old = read_numbers(mesh, "transform", self.document.source, count=6)
-            now = pose * pin.SE3(from_body_fixed_xyz(old[:3]), old[3:])
+            now = pose * pin.SE3(convert_from_body_fixed_xyz(old[:3]), old[3:])
             self.numbers(
                 mesh,
                 ("transform",),
-                (np.concatenate([body_fixed_xyz(now.rotation), now.translation]),),
+                (np.concatenate([convert_to_body_fixed_xyz(now.rotation), now.translation]),),
             )
         drawn = body.find("attached_geometry")
         if drawn is None or not len(drawn):
             return
         span, holder = spans[drawn], body.find("components")
-        values = zip(TAGS_4, (pose.translation, body_fixed_xyz(pose.rotation)), strict=True)
-        places = "".join(f"<{tag}>{numbers(v)}</{tag}>" for tag, v in values)
+        values = zip(
+            TAGS_4, (pose.translation, convert_to_body_fixed_xyz(pose.rotation)), strict=True
+        )
+        places = "".join(f"<{tag}>{format_numbers(v)}</{tag}>" for tag, v in values)
         head = (
             "<PhysicalOffsetFrame "
             f'name="{body.get("name")}_meshes"><socket_parent>..</socket_parent>{places}'
@@ -252,14 +254,18 @@ class _Edits:
                 blank = _BLANK.match(content, span.inside)
                 lead = blank.group() if blank else b""
                 self.found.append(
-                    (span.inside, span.inside, lead + f"<{tag}>{numbers(values)}</{tag}>".encode())
+                    (
+                        span.inside,
+                        span.inside,
+                        lead + f"<{tag}>{format_numbers(values)}</{tag}>".encode(),
+                    )
                 )
             elif span.alone(content):
                 self.found.append(
-                    (span.start, span.inside, f"<{tag}>{numbers(values)}</{tag}>".encode())
+                    (span.start, span.inside, f"<{tag}>{format_numbers(values)}</{tag}>".encode())
                 )
             else:
-                self.found.append((span.inside, span.end, numbers(values).encode()))
+                self.found.append((span.inside, span.end, format_numbers(values).encode()))
 
     def applied(self) -> bytes:
         content, spans = self.document.content, self.document._spans
@@ -281,7 +287,7 @@ class _Edits:
         return b"".join([*out, content[last:]])
 
 
-def socket_of(element: ET.Element, socket: str) -> ET.Element | None:
+def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
     """The element that says what a socket is connected to; it is spelt otherwise in the betas of
     OpenSim 4.
     """
@@ -307,7 +313,7 @@ def read_document(path: Path | str) -> OsimDocument:
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise fault("found UTF-16 text; save the file as UTF-8", Code.NOT_TEXT)
     try:
-        root, spans = _parsed(content)
+        root, spans = _parse(content)
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise fault(f"is not well-formed XML: {error}") from None
     model = root.find("Model") if root.tag == "OpenSimDocument" else None
@@ -319,7 +325,7 @@ def read_document(path: Path | str) -> OsimDocument:
     return OsimDocument(path, content, model, spans)
 
 
-def _parsed(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
+def _parse(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
     """The root element, and where every element stands."""
     parser, builder = expat.ParserCreate(), ET.TreeBuilder()
     parser.buffer_text = True
@@ -367,10 +373,10 @@ def read_osim(path: Path | str) -> PeerModel:
     Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not
     understood.
     """
-    return peer_of(read_document(path))
+    return build_peer_model(read_document(path))
 
 
-def peer_of(document: OsimDocument) -> PeerModel:
+def build_peer_model(document: OsimDocument) -> PeerModel:
     """Bodies, joints and markers of a model file that was read; InputError where something is not
     understood.
     """
@@ -381,9 +387,9 @@ def peer_of(document: OsimDocument) -> PeerModel:
         name = body.get("name", "")
         masses[name] = float(read_numbers(body, "mass", path, count=1)[0])
         for element in body.findall("Joint/*"):
-            joints[name] = _joint(element, path, name)
+            joints[name] = _read_joint(element, path, name)
     for element in model.findall("JointSet/objects/*"):
-        joint = _joint(element, path)
+        joint = _read_joint(element, path)
         joints[joint.child] = joint
     for joint in joints.values():
         if missing := {joint.parent, joint.child} - masses.keys() - {"ground"}:
@@ -394,10 +400,10 @@ def peer_of(document: OsimDocument) -> PeerModel:
     masses.pop("ground", None)
     if not masses or not joints:
         raise InputError("found no bodies or no joints", source=path, code=Code.OTHER_MODEL)
-    return PeerModel(str(path), masses, joints, _markers(document, masses))
+    return PeerModel(str(path), masses, joints, _read_markers(document, masses))
 
 
-def _markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
+def _read_markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
     markers: dict[str, tuple[str, Array]] = {}
     offset = {
         path: (body, pose)
@@ -406,27 +412,31 @@ def _markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[s
         if path != body
     }
     for marker in document.model.findall("MarkerSet/objects/Marker"):
-        frame = (_named(marker, "socket_parent_frame") or marker.findtext("body") or "").strip()
+        frame = (
+            _read_socket(marker, "socket_parent_frame") or marker.findtext("body") or ""
+        ).strip()
         body, pose = offset.get(
             frame.rpartition("bodyset/")[2], (frame.rpartition("/")[2], pin.SE3.Identity())
         )
         at = read_numbers(marker, "location", document.source, count=3)
-        markers[original_name(marker.get("name", ""))] = (body, pose.act(at))
+        markers[decode_name(marker.get("name", ""))] = (body, pose.act(at))
     return markers
 
 
-def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
+def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
     """A joint of OpenSim 4 with its frames; with `child` one of OpenSim 3, which stands inside that
     body.
     """
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
 
     def end(socket: str) -> tuple[str, pin.SE3]:
-        body = _named(element, socket).rpartition("/")[2]
+        body = _read_socket(element, socket).rpartition("/")[2]
         if body not in frames:
             return body, pin.SE3.Identity()
-        owner = _named(frames[body], "socket_parent")
-        return owner.rpartition("/")[2], _place(frames[body], "translation", "orientation", path)
+        owner = _read_socket(frames[body], "socket_parent")
+        return owner.rpartition("/")[2], _read_pose(
+            frames[body], "translation", "orientation", path
+        )
 
     if child is None:
         (parent, in_parent), (child, in_child) = (
@@ -435,9 +445,9 @@ def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoi
         )
     else:
         parent = (element.findtext("parent_body") or "").strip()
-        in_parent = _place(element, "location_in_parent", "orientation_in_parent", path)
-        in_child = _place(element, "location", "orientation", path)
-    coordinates = tuple(_coordinate(c, path) for c in element.iter("Coordinate"))
+        in_parent = _read_pose(element, "location_in_parent", "orientation_in_parent", path)
+        in_child = _read_pose(element, "location", "orientation", path)
+    coordinates = tuple(_read_coordinate(c, path) for c in element.iter("Coordinate"))
     return PeerJoint(
         name=element.get("name", ""),
         kind=element.tag,
@@ -446,22 +456,24 @@ def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoi
         in_parent=in_parent,
         in_child=in_child,
         coordinates=coordinates,
-        axes=_axes(element, coordinates, path),
+        axes=_read_axes(element, coordinates, path),
     )
 
 
-def _named(element: ET.Element, socket: str) -> str:
+def _read_socket(element: ET.Element, socket: str) -> str:
     """What a socket is connected to."""
-    found = socket_of(element, socket)
+    found = find_socket(element, socket)
     return "" if found is None else (found.text or "").strip()
 
 
-def _place(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
+def _read_pose(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
     angles = read_numbers(element, orientation, path, count=3)
-    return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
+    return pin.SE3(
+        convert_from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3)
+    )
 
 
-def _axes(
+def _read_axes(
     element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path
 ) -> tuple[PeerAxis, ...] | None:
     if element.tag in _SIMPLE:
@@ -490,7 +502,7 @@ def _axes(
     return tuple(axes)
 
 
-def _coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
+def _read_coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
     low, high = read_numbers(element, "range", path, count=2)
     default = float(read_numbers(element, "default_value", path, count=1)[0])
     locked = (element.findtext("locked") or "").strip() == "true"

@@ -39,7 +39,7 @@ from scipy.interpolate import make_interp_spline
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.osim_writer import joint_frames
+from gaitcal.export.opensim.osim_writer import list_joint_frames
 from gaitcal.model.parameters import Parameters
 
 
@@ -210,10 +210,10 @@ def read_function(holder: ET.Element, source: Path) -> Function | None:
     if element is None:
         other = [e for e in inside if e.get("name") == "function" or inside is wrapped]
         return None if other else lambda _: 0.0
-    return _function(element, source)
+    return _parse_function(element, source)
 
 
-def _function(element: ET.Element, source: Path) -> Function | None:
+def _parse_function(element: ET.Element, source: Path) -> Function | None:
     if element.tag == "Constant":
         value = float(read_numbers(element, "value", source, count=1)[0])
         return lambda _: value
@@ -238,11 +238,14 @@ def _function(element: ET.Element, source: Path) -> Function | None:
         raise InputError(message, source=source, field=element.tag, code=Code.OTHER_MODEL)
     if element.tag == "PiecewiseLinearFunction" or len(x) < 4:
         return lambda value: float(np.interp(value, x, y))
-    return _spline(x, y)
+    return _make_spline(x, y)
 
 
-def _spline(x: Array, y: Array) -> Function:
-    ends = [6.0 * _third_difference(x[part], y[part]) for part in (slice(None, 4), slice(-4, None))]
+def _make_spline(x: Array, y: Array) -> Function:
+    ends = [
+        6.0 * _compute_third_difference(x[part], y[part])
+        for part in (slice(None, 4), slice(-4, None))
+    ]
     spline = make_interp_spline(x, y, k=3, bc_type=([(3, ends[0])], [(3, ends[1])]))
     slope = spline.derivative()
 
@@ -253,7 +256,7 @@ def _spline(x: Array, y: Array) -> Function:
     return evaluate
 
 
-def _third_difference(x: Array, y: Array) -> float:
+def _compute_third_difference(x: Array, y: Array) -> float:
     for order in range(1, 4):
         y = np.diff(y) / (x[order:] - x[:-order])
     return float(y[0])
@@ -281,32 +284,32 @@ class LegGeometry:
     ankle_axes_distance: float | None  # m, between talocrural and subtalar axis
 
 
-def our_leg(parameters: Parameters, side: str) -> LegGeometry:
+def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
     """The geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
-    frames = {joint.name: joint for joint in joint_frames(parameters)}
+    frames = {joint.name: joint for joint in list_joint_frames(parameters)}
     hip, knee, ankle, subtalar = (
         frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar")
     )
     hip_in_thigh = hip.in_child.translation
-    knee_in_thigh, knee_in_shank = _axis_of(knee.in_parent, 2), _axis_of(knee.in_child, 2)
-    ankle_in_shank = _axis_of(ankle.in_parent, 2)
+    knee_in_thigh, knee_in_shank = _get_axis(knee.in_parent, 2), _get_axis(knee.in_child, 2)
+    ankle_in_shank = _get_axis(ankle.in_parent, 2)
     return LegGeometry(
         hip_in_pelvis=hip.in_parent.translation,
         hip_in_thigh=hip_in_thigh,
         knee_in_thigh=knee_in_thigh,
         knee_in_shank=knee_in_shank,
         ankle_in_shank=ankle_in_shank,
-        subtalar_in_foot=_axis_of(subtalar.in_child, 0),
-        thigh_length=_between(hip_in_thigh, knee_in_thigh.point),
-        shank_length=_between(knee_in_shank.point, ankle_in_shank.point),
+        subtalar_in_foot=_get_axis(subtalar.in_child, 0),
+        thigh_length=_measure_distance(hip_in_thigh, knee_in_thigh.point),
+        shank_length=_measure_distance(knee_in_shank.point, ankle_in_shank.point),
         # In the talus, whose frame is that of the talocrural joint.
-        ankle_axes_distance=line_distance(
-            _axis_of(subtalar.in_parent, 0), _axis_of(pin.SE3.Identity(), 2)
+        ankle_axes_distance=measure_line_distance(
+            _get_axis(subtalar.in_parent, 0), _get_axis(pin.SE3.Identity(), 2)
         ),
     )
 
 
-def leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
+def find_leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
     """The peer's body for each of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, as far as
     it has them.
     """
@@ -321,14 +324,14 @@ def leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
     return bodies
 
 
-def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> LegGeometry:
+def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> LegGeometry:
     """The geometry of one leg (`r` or `l`) of a peer's model.
 
     `registration` holds, per segment of ours, the pose of the peer's body of that segment
     (`leg_bodies`) in our segment frame; positions and directions in a segment that is not listed
     stay None.
     """
-    bodies = leg_bodies(peer, side)
+    bodies = find_leg_bodies(peer, side)
     hip, knee = peer.joint_of(f"hip_flexion_{side}"), peer.joint_of(f"knee_angle_{side}")
     ankle, subtalar = peer.joint_of(f"ankle_angle_{side}"), peer.joint_of(f"subtalar_angle_{side}")
     thigh, shank, foot = (bodies.get(f"{name}_{side}") for name in ("thigh", "shank", "foot"))
@@ -336,21 +339,23 @@ def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> Le
     hip_pelvis = None if hip is None else (peer.joint_pose(hip, {}) * hip.in_child).translation
     hip_thigh = None if hip is None or hip.child != thigh else hip.in_child.translation
     knee_thigh = knee_shank = None
-    if knee is not None and (axis := _knee_axis(peer, knee, f"knee_angle_{side}")) is not None:
-        knee_thigh = _centred(peer, knee, axis)
+    if knee is not None and (axis := _find_knee_axis(peer, knee, f"knee_angle_{side}")) is not None:
+        knee_thigh = _centre_axis(peer, knee, axis)
         knee_shank = knee_thigh.moved(peer.joint_pose(knee, {}).inverse())
     ankle_shank = None
     if ankle is not None and shank is not None and peer.is_below(ankle.parent, shank):
-        ankle_shank = _swept_axis(peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP)
+        ankle_shank = _find_swept_axis(
+            peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP
+        )
         if ankle_shank is not None:
             ankle_shank = (
-                _centred(peer, ankle, ankle_shank)
+                _centre_axis(peer, ankle, ankle_shank)
                 .moved(peer.body_pose(ankle.parent, shank))
                 .pointing(2)
             )
     subtalar_foot = axes_distance = None
     if subtalar is not None:
-        subtalar_parent = _swept_axis(
+        subtalar_parent = _find_swept_axis(
             peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP
         )
         if subtalar_parent is not None:
@@ -363,66 +368,68 @@ def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> Le
                 and peer.is_below(subtalar.parent, shank)
             ):
                 subtalar_shank = subtalar_parent.moved(peer.body_pose(subtalar.parent, shank))
-                axes_distance = line_distance(ankle_shank, subtalar_shank)
+                axes_distance = measure_line_distance(ankle_shank, subtalar_shank)
 
     thigh_length = shank_length = None
     if hip_thigh is not None and knee_thigh is not None:
-        thigh_length = _between(hip_thigh, knee_thigh.point)
+        thigh_length = _measure_distance(hip_thigh, knee_thigh.point)
     if knee_shank is not None and ankle_shank is not None:
-        shank_length = _between(knee_shank.point, ankle_shank.point)
+        shank_length = _measure_distance(knee_shank.point, ankle_shank.point)
 
     to_pelvis, to_foot = registration.get("pelvis"), registration.get(f"foot_{side}")
     to_thigh, to_shank = registration.get(f"thigh_{side}"), registration.get(f"shank_{side}")
     return LegGeometry(
-        hip_in_pelvis=_point(hip_pelvis, to_pelvis),
-        hip_in_thigh=_point(hip_thigh, to_thigh),
-        knee_in_thigh=_axis(knee_thigh, to_thigh, 2),
-        knee_in_shank=_axis(knee_shank, to_shank, 2),
-        ankle_in_shank=_axis(ankle_shank, to_shank, 2),
-        subtalar_in_foot=_axis(subtalar_foot, to_foot if foot is not None else None, 0),
+        hip_in_pelvis=_transform_point(hip_pelvis, to_pelvis),
+        hip_in_thigh=_transform_point(hip_thigh, to_thigh),
+        knee_in_thigh=_transform_axis(knee_thigh, to_thigh, 2),
+        knee_in_shank=_transform_axis(knee_shank, to_shank, 2),
+        ankle_in_shank=_transform_axis(ankle_shank, to_shank, 2),
+        subtalar_in_foot=_transform_axis(subtalar_foot, to_foot if foot is not None else None, 0),
         thigh_length=thigh_length,
         shank_length=shank_length,
         ankle_axes_distance=axes_distance,
     )
 
 
-def _axis_of(frame: pin.SE3, coordinate: int) -> Axis:
+def _get_axis(frame: pin.SE3, coordinate: int) -> Axis:
     """An axis of a joint's frame."""
     return Axis(frame.translation, frame.rotation[:, coordinate])
 
 
-def _knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
+def _find_knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
     """In the frame of the joint's parent; flexion is the direction in which the range is longer."""
     c = next(c for c in knee.coordinates if c.name == coordinate)
-    axis = _swept_axis(peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP)
+    axis = _find_swept_axis(
+        peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP
+    )
     return None if axis is None else axis.pointing(2)
 
 
-def _swept_axis(
+def _find_swept_axis(
     peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float
 ) -> Axis | None:
     """Axis, in the joint's parent, of the motion from one value of a coordinate to another."""
-    return displacement_axis(
+    return find_displacement_axis(
         *(peer.joint_pose(joint, {coordinate: amount}) for amount in (start, end))
     )
 
 
-def _centred(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
+def _centre_axis(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
     """The axis, in the joint's parent, told by the centre of the joint."""
     return Axis(
         axis.nearest((peer.joint_pose(joint, {}) * joint.in_child).translation), axis.direction
     )
 
 
-def _between(a: Array, b: Array) -> float:
+def _measure_distance(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b))
 
 
-def _point(point: Array | None, pose: pin.SE3 | None) -> Array | None:
+def _transform_point(point: Array | None, pose: pin.SE3 | None) -> Array | None:
     return None if point is None or pose is None else np.asarray(pose.act(point))
 
 
-def _axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None:
+def _transform_axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None:
     return None if axis is None or pose is None else axis.moved(pose).pointing(positive)
 
 
@@ -459,7 +466,7 @@ class Axis:
 SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth the name
 
 
-def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
+def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
     """Axis of the displacement from one pose to another, in the frame in which both are given; None
     without a turn.
     """
@@ -473,7 +480,7 @@ def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
     return Axis(0.5 * (across + np.cross(n, across) / np.tan(0.5 * angle)), n)
 
 
-def line_distance(a: Axis, b: Axis) -> float:
+def measure_line_distance(a: Axis, b: Axis) -> float:
     """Shortest distance of two lines, m."""
     normal = np.cross(a.direction, b.direction)
     size = float(np.linalg.norm(normal))

@@ -69,12 +69,12 @@ class MuscleChange:
         return tuple(v for v in self.after.jumps if v not in self.before.jumps)
 
 
-def opensim_is_installed() -> bool:
+def is_opensim_installed() -> bool:
     """Whether muscles can be looked at."""
     return find_spec("opensim") is not None
 
 
-def leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]:
+def list_leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]:
     """Coordinate of the model's legs -> (n,) rad, its range; locked ones are left out."""
     return {
         c.name: np.linspace(c.low, c.high, VALUES)
@@ -86,7 +86,9 @@ def leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]
     }
 
 
-def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str], MusclePath]:
+def compute_muscle_paths(
+    osim: Path, ranges: Mapping[str, Array]
+) -> dict[tuple[str, str], MusclePath]:
     """(muscle, coordinate) -> its path, of every muscle that crosses the coordinate.
 
     Raises InputError: OpenSim cannot load or assemble the model.
@@ -137,7 +139,7 @@ def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str
     return out
 
 
-def muscle_changes(
+def compare_muscles(
     before: Mapping[tuple[str, str], MusclePath], after: Mapping[tuple[str, str], MusclePath]
 ) -> list[MuscleChange]:
     """Muscles that cross a coordinate in both models, the largest change of a moment arm first."""
@@ -147,7 +149,7 @@ def muscle_changes(
     return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
 
 
-def arm_deviations(
+def compute_arm_deviations(
     change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]
 ) -> Array | None:
     """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than
@@ -163,7 +165,7 @@ MUSCLES_HEADER = (
 )
 
 
-def muscles_csv(
+def format_muscles_csv(
     changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
 ) -> str:
     """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
@@ -171,7 +173,7 @@ def muscles_csv(
     for change in changes:
         key, spread = (
             (change.before.muscle, change.before.coordinate),
-            arm_deviations(change, draws),
+            compute_arm_deviations(change, draws),
         )
         for k, value in enumerate(change.before.values):
             figures = (
@@ -205,7 +207,7 @@ class AccountTable:
     of_muscles: bool = False  # Long, and the whole of it in a file
 
 
-def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
+def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
     """Bodies and segments, joints, masses, and what went with bones."""
     yield AccountTable(
         title="Which body is which segment",
@@ -224,7 +226,7 @@ def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
         "errors; left: as it was.",
         words=("joint", "theirs", "verdict", "in body"),
         numbers=("moved mm", "+-", "deg", "+-"),
-        rows=tuple(_joint_rows(done)),
+        rows=tuple(_make_joint_rows(done)),
     )
     if done.masses:
         yield AccountTable(
@@ -248,7 +250,7 @@ def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
         )
 
 
-def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]]:
+def _make_joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]]:
     legs = {leg.ours: leg for leg in done.legs}
     for move in done.joints:
         found_by = legs[move.joint].found_by if move.joint in legs else ""
@@ -268,7 +270,7 @@ def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]
             yield move.joint, theirs, verdict, end.body, *words
 
 
-def sentences(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
+def describe_transfer(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
     """Joints that stay, joints that are no hinges, and what else the user should know."""
     for verdict in (joint_moves.MoveOutcome.UNDETERMINED, joint_moves.MoveOutcome.ABSENT):
         if which := [move.joint for move in done.joints if move.verdict is verdict]:
@@ -283,13 +285,13 @@ def sentences(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
     yield from (f"note: {note}" for note in done.notes)
 
 
-def muscle_table(
+def make_muscle_table(
     changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
 ) -> AccountTable:
     """Every muscle about every coordinate, where in the range its moment arm changes most."""
     rows = []
     for change in changes:
-        k, spread = change.worst, arm_deviations(change, draws)
+        k, spread = change.worst, compute_arm_deviations(change, draws)
         arms = (f"{1e3 * path.arm[k]:.1f}" for path in (change.before, change.after))
         error = "" if spread is None else f"{1e3 * spread[k]:.1f}"
         at = f"{np.degrees(change.before.values[k]):.0f}"

@@ -25,8 +25,8 @@ from gaitcal.errors import Code, InputError
 from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.gait import moments, peaks, profile_score, spatiotemporal
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
-from gaitcal.gait.cycles import CurveKind, GaitCycle, coordinate_of, kind_of
-from gaitcal.gait.normal_bands import FREE_WORDS, Norm
+from gaitcal.gait.cycles import CurveKind, GaitCycle, get_coordinate, get_curve_kind
+from gaitcal.gait.normal_bands import FREE_LABEL, Norm
 from gaitcal.io.toml import get_package_version
 from gaitcal.model import anthropometry, coordinates, linkage
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -205,8 +205,8 @@ def build_person_page_data(
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
         entry: dict[str, Any] = {
-            "base": coordinate_of(name),
-            "kind": kind_of(name).words,
+            "base": get_coordinate(name),
+            "kind": get_curve_kind(name).words,
             "source": band.source,
         }
         for side in linkage.SIDES:
@@ -245,13 +245,13 @@ def build_person_page_data(
         "norm": {
             "words": norm.words,
             "remark": norm.remark,
-            "steps": FREE_WORDS if norm.steps else "",
+            "steps": FREE_LABEL if norm.steps else "",
         },
         "profile": [
             {
                 "side": s.side,
                 "base": s.variable,
-                "title": profile_score.score_title(s),
+                "title": profile_score.make_score_title(s),
                 "score": round_score(s.score),
                 "se": round_score(s.error),
                 "norm": round_score(s.norm),
@@ -308,9 +308,9 @@ def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
             {
                 **explain_code(reason.code),
                 "severity": reason.severity.value,
-                "cause": moments.explained(reason.cause),
-                "evidence": moments.explained(reason.evidence),
-                "action": moments.explained(reason.action),
+                "cause": moments.explain_parameters(reason.cause),
+                "evidence": moments.explain_parameters(reason.evidence),
+                "action": moments.explain_parameters(reason.action),
                 "trials": list(reason.trials),
                 "leg": reason.leg,
             }
@@ -416,7 +416,7 @@ def build_conventions() -> dict[str, Any]:
 
 def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
     """Average the peaks over straight strides or repetitions of trials of a page."""
-    return peaks.peak_means(
+    return peaks.average_peaks(
         (
             trial["activity"],
             trial["name"],
@@ -456,8 +456,8 @@ def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         peak = mean.peak
         row = {
             "activity": mean.activity,
-            "base": coordinate_of(peak.variable),
-            "kind": kind_of(peak.variable).words,
+            "base": get_coordinate(peak.variable),
+            "kind": get_curve_kind(peak.variable).words,
             "title": peak.title(),
             "external": peak.title(external=True),
             "window": peak.words,

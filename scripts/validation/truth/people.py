@@ -37,7 +37,7 @@ import pinocchio as pin
 
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
-from gaitcal.export.opensim.peer_model import Axis, displacement_axis
+from gaitcal.export.opensim.peer_model import Axis, find_displacement_axis
 from gaitcal.io.opensim_files import read_table, write_trc
 from gaitcal.model.segment_frames import Frame, fit_rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
@@ -238,7 +238,7 @@ def true_axis(person: Simulation, joint: str, side: str) -> dict[str, dict[str, 
         return above.actInv(below)
 
     ends = between(middle - STEP), between(middle + STEP)
-    line = displacement_axis(*ends)
+    line = find_displacement_axis(*ends)
     if line is None:
         raise RuntimeError(f"{joint}_{side} does not turn")
     # seen from below the screw is the same line at both ends, but for what it slides along itself
