@@ -238,7 +238,7 @@ def _crouch_findings(
     told = (
         [FootEvents(*np.transpose(spans))]
         if spans
-        else [events.of(side) for side in SIDES]
+        else [events.select_foot(side) for side in SIDES]
         if events.events
         else []
     )

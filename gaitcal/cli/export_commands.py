@@ -344,9 +344,10 @@ def export_into(
             "removed, as of an earlier run: "
             f"{', '.join(str(p.relative_to(out.parent)) for p in earlier)}"
         )
-    if done.carried:
+    if done.moved_points:
         write_text_atomically(
-            out.with_suffix(".attachments.csv"), joint_moves.format_moved_points_csv(done.carried)
+            out.with_suffix(".attachments.csv"),
+            joint_moves.format_moved_points_csv(done.moved_points),
         )
     tables, said = (
         [*transfer_account.make_joint_tables(done)],
@@ -361,7 +362,7 @@ def export_into(
         rng = np.random.default_rng(seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
-            write_bytes_atomically(path, done.drawn(rng))
+            write_bytes_atomically(path, done.draw(rng))
         if muscles:
             ranges = transfer_account.list_leg_ranges(done.legs)
             step("muscles before")
@@ -397,16 +398,16 @@ def export_into(
         ".osim",
         ".html",
         ".joints.csv",
-        *[".attachments.csv"] * bool(done.carried),
+        *[".attachments.csv"] * bool(done.moved_points),
         *[".muscles.csv"] * muscles,
     )
     for end in written:
         console.line(f"wrote {out.with_suffix(end)}")
     if drawn:
         console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
-        if done.left:
+        if done.unchanged:
             console.line(
-                f"draws have {', '.join(done.left)} about the place that the model gives them, by "
+                f"draws have {', '.join(done.unchanged)} about the place that the model gives them, by "
                 "their standard errors"
             )
         if done.masses and saved.uncertainty.inertial is None:
@@ -427,13 +428,17 @@ def account_page(
         render_list(said),
     ]
     for t in tables:
-        parts += [f'<h2>{t.title}</h2><p class="soft">{t.says}</p>']
-        parts += [render_plain_table(t.title, (*t.words, *t.numbers), t.rows, words=len(t.words))]
+        parts += [f'<h2>{t.title}</h2><p class="soft">{t.description}</p>']
+        parts += [
+            render_plain_table(
+                t.title, (*t.text_columns, *t.number_columns), t.rows, words=len(t.text_columns)
+            )
+        ]
     return render_plain_page(f"What the export did to {name}", parts)
 
 
 def _tell_table(console: Console, told: transfer_account.AccountTable) -> None:
-    table = frameless_table(told.words, told.numbers)
+    table = frameless_table(told.text_columns, told.number_columns)
     shown = told.rows[:SHOWN] if told.of_muscles else told.rows
     for row in shown:
         table.add_row(*map(Text, row))

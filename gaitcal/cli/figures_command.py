@@ -185,11 +185,11 @@ def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
         subject = _subject(page_data)
         bands = normal_bands.read_normal_bands(normal)
         return {
-            name: {side: band.for_person(subject, side) for side in "rl"}
+            name: {side: band.scale_to_person(subject, side) for side in "rl"}
             for name, band in bands.items()
         }
     endings = {
-        kind.words: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
+        kind.label: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
     }
     return {
         f"{band['base']}{endings.get(band['kind'], '')}": {

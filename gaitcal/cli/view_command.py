@@ -320,7 +320,7 @@ def compare_motions(result: Path, osim: Path, console: Console) -> None:
         ("coordinate", "unit"), ("ours, range", "offset", "rest, RMS", "correlation")
     )
     for curve in found.curves:
-        numbers = (float(np.ptp(curve.ours)), curve.offset, curve.rest)
+        numbers = (float(np.ptp(curve.ours)), curve.offset, curve.residual)
         r = "" if np.isnan(curve.correlation) else f"{curve.correlation:.3f}"
         table.add_row(Text(curve.coordinate), curve.unit, *(f"{v:.1f}" for v in numbers), r)
     console.line()
@@ -328,7 +328,7 @@ def compare_motions(result: Path, osim: Path, console: Console) -> None:
         f"in {', '.join(t.name for t in trials)}, by OpenSim; theirs - ours = offset + rest:"
     )
     console.out.print(table)
-    ours, theirs = (f"{1e3 * missed:.1f}" for missed in found.missed)
+    ours, theirs = (f"{1e3 * missed:.1f}" for missed in found.marker_errors)
     console.line(f"markers are missed by {ours} mm RMS in our model, by {theirs} in theirs")
     for note in found.notes:
         console.line(f"note: {note}")

@@ -349,20 +349,23 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
     body = Subject(name="", mass=mass, height=height, sex="male")
     clinical, out = conventions.Convention(signs=conventions.Signs.CLINICAL), []
     for name in VARIABLES:
-        kind, sign = get_curve_kind(name), float(clinical.values(name, np.ones(1), "r", body)[0])
+        kind, sign = (
+            get_curve_kind(name),
+            float(clinical.convert_values(name, np.ones(1), "r", body)[0]),
+        )
         whose = "internal, " if kind is CurveKind.MOMENT else ""
         variable: dict[str, Any] = {
             "name": name,
             "joint": find_joint(get_coordinate(name)),
-            "kind": kind.words,
-            "title": clinical.title(name),
+            "kind": kind.label,
+            "title": clinical.make_title(name),
             "unit": get_unit(name) if kind is CurveKind.ANGLE else f"{get_unit(name)}/kg",
             "step": sign * STEPS[kind],
-            "positive": f"{whose}{clinical.senses(name, 'r')[0]}",
+            "positive": f"{whose}{clinical.describe_senses(name, 'r')[0]}",
         }
         if name in bands:
             scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / mass
-            mean, sd = (scale * values[::EVERY] for values in bands[name].for_person(body))
+            mean, sd = (scale * values[::EVERY] for values in bands[name].scale_to_person(body))
             variable["normal"] = {
                 "mean": _rounded(sign * mean),
                 "sd": _rounded(sd),

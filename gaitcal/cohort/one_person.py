@@ -272,7 +272,7 @@ def _columns() -> tuple[Column, ...]:
     ]
     for peak in PEAKS.values():
         for side, leg in _LEGS:
-            meant = f"{peak.title()} ({peak.words}): mean over straight strides of the {leg} foot"
+            meant = f"{peak.make_title()} ({peak.window_label}): mean over straight strides of the {leg} foot"
             unit = PER_KG[get_curve_kind(peak.variable)]
             out.append(Column(f"{peak.name}_{side}", float, unit, meant))
             out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meant}"))

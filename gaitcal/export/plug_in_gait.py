@@ -189,7 +189,7 @@ def _make_foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterat
     )
     for side in (side for side in SIDES if f"ankle_angle_{side}" not in motion.frozen):
         values = np.zeros((len(motion.q), 3))
-        values[:, 2] = unit * feet.progression(side, 0.0)
+        values[:, 2] = unit * feet.compute_progression(side, 0.0)
         yield _make_point(side, "FootProgressAngles", PointKind.ANGLE, values)
 
 

@@ -91,14 +91,14 @@ class GaitCycle:
         tuple[str, float], ...
     ] = ()  # of a repetition, in order: phase, and when it ends, s
 
-    def percent(self, time: Array | float) -> Array:
+    def compute_percent(self, time: Array | float) -> Array:
         """Percent of the cycle at `time` (s)."""
         return 100.0 * (np.asarray(time) - self.start) / (self.stop - self.start)
 
     @property
     def stance(self) -> float | None:
         """Percent at which stance ends."""
-        return None if self.toe_off is None else float(self.percent(self.toe_off))
+        return None if self.toe_off is None else float(self.compute_percent(self.toe_off))
 
     @property
     def phases(self) -> list[str]:
@@ -215,8 +215,8 @@ class CurveKind(Enum):
     POWER = ("_power", "W", "power")
     FORCE = ("_force", "N", "force")
 
-    def __init__(self, ending: str, unit: str, words: str) -> None:
-        self.ending, self.unit, self.words = ending, unit, words
+    def __init__(self, ending: str, unit: str, label: str) -> None:
+        self.ending, self.unit, self.label = ending, unit, label
 
 
 GROUND_REACTION = "ground_reaction_vertical"

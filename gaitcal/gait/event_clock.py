@@ -62,15 +62,15 @@ class _Agreement:
     """How a set of events lies on what plates and motion show."""
 
     agreeing: int
-    judged: int
+    compared: int
     spread: float  # s, RMS of the differences of those that agree
 
     @property
     def good(self) -> bool:
-        return self.judged > 0 and self.agreeing >= FIT * self.judged
+        return self.compared > 0 and self.agreeing >= FIT * self.compared
 
     def __str__(self) -> str:
-        return f"{self.agreeing} of {self.judged}"
+        return f"{self.agreeing} of {self.compared}"
 
 
 def check_file_events(
@@ -109,7 +109,7 @@ def check_file_events(
             findings += (_make_note(cause, f"{named}; not used, the plates tell them"),)
         return [e for e in used if e not in astray and e not in apart], (*twice, *findings)
     if len(file) < FEWEST:
-        if fit.judged == 0:
+        if fit.compared == 0:
             return inside, twice
         return [], (
             *twice,
@@ -123,7 +123,7 @@ def check_file_events(
             e for e in _shift_events(file, offset) if time[0] - half <= e.time <= time[-1] + half
         ]
         again, rest = _compare_events(moved, shown, time), _list_differences(moved, shown)
-        whole = len(moved) >= WHOLE * len(file) and again.good and again.judged >= FEWEST
+        whole = len(moved) >= WHOLE * len(file) and again.good and again.compared >= FEWEST
         if abs(offset) > AGREE and whole and abs(float(np.median(rest))) < PLATE_OFFSET:
             later = "later" if offset > 0 else "earlier"
             return moved, (
@@ -197,7 +197,7 @@ def _diagnose_misfit(
     swapped = _compare_events([replace(e, side=OTHER_SIDE[e.side]) for e in file], shown, time)
     offset = _estimate_common_offset(file, shown, time)
     shifted = _compare_events(_shift_events(file, offset), shown, time)
-    can_swap, can_shift = (f.good and f.judged >= FEWEST for f in (swapped, shifted))
+    can_swap, can_shift = (f.good and f.compared >= FEWEST for f in (swapped, shifted))
     unused = "not used; strides are those of forces and motion"
     if can_swap and not (can_shift and shifted.spread < 0.5 * swapped.spread):
         found = f"{_describe_agreement(fit)}; with the sides exchanged, {swapped}"

@@ -94,7 +94,7 @@ class GaitEvents:
     findings: tuple[Finding, ...] = ()  # without the name of the trial
     repeats: tuple[GaitCycle, ...] = ()  # of an activity that is no gait, instead of strides
 
-    def of(self, side: str) -> FootEvents:
+    def select_foot(self, side: str) -> FootEvents:
         """Strikes and offs of one foot."""
         strikes = [e for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
         offs = np.array(select_event_times(self.events, side, FootMoment.OFF))
@@ -131,7 +131,7 @@ def find_activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
     """Of any activity, from the events `found` of its feet: those of strides, or else what the
     pelvis repeats.
     """
-    feet = [found.of(side) for side in SIDES]
+    feet = [found.select_foot(side) for side in SIDES]
     if is_alternating(*feet):
         return found
     return GaitEvents(
@@ -151,7 +151,7 @@ def use_corrected_events(
     found = GaitEvents(
         tuple(GaitEvent(e.moment, e.side, e.time, EventSource.PERSON) for e in inside)
     )
-    orders = check_event_order({side: found.of(side) for side in SIDES})
+    orders = check_event_order({side: found.select_foot(side) for side in SIDES})
     return replace(found, findings=(*check_corrected_events(inside, shown, time), *orders))
 
 
@@ -177,7 +177,11 @@ def combine_events(
             events += known + _select_further_events(known, alone, EventSource.MOTION, moment, side)
     joined = GaitEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
     return replace(
-        joined, findings=(*findings, *check_event_order({side: joined.of(side) for side in SIDES}))
+        joined,
+        findings=(
+            *findings,
+            *check_event_order({side: joined.select_foot(side) for side in SIDES}),
+        ),
     )
 
 

@@ -104,12 +104,12 @@ def summarise_moments(
     for name in sorted(
         names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")
     ):
-        side, valid = split_side(name)[1], layout.valid_for(get_leg(name))
+        side, valid = split_side(name)[1], layout.get_valid_frames(get_leg(name))
         if not valid.any():
             continue
         moment, before = (get_moment(f, name) / subject.mass for f in (final, nominal))
         error = get_moment(errors, name) / subject.mass if errors else np.full(len(moment), np.nan)
-        frames = np.flatnonzero(valid & layout.drawn(side))
+        frames = np.flatnonzero(valid & layout.select_drawn_frames(side))
         highest = None
         if len(frames):
             frame = frames[moment[frames].argmax()]
@@ -118,7 +118,11 @@ def summarise_moments(
                 float(error[frame]),
                 float(layout.time[frame]),
             )
-            at = float(layout.main(side).percent(time)) if layout.by_cycle else time
+            at = (
+                float(layout.select_main_cycle(side).compute_percent(time))
+                if layout.by_cycle
+                else time
+            )
             highest = Extreme(value, spread if np.isfinite(spread) else None, to_bwh * value, at)
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
         numbers.append(

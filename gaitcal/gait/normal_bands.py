@@ -112,7 +112,7 @@ class NormalBand:
     sd: Array  # (n,) at least 0
     source: str = ""  # what the file says of where it is from
 
-    def for_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
+    def scale_to_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
         """Mean and SD (101,) at 0 to 100 %, in the unit and with the sign of `cycles.csv`, for a
         body of that size.
         """
@@ -122,7 +122,7 @@ class NormalBand:
             np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd)
         )
         # in `cycles.csv`'s own unit a convention is a sign, which leads back as well
-        return self.signs.values(self.variable, factor * mean, side, subject), factor * sd
+        return self.signs.convert_values(self.variable, factor * mean, side, subject), factor * sd
 
 
 Bands: TypeAlias = Mapping[str, NormalBand]  # variable of `cycles.csv` -> its band
@@ -295,7 +295,7 @@ AGES: Final = (4.0, 18.0)  # Years, from and below which the children's norms ho
 
 class _Speed(NamedTuple):
     name: str  # Of `SHIPPED`
-    words: str
+    label: str
     high: float  # Non-dimensional speed below which it holds
 
 
@@ -329,7 +329,7 @@ class Norm:
     """Measure of `spatiotemporal.MEASURES` -> mean and SD, in its unit, for a leg of this length,
     at free speed.
     """
-    words: str = ""  # Who they are: for legends
+    label: str = ""  # Who they are: for legends
     remark: str = ""  # Why these, or why none: a sentence
 
 
@@ -373,8 +373,8 @@ def select_norm(subject: Subject, speed: float | None) -> Norm:
     return Norm(
         bands=bands,
         steps=steps,
-        words=list_sources(bands),
-        remark=f"{walk}: {chosen.words} speed. {MODEL_REMARK}",
+        label=list_sources(bands),
+        remark=f"{walk}: {chosen.label} speed. {MODEL_REMARK}",
     )
 
 
@@ -393,7 +393,7 @@ def make_user_norm(bands: Bands, name: str, subject: Subject) -> Norm:
             else f"this person is {_format_age(subject.age)} years old"
         )
         remark = f"Bands of children of {low:.0f} to {high - 1:.0f} years, as asked for: {age}."
-    return Norm(bands=bands, words=list_sources(bands), remark=remark)
+    return Norm(bands=bands, label=list_sources(bands), remark=remark)
 
 
 def _format_age(age: float) -> str:

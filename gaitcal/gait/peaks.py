@@ -58,7 +58,7 @@ class Peak:
     phase: str  # in words; of an activity that is no gait as in `cycles.csv`
     window: tuple[float, float] | None = None  # u, see the module; None: the whole phase
 
-    def title(self, *, external: bool = False) -> str:
+    def make_title(self, *, external: bool = False) -> str:
         """`Hip extension moment, loading response`: loads by what they do, so that no choice of
         signs changes it.
         """
@@ -89,7 +89,7 @@ class Peak:
         )
 
     @property
-    def words(self) -> str:
+    def window_label(self) -> str:
         """Its window: `8 to 45 % of stance`, `60 % of stance to 15 % of swing`, `the pelvis goes
         down`.
         """
@@ -368,7 +368,7 @@ def make_peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
             m.peak.name,
             m.peak.variable,
             m.peak.phase,
-            m.peak.words,
+            m.peak.window_label,
             get_unit(m.peak.variable),
             m.strides,
             m.n,

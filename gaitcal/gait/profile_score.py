@@ -92,7 +92,7 @@ def compute_profile_scores(
             whole = np.isfinite(x).all(axis=1)
             if not whole.any():
                 break
-            mean, sd = (part[::EVERY] for part in bands[name].for_person(subject, side))
+            mean, sd = (part[::EVERY] for part in bands[name].scale_to_person(subject, side))
             of_side.append(
                 _score_angle(
                     side, name, x[whole] - mean, e[whole].mean(axis=0), float(_compute_rms(sd))

@@ -131,7 +131,7 @@ def measure_strides(
     frames in which no marker shows the foot. `faced`: (nf,) rad, where the pelvis points
     (`gait/strides.py`); None: whether a stride turns is not known.
     """
-    of_feet = {side: events.of(side) for side in SIDES}
+    of_feet = {side: events.select_foot(side) for side in SIDES}
     places: dict[
         str, Array
     ] = {}  # side -> (nf, 2) m, forward and to the right; NaN where no marker shows the foot

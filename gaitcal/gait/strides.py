@@ -54,36 +54,36 @@ class Layout:
         """Whether signals are drawn over the gait cycle."""
         return bool(self.cycles)
 
-    def _foot(self, side: str) -> str:
+    def _get_foot(self, side: str) -> str:
         """Over whose strides a side is drawn: the whole body over those of the right foot, if it
         has any.
         """
         return side or ("r" if self.cycles["r"] else "l")
 
-    def main(self, side: str) -> GaitCycle:
+    def select_main_cycle(self, side: str) -> GaitCycle:
         """The stride that is drawn in full: the one with the largest share of frames valid for that
         leg.
         """
-        foot = self._foot(side)
-        return select_best_cycle(self.cycles[foot], self.time, self.valid_for(foot))
+        foot = self._get_foot(side)
+        return select_best_cycle(self.cycles[foot], self.time, self.get_valid_frames(foot))
 
-    def valid_for(self, side: str) -> BoolArray:
+    def get_valid_frames(self, side: str) -> BoolArray:
         """(nf,) torques of a leg (`r`, `l`), or of the whole body (nothing), may be used."""
         return np.asarray(self.valid_legs[:, SIDES.index(side)]) if side else self.valid
 
-    def complete(self, side: str) -> int:
+    def count_complete(self, side: str) -> int:
         """How many strides of a leg have no frame without valid torques."""
-        valid = self.valid_for(side)
+        valid = self.get_valid_frames(side)
         inside = (
             valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ())
         )
         return sum(bool(frames.size and frames.all()) for frames in inside)
 
-    def drawn(self, side: str) -> BoolArray:
+    def select_drawn_frames(self, side: str) -> BoolArray:
         """(nf,) frames of the main stride, or all."""
         if not self.by_cycle:
             return np.ones(len(self.time), dtype=bool)
-        cycle = self.main(side)
+        cycle = self.select_main_cycle(side)
         return np.asarray((self.time >= cycle.start) & (self.time <= cycle.stop), dtype=np.bool_)
 
 
@@ -104,7 +104,7 @@ def list_strides(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
     """
     if events.repeats:
         return dict.fromkeys(SIDES, events.repeats)
-    right, left = (events.of(side) for side in SIDES)
+    right, left = (events.select_foot(side) for side in SIDES)
     return {"r": find_gait_cycles(right, left), "l": find_gait_cycles(left, right)}
 
 
@@ -153,9 +153,11 @@ class FootAxes:
     """(nf, 2) rad, standard error of `progression` in each stride, by markers and by where heel and
     toe markers sit.
     """
-    own: Array | None = None  # (nf, 2) rad, the part of it that this trial's own markers make
+    marker_error: Array | None = (
+        None  # (nf, 2) rad, the part of it that this trial's own markers make
+    )
 
-    def progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
+    def compute_progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
         """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along
         it.
 

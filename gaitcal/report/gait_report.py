@@ -171,7 +171,7 @@ def read_report_content(
             for a in activities
             if not a.walks
         ),
-        norm=norm.words,
+        norm=norm.label,
         norm_remark=remark,
         profile=profile_score.compute_profile_scores(
             {n: cycles[n].to_numpy() for n in cycles}, norm.bands, model.subject
@@ -360,10 +360,10 @@ def _build_peak_rows(
     for m in found:
         phase, kind = m.peak.phase, get_curve_kind(m.peak.variable)
         pair = np.array([m.mean, m.se]) / (subject.mass if kind is CurveKind.FORCE else 1.0)
-        value, error = CLINICAL.values(m.peak.variable, pair, m.side, subject)
+        value, error = CLINICAL.convert_values(m.peak.variable, pair, m.side, subject)
         digits = 1 if kind is CurveKind.ANGLE else 2
         bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
-        title = m.peak.title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
+        title = m.peak.make_title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
         rows.setdefault((title, UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = (
             f"{value:.{digits}f}{bar}"
         )
@@ -519,13 +519,14 @@ def _build_panels(
         norm = None
         if band is not None:
             average, sd = (
-                CLINICAL.values(variable, part, "r", subject) for part in band.for_person(subject)
+                CLINICAL.convert_values(variable, part, "r", subject)
+                for part in band.scale_to_person(subject)
             )
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
-            title=CLINICAL.title(variable),
+            title=CLINICAL.make_title(variable),
             unit=UNITS[kind],
-            senses=CLINICAL.senses(variable, "r"),
+            senses=CLINICAL.describe_senses(variable, "r"),
             strides=curves,
             mean=mean,
             error=error,
@@ -556,11 +557,11 @@ def _choose_norm(
         )
     bands = {}
     for band in page["bands"]:
-        kind = next(kind for kind in CurveKind if kind.words == band["kind"])
+        kind = next(kind for kind in CurveKind if kind.label == band["kind"])
         name = band["base"] + kind.ending
         average, sd = (np.array(part, dtype=np.float64) for part in band["r"])
         known = np.isfinite(average)
-        average = CLINICAL_SIGNS.values(name, average, "r", subject)
+        average = CLINICAL_SIGNS.convert_values(name, average, "r", subject)
         bands[name] = NormalBand(
             variable=name,
             unit=kind.unit,

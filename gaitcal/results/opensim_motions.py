@@ -53,7 +53,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
             valid=saved.valid,
             cutoff=float(cutoff) if isinstance(cutoff, int | float) else None,
             loads=folder / "forces" / f"{encode_name(name)}.xml",
-            missed={placed.labels[m]: float(e) for m, e in zip(compared, rms, strict=True)},
+            marker_errors={placed.labels[m]: float(e) for m, e in zip(compared, rms, strict=True)},
         )
         out.append(trial)
     return out

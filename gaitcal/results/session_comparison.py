@@ -187,7 +187,7 @@ def build_curve_table(
         difference = mean_b - mean_a
         is_known = np.isfinite(by_strides) & np.isfinite(difference)
         part = {
-            "kind": get_curve_kind(key[1]).words,
+            "kind": get_curve_kind(key[1]).label,
             "side": key[0],
             "variable": key[1],
             "percent": np.arange(POINTS),
@@ -232,7 +232,7 @@ def compare_curve_figures(
             ]
             values, shared = [f.values for f in both], _compute_shared(common, *both)
             yield _build_difference(
-                get_curve_kind(key[1]).words,
+                get_curve_kind(key[1]).label,
                 key,
                 measure,
                 get_unit(key[1]),

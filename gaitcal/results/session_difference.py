@@ -291,7 +291,7 @@ def describe_differences(
 
 def _flip_lowest_moment(d: Difference) -> Difference:
     """Flip the sign of a lowest moment, which is then a moment in the opposite sense."""
-    is_lowest = d.kind == CurveKind.MOMENT.words and d.measure.startswith("lowest")
+    is_lowest = d.kind == CurveKind.MOMENT.label and d.measure.startswith("lowest")
     return replace(d, a=-d.a, b=-d.b) if is_lowest else d
 
 

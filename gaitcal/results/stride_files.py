@@ -316,7 +316,7 @@ def write_profile(
         for name, field in (("score", "score"), ("se", "error"), ("norm", "norm"))
     }
     table["strides"] = np.array([s.strides for s in scores])
-    table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
+    table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.label}"))
 
 
 def summarise_profile(
@@ -337,7 +337,7 @@ def summarise_profile(
         `norm`, and `gait_profile` if there are scores.
     """
     described: dict[str, table_files.Json] = {
-        k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v
+        k: v for k, v in {"words": norm.label, "remark": norm.remark}.items() if v
     }
     out: dict[str, table_files.Json] = {"norm": described}
     sides: dict[str, dict[str, table_files.Json]] = {}

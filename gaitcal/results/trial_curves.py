@@ -34,7 +34,7 @@ GROUND: Final = {
     "ground_reaction_sideways": 2,
 }
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""
-_ENDINGS: Final = {kind.words: kind.ending for kind in cycles.CurveKind}
+_ENDINGS: Final = {kind.label: kind.ending for kind in cycles.CurveKind}
 
 
 @dataclass(frozen=True)
@@ -173,10 +173,10 @@ def _build_feet(trial: TrialResult) -> Iterator[Curve]:
         return
     for k, side in enumerate(SIDES):
         error, stride_error = (
-            None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own)
+            None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.marker_error)
         )
         valid = angle_counts(trial, f"subtalar_angle_{side}", hidden)
-        value = np.degrees(feet.progression(side, line))
+        value = np.degrees(feet.compute_progression(side, line))
         yield Curve(
             FOOT_PROGRESSION,
             side,

@@ -267,7 +267,7 @@ def express_foot_in_stride(
     return (
         None
         if feet is None
-        else np.degrees(feet.progression(side, line, _find_inside(trial, cycle)))
+        else np.degrees(feet.compute_progression(side, line, _find_inside(trial, cycle)))
     )
 
 

@@ -130,18 +130,20 @@ def _leg(
     }
     hip, knee, hinge = legs["hip"].theirs, legs["knee"].theirs, _hinge(legs["knee"])
     shank, foot = bodies[f"shank_{side}"], bodies[f"foot_{side}"]
-    of_thigh = peer.joint_pose(hip, {})
+    of_thigh = peer.compute_joint_pose(hip, {})
     # the pose of the shank is that of the hinge: it does not roll
-    of_knee = peer.body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.pose(
-        hinge.angle(peer.joint_pose(knee, {}))
+    of_knee = peer.compute_body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.compute_pose(
+        hinge.measure_angle(peer.compute_joint_pose(knee, {}))
     )
-    of_shank, of_foot = of_thigh * of_knee, peer.body_pose(foot, shank)
+    of_shank, of_foot = of_thigh * of_knee, peer.compute_body_pose(foot, shank)
 
     def axis(joint: str) -> Axis:
         line, parent = _hinge(legs[joint]).in_parent, legs[joint].theirs.parent
         below = bodies[f"thigh_{side}"] if joint == "knee" else shank
-        found = Axis(line.translation, line.rotation[:, 2]).moved(peer.body_pose(parent, below))
-        return found.moved(of_thigh if joint == "knee" else of_shank)
+        found = Axis(line.translation, line.rotation[:, 2]).transform(
+            peer.compute_body_pose(parent, below)
+        )
+        return found.transform(of_thigh if joint == "knee" else of_shank)
 
     poses = {"pelvis": pin.SE3.Identity(), f"thigh_{side}": of_thigh, f"shank_{side}": of_shank}
     poses[f"foot_{side}"] = of_shank * of_foot
@@ -175,8 +177,8 @@ def _leg(
     }
     # y of the talus lies along the common perpendicular of both axes of the ankle
     back = of_shank.inverse()
-    z = lines[f"ankle_{side}"].moved(back).pointing(2).direction
-    x = lines[f"subtalar_{side}"].moved(back).pointing(0).direction
+    z = lines[f"ankle_{side}"].transform(back).direct_along(2).direction
+    x = lines[f"subtalar_{side}"].transform(back).direct_along(0).direction
     in_parent, _ = frames("talocrural", talocrural=0.0)
     y = in_parent.rotation.T @ np.cross(z, x)
     ankle = float(np.arctan2(-y[0], y[1]))
@@ -195,7 +197,7 @@ def _markers(peer: PeerModel, bodies: dict[str, str]) -> Iterator[tuple[str, str
     for label, (carrier, position) in peer.markers.items():
         for segment, body in reversed(bodies.items()):
             if peer.is_below(carrier, body):
-                yield label, segment, peer.body_pose(carrier, body).act(position)
+                yield label, segment, peer.compute_body_pose(carrier, body).act(position)
                 break
 
 
@@ -249,7 +251,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
             places[leg.theirs.name, end] = FramePlacement(
                 frame.translation + way, frame.rotation @ turn if deg else None
             )
-    out.write_bytes(document.changed(places))
+    out.write_bytes(document.apply_changes(places))
     return out
 
 
@@ -324,7 +326,7 @@ def draw(
             return compute_muscle_paths(back, values_of)
 
         truth, now = arms(source.read_bytes()), arms(done.content)
-        others = [arms(done.drawn(rng)) for _ in range(models)]
+        others = [arms(done.draw(rng)) for _ in range(models)]
     keys = [key for key in truth if all(key in other for other in (now, *others))]
     return Draw(
         muscles=tuple(muscle for muscle, _ in keys),
@@ -432,7 +434,7 @@ def _same(file: Path) -> tuple[str, bool]:
         other = Path(name) / "other.osim"
         wrong = transfer_joints(person, disturbed(file, other, across=True))
         start = time.perf_counter()
-        wrong.drawn(np.random.default_rng(0))
+        wrong.draw(np.random.default_rng(0))
         of_draw = time.perf_counter() - start
         other.write_bytes(wrong.content)
         apart = max(_apart(done.legs, find_leg_joints(read_osim(other))))

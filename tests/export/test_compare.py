@@ -352,7 +352,7 @@ def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path:
                 state, osim.Vec3(0.1, 0.2, 0.3), model.getBodySet().get(joint.parent)
             )
         )
-        ours = peer.joint_pose(joint, values).act(np.array([0.1, 0.2, 0.3]))
+        ours = peer.compute_joint_pose(joint, values).act(np.array([0.1, 0.2, 0.3]))
         np.testing.assert_allclose(ours, theirs.to_numpy(), atol=PEER_POSE)
 
 
@@ -382,7 +382,7 @@ def test_poses_are_those_of_opensim(osim: Any, data_dir: Path, name: str) -> Non
                 if joint.parent == "ground"
                 else model.getBodySet().get(joint.parent)
             )
-            ours = peer.joint_pose(joint, values)
+            ours = peer.compute_joint_pose(joint, values)
             for point in np.vstack([np.zeros(3), np.eye(3)]):
                 theirs = frame.findStationLocationInAnotherFrame(state, osim.Vec3(*point), base)
                 np.testing.assert_allclose(ours.act(point), theirs.to_numpy(), atol=PEER_POSE)

@@ -46,10 +46,10 @@ def test_our_own_model_moves_and_pulls_as_ours(
     for joint in ("hip_flexion", "hip_adduction", "knee_angle", "ankle_angle"):
         for side in "rl":
             angle, moment = (curves[f"{joint}_{side}", unit] for unit in ("deg", "N·m"))
-            assert max(abs(angle.offset), angle.rest) < SAME_DEG, angle
-            assert max(abs(moment.offset), moment.rest) < SAME_NM < np.ptp(moment.ours), moment
+            assert max(abs(angle.offset), angle.residual) < SAME_DEG, angle
+            assert max(abs(moment.offset), moment.residual) < SAME_NM < np.ptp(moment.ours), moment
     assert not any(is_translation(name) for name, _ in curves)
-    assert max(found.missed) < MISSED and not found.notes
+    assert max(found.marker_errors) < MISSED and not found.notes
 
 
 def test_what_is_another_zero_or_a_knee_that_rolls_is_said(data_dir: Path) -> None:
@@ -60,7 +60,7 @@ def test_what_is_another_zero_or_a_knee_that_rolls_is_said(data_dir: Path) -> No
     )
     assert (
         curve.offset == pytest.approx(6.0, abs=0.05)
-        and 0.0 < curve.rest < 0.1
+        and 0.0 < curve.residual < 0.1
         and curve.correlation > 0.99
     )
     rolls, zero = _explain_differences(peer, find_leg_joints(peer), [curve])

@@ -415,7 +415,7 @@ def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
     ]
     assert (of.n, of.strides, of.mean, of.percent) == (2, 3, 12.0, 74.0)
     assert of.sd == pytest.approx(np.sqrt(8.0)) and of.se == pytest.approx(np.sqrt(8.0 / 2 + 4.0))
-    assert "62" not in of.peak.words and make_peak_columns([of])["window"] == [
+    assert "62" not in of.peak.window_label and make_peak_columns([of])["window"] == [
         "0 to 100 % of swing"
     ]
 

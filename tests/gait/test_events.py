@@ -140,7 +140,7 @@ def test_a_contact_that_the_trial_begins_or_ends_with_is_no_event() -> None:
 
 def test_strikes_of_one_foot_carry_their_sources() -> None:
     found = combine_events(TIME, [], walk(3.0, 4.2), walk())
-    foot = found.of("r")
+    foot = found.select_foot("r")
     assert len(foot.sources) == len(foot.strikes) and set(foot.sources) == {
         EventSource.PLATES,
         EventSource.MOTION,

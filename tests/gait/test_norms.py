@@ -54,7 +54,7 @@ def test_values_lie_on_straight_lines_between_percents_and_nowhere_else(tmp_path
     assert (band.variable, band.source, band.signs) == (
         "hip_flexion", "Somebody 2020, 50 adults", BAND_SIGNS["gaitcal"],
     )  # fmt: skip
-    mean, sd = band.for_person(PERSON)
+    mean, sd = band.scale_to_person(PERSON)
     assert mean[[10, 15, 20]].tolist() == [30.0, 35.0, 40.0] and sd[15] == 6.0
     assert np.isnan(mean[[0, 9, 21, 100]]).all()
 
@@ -79,7 +79,7 @@ def test_units_become_those_of_the_table_of_strides(
     tmp_path: Path, variable: str, unit: str, one: float
 ) -> None:
     rows = f"{variable},{unit},0,1,0.5\n{variable},{unit},100,1,0.5\n"
-    mean, sd = read_normal_bands(written(tmp_path, rows))[variable].for_person(PERSON)
+    mean, sd = read_normal_bands(written(tmp_path, rows))[variable].scale_to_person(PERSON)
     assert mean[50] == pytest.approx(one, rel=1e-3) and sd[50] == pytest.approx(0.5 * one, rel=1e-3)
 
 
@@ -104,7 +104,7 @@ def test_signs_become_those_of_the_table_of_strides(
     path = written(tmp_path, f"{variable},{unit},0,2,1\n{variable},{unit},100,2,1\n", signs)
     band = read_normal_bands(path)[variable]
     for side, sign in (("r", right), ("l", left)):
-        mean, sd = band.for_person(PERSON, side)
+        mean, sd = band.scale_to_person(PERSON, side)
         assert mean[0] == 2.0 * sign and sd[0] == 1.0
 
 
@@ -177,15 +177,15 @@ def at(relative: float, leg: float = 0.70) -> float:
 )
 def test_a_child_is_held_against_children_of_its_speed(relative: float, words: str) -> None:
     norm = select_norm(CHILD, at(relative))
-    check_text(norm.words, words, 4, 17, 83, 2008)
+    check_text(norm.label, words, 4, 17, 83, 2008)
     assert set(ANGLES) < set(norm.bands)
     check_text(norm.remark, f"{relative:.2f}", words, 0.7)
 
 
 def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
     tall = Subject("t", 60.0, 1.75, "male", age=16.0)
-    check_text(select_norm(tall, at(0.37)).words)
-    check_text(select_norm(CHILD, at(0.37)).words)
+    check_text(select_norm(tall, at(0.37)).label)
+    check_text(select_norm(CHILD, at(0.37)).label)
     assert estimate_leg_length(tall)[0] == pytest.approx(0.91)
     check_text(estimate_leg_length(tall)[1])
 
@@ -246,7 +246,7 @@ def strides(
     """
     rows, bands = [], read_normal_bands(FREE)
     for side, number, name in itertools.product("rl", (1, 2), ANGLES):
-        mean, _ = bands[name].for_person(CHILD, side)
+        mean, _ = bands[name].scale_to_person(CHILD, side)
         value = mean + offset.get(f"{name}_{side}", 0.0) + (number == 2) * alternate
         columns = {"side": side, "variable": name, "value": value, "se": error, "se_stride": 0.0}
         rows.append(pd.DataFrame({**columns, "valid": 1, "turn": 0.0, "activity": "gait"}))
@@ -333,10 +333,10 @@ NAMES = (
 def test_the_files_of_a_result_have_the_convention_unless_said_otherwise() -> None:
     plain = Convention()
     for name in NAMES:
-        np.testing.assert_array_equal(plain.moment(name, STANCE, SUBJECT), STANCE)
-    assert plain.senses("ankle_angle_l_moment", "r")[0] == "dorsiflexion"
-    np.testing.assert_array_equal(plain.power(STANCE, SUBJECT), STANCE)
-    np.testing.assert_array_equal(plain.angle("pelvis_tilt", STANCE, "r"), STANCE)
+        np.testing.assert_array_equal(plain.convert_moment(name, STANCE, SUBJECT), STANCE)
+    assert plain.describe_senses("ankle_angle_l_moment", "r")[0] == "dorsiflexion"
+    np.testing.assert_array_equal(plain.convert_power(STANCE, SUBJECT), STANCE)
+    np.testing.assert_array_equal(plain.convert_angle("pelvis_tilt", STANCE, "r"), STANCE)
 
 
 def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_act() -> None:
@@ -345,9 +345,9 @@ def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_
         "ankle_angle_r": "plantarflexion", "knee_angle_l": "extension", "hip_adduction_r": "abduction",
         "lumbar_extension": "extension",
     }  # fmt: skip
-    assert {name: clinical.senses(f"{name}_moment", "r")[0] for name in senses} == senses
-    assert clinical.moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
-    assert clinical.moment("lumbar_extension", STANCE, SUBJECT) == -120.0, (
+    assert {name: clinical.describe_senses(f"{name}_moment", "r")[0] for name in senses} == senses
+    assert clinical.convert_moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
+    assert clinical.convert_moment("lumbar_extension", STANCE, SUBJECT) == -120.0, (
         "extension is positive already"
     )
 
@@ -360,9 +360,10 @@ def test_an_external_moment_is_the_opposite_of_the_internal_one(signs: Signs) ->
     internal, external = (Convention(signs=signs, acting=acting) for acting in Acting)
     for name in NAMES:
         same = np.array_equal(
-            external.moment(name, STANCE, SUBJECT), internal.moment(name, STANCE, SUBJECT)
+            external.convert_moment(name, STANCE, SUBJECT),
+            internal.convert_moment(name, STANCE, SUBJECT),
         )
-        one, other = (c.senses(f"{name}_moment", "r") for c in (internal, external))
+        one, other = (c.describe_senses(f"{name}_moment", "r") for c in (internal, external))
         assert (same, other) == ((True, one[::-1]) if signs is Signs.CLINICAL else (False, one))
 
 
@@ -378,7 +379,7 @@ def test_titles_are_named_by_what_is_positive() -> None:
         (clinical, "hip_rotation_moment", "Hip external rotation moment"),
         (clinical, "hip_power", "Hip power"),
     ):
-        assert convention.title(variable) == title
+        assert convention.make_title(variable) == title
 
 
 @pytest.mark.parametrize("variable", [*COORDINATE_TABLE, *GROUND_FORCES])
@@ -387,7 +388,7 @@ def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
     it turns over.
     """
     clinical = Convention(signs=Signs.CLINICAL)
-    right, left = (clinical.values(variable, np.ones(1), side, SUBJECT) for side in "rl")
+    right, left = (clinical.convert_values(variable, np.ones(1), side, SUBJECT) for side in "rl")
     middle = (
         COORDINATE_TABLE[variable].group in ("pelvis", "trunk")
         if variable in COORDINATE_TABLE
@@ -397,18 +398,18 @@ def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
         middle and variable.endswith("rotation")
     )
     assert (right == (-left if mirrors else left)).all()
-    assert clinical.senses(variable, "r") == clinical.senses(variable, "l")
+    assert clinical.describe_senses(variable, "r") == clinical.describe_senses(variable, "l")
 
 
 def test_units_are_per_mass_or_per_weight_times_height() -> None:
     per_kg, bwh = (Convention(unit=unit) for unit in (MomentUnit.NM_PER_KG, MomentUnit.PERCENT_BWH))
-    assert per_kg.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
-    assert bwh.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(
+    assert per_kg.convert_moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
+    assert bwh.convert_moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(
         -100 * 120.0 / (80.0 * 9.81 * 1.75)
     )
     for convention in (per_kg, bwh):
         assert (
-            convention.power(STANCE, SUBJECT) == pytest.approx(-1.5)
+            convention.convert_power(STANCE, SUBJECT) == pytest.approx(-1.5)
             and convention.keys["power_unit"] == "W/kg"
         )
 
@@ -417,24 +418,24 @@ def test_pelvis_angles_are_told_of_the_side_of_the_stride() -> None:
     """As Plug-in Gait has them; joint angles stay."""
     clinical, lean = Convention(signs=Signs.CLINICAL), np.array([5.0])
     for name, right, left in (("tilt", -1, -1), ("list", -1, 1), ("rotation", 1, -1)):
-        assert clinical.angle(f"pelvis_{name}", lean, "r") == 5.0 * right
-        assert clinical.angle(f"pelvis_{name}", lean, "l") == 5.0 * left
-    check_text(clinical.senses("pelvis_list", "l")[0])
-    check_text(Convention().senses("pelvis_list", "l")[0])
+        assert clinical.convert_angle(f"pelvis_{name}", lean, "r") == 5.0 * right
+        assert clinical.convert_angle(f"pelvis_{name}", lean, "l") == 5.0 * left
+    check_text(clinical.describe_senses("pelvis_list", "l")[0])
+    check_text(Convention().describe_senses("pelvis_list", "l")[0])
     for name in ("hip_flexion", "ankle_angle", "subtalar_angle"):
-        assert clinical.angle(name, lean, "r") == 5.0
-        assert clinical.senses(name, "r")[0] == Convention().senses(name, "l")[0]
+        assert clinical.convert_angle(name, lean, "r") == 5.0
+        assert clinical.describe_senses(name, "r")[0] == Convention().describe_senses(name, "l")[0]
 
 
 def test_every_variable_says_what_is_positive_and_every_convention_says_itself() -> None:
     for signs, acting, frame, unit in itertools.product(Signs, Acting, MomentFrame, MomentUnit):
         convention = Convention(signs=signs, acting=acting, frame=frame, unit=unit)
-        assert all(convention.senses(f"{name}_moment", "r")[0] for name in NAMES)
+        assert all(convention.describe_senses(f"{name}_moment", "r")[0] for name in NAMES)
         text = "\n".join(convention.lines)
         assert (
-            acting.words in text
+            acting.label in text
             and frame.label in text
-            and unit.words in text
+            and unit.label in text
             and unit.power in text
         )
         assert list(convention.keys.values())[:4] == [signs.value, acting.key, frame.key, unit.key]

@@ -124,7 +124,7 @@ def test_on_split_belts_strides_are_each_belts_and_steps_are_in_the_room() -> No
     time, feet, events = steps(8)
     fast, slow, heel = 1.2, 0.6, np.zeros_like(feet.heel)
     for foot, belt in enumerate((fast, slow)):
-        own = events.of("rl"[foot])
+        own = events.select_foot("rl"[foot])
         at = np.sort(np.concatenate([own.strikes, own.strikes + 0.66]))
         x = np.where(np.isin(at, own.strikes), 0.3, 0.3 - 0.66 * belt)
         heel[:, foot, 0], heel[:, foot, 1] = (

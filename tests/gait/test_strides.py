@@ -65,10 +65,16 @@ def test_each_leg_has_its_own_main_and_complete_strides() -> None:
     """
     legs = np.stack([TIME > 1.995, np.zeros_like(TIME, dtype=bool)], axis=1)
     drawn = replace(layout(), valid_legs=legs)
-    assert drawn.main("r") == CYCLES["r"][2] == drawn.main("") and drawn.main("l") == CYCLES["l"][0]
-    assert (drawn.complete("r"), drawn.complete("l")) == (1, 0)
-    assert layout().complete("r") == 1
-    assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
+    assert (
+        drawn.select_main_cycle("r") == CYCLES["r"][2] == drawn.select_main_cycle("")
+        and drawn.select_main_cycle("l") == CYCLES["l"][0]
+    )
+    assert (drawn.count_complete("r"), drawn.count_complete("l")) == (1, 0)
+    assert layout().count_complete("r") == 1
+    assert (
+        layout().select_drawn_frames("r").sum() == 101
+        and layout(by_cycle=False).select_drawn_frames("r").all()
+    )
 
 
 def numbers(by_cycle: bool) -> MomentSummary:
@@ -185,7 +191,7 @@ def test_toes_in_is_positive_on_both_sides_whatever_the_direction() -> None:
         for along in (line, line + np.pi):
             for side in "rl":
                 np.testing.assert_allclose(
-                    np.degrees(feet.progression(side, along)), 10.0, atol=1e-9
+                    np.degrees(feet.compute_progression(side, along)), 10.0, atol=1e-9
                 )
 
 
@@ -208,7 +214,7 @@ def test_axes_of_the_foot_err_about_what_moves_progression() -> None:
     turned = {"foot_r": np.radians([[[0.0, 3.0, 0.0]]]), "foot_l": np.radians([[[3.0, 0.0, 0.0]]])}
     feet = _foot_axes(flat, lines, (np.full((1, 2), np.radians(4.0) ** 2),) * 2, turned)
     np.testing.assert_allclose(np.degrees(feet.error), [[5.0, 4.0]])
-    np.testing.assert_allclose(np.degrees(feet.own), 4.0)
+    np.testing.assert_allclose(np.degrees(feet.marker_error), 4.0)
 
 
 def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
@@ -216,7 +222,9 @@ def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
     forth, back = axis_to(np.radians(10.0)), axis_to(np.pi + np.radians(10.0))
     feet = FootAxes(np.stack([[forth, forth]] * 3 + [[back, back]] * 2))
     returning = np.arange(5) >= 3
-    np.testing.assert_allclose(np.degrees(feet.progression("r", np.pi, returning))[returning], 10.0)
+    np.testing.assert_allclose(
+        np.degrees(feet.compute_progression("r", np.pi, returning))[returning], 10.0
+    )
 
 
 def test_each_frame_of_a_foot_has_the_line_of_its_stride() -> None:
@@ -247,7 +255,7 @@ def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data
     points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
     for side in "rl":
         ours, theirs = (
-            np.degrees(feet.progression(side, 0.0)),
+            np.degrees(feet.compute_progression(side, 0.0)),
             points[f"{side.upper()}FootProgressAngles"][:, 2],
         )
         strikes = [

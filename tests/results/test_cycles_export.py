@@ -312,7 +312,7 @@ def test_scores_stand_on_paper_as_in_a_second_computation(
         ]
         away = (
             rows["value"].to_numpy().reshape(-1, 101)[:, ::2]
-            - bands[name].for_person(model.subject)[0][::2]
+            - bands[name].scale_to_person(model.subject)[0][::2]
         )
         squares.append(np.mean(np.sqrt(np.mean(away**2, axis=1))) ** 2)
     shown = {(s.side, s.variable): s for s in content.profile}

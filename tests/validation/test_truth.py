@@ -46,7 +46,7 @@ def test_a_displacement_turns_about_the_line_that_it_was_turned_about() -> None:
         slid = pin.SE3(turn, point - turn @ point + rng.normal() * n)
         found = find_displacement_axis(before, slid * before)
         np.testing.assert_allclose(found.direction, n, atol=ROUNDING)
-        assert found.distance(point) < ROUNDING
+        assert found.measure_distance(point) < ROUNDING
 
 
 def _moving(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +73,7 @@ def test_sara_finds_a_hinge() -> None:
         check.angle(proximal.direction, n) < 1e-6
         and check.angle(distal.direction, rest.T @ n) < 1e-6
     )  # deg
-    assert proximal.distance(c) < ROUNDING and distal.distance(d) < ROUNDING
+    assert proximal.measure_distance(c) < ROUNDING and distal.measure_distance(d) < ROUNDING
 
 
 def test_true_parameters_of_a_known_linkage() -> None:

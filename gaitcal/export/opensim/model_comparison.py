@@ -142,7 +142,7 @@ def _list_leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], f
             }
     for name, axis in flexion_axes.items():
         if axis is not None:
-            crossing = axis.crossing(2)[:2]
+            crossing = axis.find_crossing(2)[:2]
             out |= {
                 (f"{name}, {d}", "mm"): 1e3 * x
                 for d, x in zip(DIRECTIONS[:2], crossing, strict=True)

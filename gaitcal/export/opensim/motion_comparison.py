@@ -54,7 +54,7 @@ class OurMotion:
     valid: Mapping[str, BoolArray]  # Side -> (nf,)
     cutoff: float | None  # Hz, at which its motion is smoothed; None: by its coefficients alone
     loads: Path  # Of the forces under the feet, as `write_external_loads` writes them
-    missed: Mapping[str, float]  # Label -> m RMS, by which our model misses a marker
+    marker_errors: Mapping[str, float]  # Label -> m RMS, by which our model misses a marker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ class BothCurves:
         return float(np.mean(self.theirs - self.ours))
 
     @property
-    def rest(self) -> float:
+    def residual(self) -> float:
         """RMS of theirs - ours - offset."""
         return float(np.std(self.theirs - self.ours))
 
@@ -89,7 +89,7 @@ class MotionComparison:
     """What came of it."""
 
     curves: tuple[BothCurves, ...]
-    missed: tuple[float, float]  # m RMS over the markers that both have: ours, theirs
+    marker_errors: tuple[float, float]  # m RMS over the markers that both have: ours, theirs
     notes: tuple[str, ...]  # What explains differences, a sentence each
 
 
@@ -130,7 +130,7 @@ def compare_motion(
                 ) from None
         both = [
             value
-            for label, value in trial.missed.items()
+            for label, value in trial.marker_errors.items()
             if match_label(label, tuple(peer.markers)) is not None
         ]
         missed.append((float(np.sqrt(np.mean(np.square(both)))), error))
@@ -164,7 +164,7 @@ def compare_motion(
     ours, theirs_missed = (float(np.sqrt(np.mean(np.square(e)))) for e in zip(*missed, strict=True))
     return MotionComparison(
         curves=curves,
-        missed=(ours, theirs_missed),
+        marker_errors=(ours, theirs_missed),
         notes=tuple(_explain_differences(peer, legs, curves)),
     )
 
@@ -173,7 +173,7 @@ def _get_knee_sign(peer: PeerModel, name: str) -> float:
     """-1 for a knee that is bent by negative angles."""
     if not name.startswith("knee_angle"):
         return 1.0
-    joint = peer.joint_of(name)
+    joint = peer.find_joint(name)
     c = next(c for c in joint.coordinates if c.name == name) if joint is not None else None
     return -1.0 if c is not None and c.high < -c.low else 1.0
 
@@ -319,9 +319,11 @@ def _explain_differences(
         values = _get_knee_sign(peer, leg.coordinate) * np.radians(
             np.quantile(found.theirs, np.linspace(0.0, 1.0, 25))
         )
-        poses = [peer.joint_pose(leg.theirs, {leg.coordinate: float(v)}) for v in values]
+        poses = [peer.compute_joint_pose(leg.theirs, {leg.coordinate: float(v)}) for v in values]
         off = [
-            pose.actInv(leg.hinge.pose(leg.hinge.angle(pose))).act(leg.theirs.in_child.translation)
+            pose.actInv(leg.hinge.compute_pose(leg.hinge.measure_angle(pose))).act(
+                leg.theirs.in_child.translation
+            )
             for pose in poses
         ]
         far = max(float(np.linalg.norm(x - leg.theirs.in_child.translation)) for x in off)
@@ -335,7 +337,7 @@ def _explain_differences(
     for (name, unit), curve in known.items():
         if (
             unit == "deg"
-            and abs(curve.offset) > curve.rest
+            and abs(curve.offset) > curve.residual
             and abs(curve.offset) > LEAST_OFFSET_DEG
         ):
             yield (

@@ -56,18 +56,18 @@ class Hinge:
     in_parent: pin.SE3
     in_child: pin.SE3
     # m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them
-    off: float = 0.0
+    deviation: float = 0.0
 
-    def angle(self, pose: pin.SE3) -> float:
+    def measure_angle(self, pose: pin.SE3) -> float:
         """The hinge's angle, rad, that is nearest to a pose of the child in the parent."""
         r = (self.in_parent.rotation.T @ pose.rotation) @ self.in_child.rotation
         return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
 
-    def slide(self, pose: pin.SE3) -> float:
+    def measure_slide(self, pose: pin.SE3) -> float:
         """How far the child lies along the axis, m."""
         return float((self.in_parent.actInv(pose) * self.in_child).translation[2])
 
-    def pose(self, angle: float) -> pin.SE3:
+    def compute_pose(self, angle: float) -> pin.SE3:
         """Of the child in the parent."""
         return (
             self.in_parent
@@ -121,7 +121,9 @@ def find_leg_joints(
         joints.values(), by_name, "joint of the model", source=names or Path(), field="joints"
     )
     with_usual_names = [
-        s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")
+        s
+        for s in SIDES
+        if peer.find_joint(f"hip_flexion_{s}") and peer.find_joint(f"knee_angle_{s}")
     ]
     shape = (
         None
@@ -138,7 +140,7 @@ def find_leg_joints(
         named = {
             k: j
             for k, c in COORDINATE_OF.items()
-            if (j := peer.joint_of(f"{c}_{side}")) is not None
+            if (j := peer.find_joint(f"{c}_{side}")) is not None
         }
         ours, found_by = {**named, **told}, "name"
         if shape is not None:
@@ -184,7 +186,7 @@ def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> 
     else:
         stride = gait_curves(np.arange(POSTURES) / POSTURES)[0][:, COORDINATE_INDEX[name]]
     stride = stride if kind != "knee" or c.high >= -c.low else -stride
-    poses = [peer.joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
+    poses = [peer.compute_joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
     ends = poses[int(np.argmin(stride))], poses[int(np.argmax(stride))]
     axis = find_displacement_axis(*ends)
     if axis is None:
@@ -192,7 +194,7 @@ def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> 
         raise InputError(
             message, source=peer.source, field=f"joint {leg.theirs.name}", code=Code.OTHER_MODEL
         )
-    centre = axis.nearest((ends[0] * leg.theirs.in_child).translation)
+    centre = axis.find_nearest((ends[0] * leg.theirs.in_child).translation)
     along = pin.Quaternion.FromTwoVectors(np.eye(3)[2], axis.direction).toRotationMatrix()
     first = pin.SE3(along, centre)
     hinge = Hinge(first, ends[0].actInv(first))
@@ -209,12 +211,12 @@ def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> 
 
     def residual(x: Array) -> Array:
         near = moved(x)
-        told = [near.pose(near.angle(pose)) for pose in poses]
+        told = [near.compute_pose(near.measure_angle(pose)) for pose in poses]
         return (np.array([[pose.act(p) for p in points] for pose in told]) - measured).ravel()
 
     if np.abs(residual(np.zeros(9))).max() > EXACT:
         best = least_squares(residual, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
-        hinge = replace(moved(best.x), off=float(np.sqrt(3.0 * np.mean(np.square(best.fun)))))
+        hinge = replace(moved(best.x), deviation=float(np.sqrt(3.0 * np.mean(np.square(best.fun)))))
     return hinge
 
 
@@ -233,7 +235,7 @@ def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: s
         and hip is not None
         and peer.is_below(joint.parent, hip.parent)
     ):
-        z = (peer.body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
+        z = (peer.compute_body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
         return max(turning, key=lambda name: abs(float(z @ turning[name])))
     found = [c for c in joint.coordinates if c.name in turning] or list(joint.coordinates)
     return max(found, key=lambda c: c.high - c.low).name if found else ""
@@ -292,7 +294,9 @@ def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
                 out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
                 if (
                     len(row) > 3
-                    and np.linalg.norm(peer.body_pose(row[3].child, row[2].child).translation)
+                    and np.linalg.norm(
+                        peer.compute_body_pose(row[3].child, row[2].child).translation
+                    )
                     < TALUS
                 ):
                     out[f"subtalar_{side}"] = row[3]
@@ -315,8 +319,8 @@ class MovedJoint:
     in_parent: pin.SE3
     in_child: pin.SE3
     centre: Array  # (3,) m, in the parent, now
-    shifts: tuple[Array, Array]
-    turns: tuple[float, float]
+    displacements: tuple[Array, Array]
+    rotations: tuple[float, float]
 
 
 def move_ball_joint(
@@ -339,8 +343,8 @@ def move_ball_joint(
         in_parent=in_parent,
         in_child=in_child,
         centre=target.point,
-        shifts=shifts,
-        turns=(0.0, measure_rotation(joint.in_child, in_child)),
+        displacements=shifts,
+        rotations=(0.0, measure_rotation(joint.in_child, in_child)),
     )
 
 
@@ -355,11 +359,13 @@ def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | No
     in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
     if standing is not None:
         other, shift_child, _ = compute_smallest_motion(
-            hinge.in_child, target.moved(standing.inverse()), joint.in_child.translation
+            hinge.in_child, target.transform(standing.inverse()), joint.in_child.translation
         )
         new = Hinge(step * hinge.in_parent, other * hinge.in_child)
-        turn = new.angle(standing) - hinge.angle(was)
-        back = pin.SE3(make_axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
+        turn = new.measure_angle(standing) - hinge.measure_angle(was)
+        back = pin.SE3(
+            make_axis_rotation(2, -turn), np.array([0.0, 0.0, -new.measure_slide(standing)])
+        )
         in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
         old_axis, new_axis = hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2]
         turn_child = float(
@@ -369,8 +375,8 @@ def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | No
         in_parent=step * joint.in_parent,
         in_child=in_child,
         centre=to,
-        shifts=(shift, shift_child),
-        turns=(measure_rotation(pin.SE3.Identity(), step), turn_child),
+        displacements=(shift, shift_child),
+        rotations=(measure_rotation(pin.SE3.Identity(), step), turn_child),
     )
 
 
@@ -382,8 +388,8 @@ def compute_smallest_motion(
     """
     axis = Axis(hinge.translation, hinge.rotation[:, 2])
     direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
-    at = axis.nearest(centre)
-    to = target.nearest(at)
+    at = axis.find_nearest(centre)
+    to = target.find_nearest(at)
     turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
     return (
         pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at),
@@ -425,11 +431,14 @@ def solve_standing_coordinates(
     def residual(q: Array) -> Array:
         if single is not None:
             return np.array(
-                [single.angle(peer.joint_pose(row[0], values(q))) - single.angle(target)]
+                [
+                    single.measure_angle(peer.compute_joint_pose(row[0], values(q)))
+                    - single.measure_angle(target)
+                ]
             )
         turned = np.eye(3)
         for joint in row:
-            turned = turned @ peer.joint_pose(joint, values(q)).rotation
+            turned = turned @ peer.compute_joint_pose(joint, values(q)).rotation
         return np.concatenate([pin.log3(turned.T @ target.rotation), 1e-9 * q])
 
     if not free:

@@ -54,7 +54,7 @@ class _Span:
     inside: int  # After its first tag
     end: int  # Before its last tag; the same as `inside` where its only tag closes itself
 
-    def alone(self, content: bytes) -> bool:
+    def is_self_closing(self, content: bytes) -> bool:
         """Whether its only tag closes itself."""
         return content[self.inside - 2 : self.inside] == b"/>"
 
@@ -85,21 +85,21 @@ class OsimDocument:
     model: ET.Element  # Its `<Model>`
     _spans: dict[ET.Element, _Span] = field(repr=False)
 
-    def joint(self, name: str) -> ET.Element:
+    def find_joint(self, name: str) -> ET.Element:
         """The element of a joint."""
-        return next(e for e in self.joints() if e.get("name", "") == name)
+        return next(e for e in self.list_joints() if e.get("name", "") == name)
 
-    def body(self, name: str) -> ET.Element:
+    def find_body(self, name: str) -> ET.Element:
         """The element of a body."""
         return next(
             e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name
         )
 
-    def frames_of(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
+    def list_frames(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
         """A body and the offset frames in it (OpenSim 4): path from the body on, pose in the body,
         element.
         """
-        held = [(name, pin.SE3.Identity(), self.body(name))]
+        held = [(name, pin.SE3.Identity(), self.find_body(name))]
         while held:
             path, pose, element = held.pop()
             yield path, pose, element
@@ -111,20 +111,20 @@ class OsimDocument:
                     place = pose * _read_pose(frame, *TAGS_4, self.source)
                     held.append((f"{path}/{frame.get('name', '')}", place, frame))
 
-    def mass_centre(self, name: str) -> Array:
+    def read_mass_centre(self, name: str) -> Array:
         """(3,) m, of a body, in it."""
-        return read_numbers(self.body(name), "mass_center", self.source, count=3)
+        return read_numbers(self.find_body(name), "mass_center", self.source, count=3)
 
-    def joints(self) -> Iterator[ET.Element]:
+    def list_joints(self) -> Iterator[ET.Element]:
         """All joints, of either generation of files."""
         yield from self.model.findall("BodySet/objects/Body/Joint/*")
         yield from self.model.findall("JointSet/objects/*")
 
-    def hangs_on(self, joint: str) -> list[str]:
+    def list_attached_elements(self, joint: str) -> list[str]:
         """Names of elements elsewhere that are fixed to a frame of this joint, and so would move
         with it.
         """
-        frames = {f"{joint}/{f.get('name')}" for f in self.joint(joint).findall("frames/*")}
+        frames = {f"{joint}/{f.get('name')}" for f in self.find_joint(joint).findall("frames/*")}
         out = []
         for element in self.model.iter():
             for child in element:
@@ -136,7 +136,7 @@ class OsimDocument:
                     out.append(element.get("name", element.tag))
         return out
 
-    def changed(
+    def apply_changes(
         self,
         places: Mapping[tuple[str, str], FramePlacement],
         weights: Mapping[str, BodyMass] | None = None,
@@ -151,15 +151,15 @@ class OsimDocument:
         """
         edits = _Edits(self)
         for (name, end), place in places.items():
-            edits.place(self.joint(name), end, place)
+            edits.place_joint(self.find_joint(name), end, place)
         for body, weight in (weights or {}).items():
-            edits.weigh(self.body(body), weight)
+            edits.replace_mass(self.find_body(body), weight)
         for element, tags, values in further:
-            edits.numbers(element, tags, values)
+            edits.replace_numbers(element, tags, values)
         for body, motion in (meshes or {}).items():
-            for _, frame, element in self.frames_of(body):
-                edits.draw(element, frame.actInv(motion * frame))
-        return edits.applied()
+            for _, frame, element in self.list_frames(body):
+                edits.move_meshes(element, frame.actInv(motion * frame))
+        return edits.apply()
 
 
 @dataclass
@@ -170,13 +170,13 @@ class _Edits:
     found: list[tuple[int, int, bytes]] = field(default_factory=list)
     new_frames: dict[ET.Element, list[str]] = field(default_factory=dict)
 
-    def place(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
+    def place_joint(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
         values = (
             place.translation,
             None if place.rotation is None else convert_to_body_fixed_xyz(place.rotation),
         )
         if joint.find("location_in_parent") is not None or joint.find("parent_body") is not None:
-            self.numbers(joint, TAGS_3[end], values)
+            self.replace_numbers(joint, TAGS_3[end], values)
             return
         socket = find_socket(joint, f"socket_{end}_frame")
         connected = "" if socket is None else (socket.text or "").strip()
@@ -185,7 +185,7 @@ class _Edits:
             None,
         )
         if frame is not None:
-            self.numbers(frame, TAGS_4, values)
+            self.replace_numbers(frame, TAGS_4, values)
         elif socket is not None:
             name = f"{connected.rpartition('/')[2]}_{end}_offset"
             span = self.document._spans[socket]
@@ -200,14 +200,18 @@ class _Edits:
             frame_text = f'<PhysicalOffsetFrame name="{name}">{inside}</PhysicalOffsetFrame>'
             self.new_frames.setdefault(joint, []).append(frame_text)
 
-    def weigh(self, body: ET.Element, weight: BodyMass) -> None:
+    def replace_mass(self, body: ET.Element, weight: BodyMass) -> None:
         source = self.document.source
-        self.numbers(body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre))
+        self.replace_numbers(
+            body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre)
+        )
         for tag in INERTIA_TAGS:
             if body.find(tag) is not None and weight.inertia != 1.0:
-                self.numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
+                self.replace_numbers(
+                    body, (tag,), (weight.inertia * read_numbers(body, tag, source),)
+                )
 
-    def draw(self, body: ET.Element, pose: pin.SE3) -> None:
+    def move_meshes(self, body: ET.Element, pose: pin.SE3) -> None:
         """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in
         OpenSim 3 they get a place of their own.
         """
@@ -215,7 +219,7 @@ class _Edits:
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
             old = read_numbers(mesh, "transform", self.document.source, count=6)
             now = pose * pin.SE3(convert_from_body_fixed_xyz(old[:3]), old[3:])
-            self.numbers(
+            self.replace_numbers(
                 mesh,
                 ("transform",),
                 (np.concatenate([convert_to_body_fixed_xyz(now.rotation), now.translation]),),
@@ -234,15 +238,17 @@ class _Edits:
         )
         end = content.index(b">", span.end) + 1
         frame = b"".join([head.encode(), content[span.start : end], b"</PhysicalOffsetFrame>"])
-        if holder is None or spans[holder].alone(content):
+        if holder is None or spans[holder].is_self_closing(content):
             frame = b"<components>" + frame + b"</components>"
         if holder is not None:
             at = spans[holder]
-            self.found.append((at.start if at.alone(content) else at.inside, at.inside, frame))
+            self.found.append(
+                (at.start if at.is_self_closing(content) else at.inside, at.inside, frame)
+            )
             frame = b""
         self.found.append((span.start, end, frame))
 
-    def numbers(
+    def replace_numbers(
         self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]
     ) -> None:
         for tag, values in zip(tags, all_values, strict=True):
@@ -260,21 +266,21 @@ class _Edits:
                         lead + f"<{tag}>{format_numbers(values)}</{tag}>".encode(),
                     )
                 )
-            elif span.alone(content):
+            elif span.is_self_closing(content):
                 self.found.append(
                     (span.start, span.inside, f"<{tag}>{format_numbers(values)}</{tag}>".encode())
                 )
             else:
                 self.found.append((span.inside, span.end, format_numbers(values).encode()))
 
-    def applied(self) -> bytes:
+    def apply(self) -> bytes:
         content, spans = self.document.content, self.document._spans
         for joint, frames in self.new_frames.items():
             text, holder = "".join(frames), joint.find("frames")
             if holder is None:
                 at = spans[joint].inside
                 self.found.append((at, at, f"<frames>{text}</frames>".encode()))
-            elif spans[holder].alone(content):
+            elif spans[holder].is_self_closing(content):
                 self.found.append(
                     (spans[holder].start, spans[holder].inside, f"<frames>{text}</frames>".encode())
                 )
@@ -408,7 +414,7 @@ def _read_markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tu
     offset = {
         path: (body, pose)
         for body in bodies
-        for path, pose, _ in document.frames_of(body)
+        for path, pose, _ in document.list_frames(body)
         if path != body
     }
     for marker in document.model.findall("MarkerSet/objects/Marker"):

@@ -59,19 +59,19 @@ class Registration:
     pose: pin.SE3  # Of the body in our segment
     rms: float  # m, of the distances that remain
     centre: Array  # (3,) m, mean of the shared points in our segment
-    turn_covariance: Array  # (3, 3) rad^2, axes of our segment
-    shift_variance: float  # m^2, of `centre` in each direction
+    rotation_covariance: Array  # (3, 3) rad^2, axes of our segment
+    translation_variance: float  # m^2, of `centre` in each direction
 
-    def point_covariance(self, point: Array) -> Array:
+    def compute_point_covariance(self, point: Array) -> Array:
         """(3, 3) m^2, of a point (3,) of our segment as a place in the body."""
         arm = pin.skew(point - self.centre)
-        out: Array = self.shift_variance * np.eye(3) + arm @ self.turn_covariance @ arm.T
+        out: Array = self.translation_variance * np.eye(3) + arm @ self.rotation_covariance @ arm.T
         return out
 
-    def drawn(self, rng: np.random.Generator) -> pin.SE3:
+    def draw_pose(self, rng: np.random.Generator) -> pin.SE3:
         """The pose with an error of its size."""
-        turn = rng.multivariate_normal(np.zeros(3), self.turn_covariance, method="eigh")
-        shift = rng.normal(size=3) * np.sqrt(self.shift_variance)
+        turn = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
+        shift = rng.normal(size=3) * np.sqrt(self.translation_variance)
         about = pin.SE3(pin.exp3(turn), self.centre + shift) * pin.SE3(np.eye(3), -self.centre)
         return about * self.pose
 
@@ -127,7 +127,7 @@ def find_shared_markers(
             continue
         if any(peer.is_below(carrier, b) and peer.is_below(b, body) for b in others):
             continue
-        theirs.append(peer.body_pose(carrier, body).act(position))
+        theirs.append(peer.compute_body_pose(carrier, body).act(position))
         ours.append(local)
     return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
 
@@ -160,8 +160,8 @@ def register_body(
         pose=pin.SE3(fit.rotation[0], fit.origin[0]),
         rms=float(np.sqrt(np.mean(distances**2))),
         centre=centre,
-        turn_covariance=variance * np.linalg.inv(float((x**2).sum()) * np.eye(3) - x.T @ x),
-        shift_variance=variance / n,
+        rotation_covariance=variance * np.linalg.inv(float((x**2).sum()) * np.eye(3) - x.T @ x),
+        translation_variance=variance / n,
     )
 
 
@@ -192,13 +192,13 @@ def perturb_joint(
     ):
         turned = _compute_rotation_into(body, segment, peer, bodies, was)
         a, b = (
-            compute_joint_axis(leg.ours, p, segment == ours.parent).moved(turned)
+            compute_joint_axis(leg.ours, p, segment == ours.parent).transform(turned)
             for p in (was, drawn)
         )
         shift, turn = b.point - a.point, np.eye(3)
         if hinge is not None:
             turn = pin.Quaternion.FromTwoVectors(a.direction, b.direction).toRotationMatrix()
-            shift = b.nearest(a.point) - a.point
+            shift = b.find_nearest(a.point) - a.point
         about = pin.SE3(np.eye(3), frame.translation)
         steps.append(about * pin.SE3(turn, shift) * about.inverse())
     if hinge is not None:
@@ -314,7 +314,7 @@ def _list_axis_points(
         in_parent = of_ours.get(segment, False)
         carrier = leg.theirs.parent if in_parent else leg.theirs.child
         frame = (
-            (peer.joint_pose(leg.theirs, {}) * leg.theirs.in_child)
+            (peer.compute_joint_pose(leg.theirs, {}) * leg.theirs.in_child)
             if in_parent
             else leg.theirs.in_child
         )
@@ -322,14 +322,16 @@ def _list_axis_points(
             None if leg.hinge is None else leg.hinge.in_parent if in_parent else leg.hinge.in_child
         )
         to_body = (
-            peer.body_pose(carrier, body) if peer.is_below(carrier, body) else pin.SE3.Identity()
+            peer.compute_body_pose(carrier, body)
+            if peer.is_below(carrier, body)
+            else pin.SE3.Identity()
         )
         if hinge is None:
             theirs.append(to_body.act(frame.translation))
             ours.append(our_axis.point)
             continue
         axis = Axis(to_body.act(hinge.translation), to_body.rotation @ hinge.rotation[:, 2])
-        axis = Axis(axis.nearest(to_body.act(frame.translation)), axis.direction)
+        axis = Axis(axis.find_nearest(to_body.act(frame.translation)), axis.direction)
         direction = our_axis.direction * (1.0 if our_axis.direction @ axis.direction >= 0 else -1.0)
         for reach in (-_ARM, _ARM):
             theirs.append(axis.point + reach * axis.direction)
@@ -422,7 +424,7 @@ def compute_body_masses(
         moved = dict[str, Array]()
         if segment in bodies:
             main = bodies[segment]
-            centres = {body: document.mass_centre(body) for body in group}
+            centres = {body: document.read_mass_centre(body) for body in group}
             poses = {body: compute_relative_pose(peer, body, main.body) for body in group}
             was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
             shift = main.pose.actInv(ours[segment].centre) - was
@@ -439,7 +441,7 @@ def compute_body_masses(
 def compute_relative_pose(peer: PeerModel, body: str, main: str) -> pin.SE3:
     """Pose of a body in another of its segment, above or below it."""
     return (
-        peer.body_pose(body, main)
+        peer.compute_body_pose(body, main)
         if peer.is_below(body, main)
-        else peer.body_pose(main, body).inverse()
+        else peer.compute_body_pose(main, body).inverse()
     )

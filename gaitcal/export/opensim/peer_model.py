@@ -89,18 +89,18 @@ class PeerModel:
     joints: dict[str, PeerJoint]  # By child body
     markers: dict[str, tuple[str, Array]]  # Label -> body and position (3,) m in it
 
-    def joint_of(self, coordinate: str) -> PeerJoint | None:
+    def find_joint(self, coordinate: str) -> PeerJoint | None:
         """The joint that has a coordinate of this name."""
         return next(
             (j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)),
             None,
         )
 
-    def with_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
+    def replace_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
         """With other joints for those between the same bodies."""
         return replace(self, joints=self.joints | {joint.child: joint for joint in joints})
 
-    def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
+    def compute_joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
         """Pose of the child in the parent; coordinates not in `values` are zero, or at their
         default if locked.
         """
@@ -121,23 +121,23 @@ class PeerModel:
                 motion = motion * pin.SE3(np.eye(3), amount * axis.axis)
         return joint.in_parent * motion * joint.in_child.inverse()
 
-    def body_pose(
+    def compute_body_pose(
         self, body: str, ancestor: str, values: Mapping[str, float] | None = None
     ) -> pin.SE3:
         """Pose of a body in the frame of one of its ancestors; coordinates as in `joint_pose`."""
         pose = pin.SE3.Identity()
-        for joint in reversed(self.joints_between(ancestor, body)):
-            pose = self.joint_pose(joint, values or {}) * pose
+        for joint in reversed(self.list_joints_between(ancestor, body)):
+            pose = self.compute_joint_pose(joint, values or {}) * pose
         return pose
 
     def is_below(self, body: str, ancestor: str) -> bool:
         """Whether `ancestor` is the body itself or on its way to the ground."""
-        return None not in self._way_up(body, ancestor)
+        return None not in self._list_joints_up(body, ancestor)
 
-    def joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
+    def list_joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
         """The joints from a body down to one below it, in that order."""
         joints: list[PeerJoint] = []
-        for joint in self._way_up(body, ancestor):
+        for joint in self._list_joints_up(body, ancestor):
             if joint is None:
                 raise InputError(
                     f"body {body} does not hang on {ancestor}",
@@ -147,7 +147,7 @@ class PeerModel:
             joints.insert(0, joint)
         return joints
 
-    def _way_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
+    def _list_joints_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
         """The joints from a body up to one of its ancestors; None at the end where it does not hang
         on that one.
         """
@@ -314,11 +314,11 @@ def find_leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
     it has them.
     """
     bodies: dict[str, str] = {}
-    if hip := peer.joint_of(f"hip_flexion_{side}"):
+    if hip := peer.find_joint(f"hip_flexion_{side}"):
         bodies |= {"pelvis": hip.parent, f"thigh_{side}": hip.child}
-    if knee := peer.joint_of(f"knee_angle_{side}"):
+    if knee := peer.find_joint(f"knee_angle_{side}"):
         bodies |= {f"thigh_{side}": knee.parent, f"shank_{side}": knee.child}
-    foot = peer.joint_of(f"subtalar_angle_{side}") or peer.joint_of(f"ankle_angle_{side}")
+    foot = peer.find_joint(f"subtalar_angle_{side}") or peer.find_joint(f"ankle_angle_{side}")
     if foot is not None:
         bodies[f"foot_{side}"] = foot.child
     return bodies
@@ -332,16 +332,21 @@ def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3
     stay None.
     """
     bodies = find_leg_bodies(peer, side)
-    hip, knee = peer.joint_of(f"hip_flexion_{side}"), peer.joint_of(f"knee_angle_{side}")
-    ankle, subtalar = peer.joint_of(f"ankle_angle_{side}"), peer.joint_of(f"subtalar_angle_{side}")
+    hip, knee = peer.find_joint(f"hip_flexion_{side}"), peer.find_joint(f"knee_angle_{side}")
+    ankle, subtalar = (
+        peer.find_joint(f"ankle_angle_{side}"),
+        peer.find_joint(f"subtalar_angle_{side}"),
+    )
     thigh, shank, foot = (bodies.get(f"{name}_{side}") for name in ("thigh", "shank", "foot"))
 
-    hip_pelvis = None if hip is None else (peer.joint_pose(hip, {}) * hip.in_child).translation
+    hip_pelvis = (
+        None if hip is None else (peer.compute_joint_pose(hip, {}) * hip.in_child).translation
+    )
     hip_thigh = None if hip is None or hip.child != thigh else hip.in_child.translation
     knee_thigh = knee_shank = None
     if knee is not None and (axis := _find_knee_axis(peer, knee, f"knee_angle_{side}")) is not None:
         knee_thigh = _centre_axis(peer, knee, axis)
-        knee_shank = knee_thigh.moved(peer.joint_pose(knee, {}).inverse())
+        knee_shank = knee_thigh.transform(peer.compute_joint_pose(knee, {}).inverse())
     ankle_shank = None
     if ankle is not None and shank is not None and peer.is_below(ankle.parent, shank):
         ankle_shank = _find_swept_axis(
@@ -350,8 +355,8 @@ def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3
         if ankle_shank is not None:
             ankle_shank = (
                 _centre_axis(peer, ankle, ankle_shank)
-                .moved(peer.body_pose(ankle.parent, shank))
-                .pointing(2)
+                .transform(peer.compute_body_pose(ankle.parent, shank))
+                .direct_along(2)
             )
     subtalar_foot = axes_distance = None
     if subtalar is not None:
@@ -359,15 +364,17 @@ def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3
             peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP
         )
         if subtalar_parent is not None:
-            subtalar_foot = subtalar_parent.moved(peer.joint_pose(subtalar, {}).inverse()).pointing(
-                0
-            )
+            subtalar_foot = subtalar_parent.transform(
+                peer.compute_joint_pose(subtalar, {}).inverse()
+            ).direct_along(0)
             if (
                 ankle_shank is not None
                 and shank is not None
                 and peer.is_below(subtalar.parent, shank)
             ):
-                subtalar_shank = subtalar_parent.moved(peer.body_pose(subtalar.parent, shank))
+                subtalar_shank = subtalar_parent.transform(
+                    peer.compute_body_pose(subtalar.parent, shank)
+                )
                 axes_distance = measure_line_distance(ankle_shank, subtalar_shank)
 
     thigh_length = shank_length = None
@@ -402,7 +409,7 @@ def _find_knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis |
     axis = _find_swept_axis(
         peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP
     )
-    return None if axis is None else axis.pointing(2)
+    return None if axis is None else axis.direct_along(2)
 
 
 def _find_swept_axis(
@@ -410,14 +417,15 @@ def _find_swept_axis(
 ) -> Axis | None:
     """Axis, in the joint's parent, of the motion from one value of a coordinate to another."""
     return find_displacement_axis(
-        *(peer.joint_pose(joint, {coordinate: amount}) for amount in (start, end))
+        *(peer.compute_joint_pose(joint, {coordinate: amount}) for amount in (start, end))
     )
 
 
 def _centre_axis(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
     """The axis, in the joint's parent, told by the centre of the joint."""
     return Axis(
-        axis.nearest((peer.joint_pose(joint, {}) * joint.in_child).translation), axis.direction
+        axis.find_nearest((peer.compute_joint_pose(joint, {}) * joint.in_child).translation),
+        axis.direction,
     )
 
 
@@ -430,7 +438,7 @@ def _transform_point(point: Array | None, pose: pin.SE3 | None) -> Array | None:
 
 
 def _transform_axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None:
-    return None if axis is None or pose is None else axis.moved(pose).pointing(positive)
+    return None if axis is None or pose is None else axis.transform(pose).direct_along(positive)
 
 
 @dataclass(frozen=True)
@@ -440,25 +448,25 @@ class Axis:
     point: Array  # (3,) m, on the line
     direction: Array  # (3,) unit vector
 
-    def moved(self, pose: pin.SE3) -> Axis:
+    def transform(self, pose: pin.SE3) -> Axis:
         """The same line in the frame in which `pose` is given."""
         return Axis(pose.act(self.point), pose.rotation @ self.direction)
 
-    def nearest(self, point: Array) -> Array:
+    def find_nearest(self, point: Array) -> Array:
         """(3,) m: the point of the line nearest to `point`."""
         nearest: Array = self.point + self.direction * float(self.direction @ (point - self.point))
         return nearest
 
-    def distance(self, point: Array) -> float:
+    def measure_distance(self, point: Array) -> float:
         """Distance of a point from the line, m."""
-        return float(np.linalg.norm(self.nearest(point) - point))
+        return float(np.linalg.norm(self.find_nearest(point) - point))
 
-    def crossing(self, axis: int) -> Array:
+    def find_crossing(self, axis: int) -> Array:
         """(3,) m: where the line crosses the plane on which coordinate `axis` is zero."""
         crossing: Array = self.point - self.direction * (self.point[axis] / self.direction[axis])
         return crossing
 
-    def pointing(self, axis: int) -> Axis:
+    def direct_along(self, axis: int) -> Axis:
         """The line directed so that coordinate `axis` of its direction is positive."""
         return Axis(self.point, self.direction if self.direction[axis] >= 0.0 else -self.direction)
 
@@ -485,5 +493,5 @@ def measure_line_distance(a: Axis, b: Axis) -> float:
     normal = np.cross(a.direction, b.direction)
     size = float(np.linalg.norm(normal))
     if size < 1e-9:
-        return a.distance(b.point)
+        return a.measure_distance(b.point)
     return abs(float(normal @ (b.point - a.point))) / size

@@ -198,9 +198,9 @@ class AccountTable:
     """Columns of words to the left of columns of numbers."""
 
     title: str
-    says: str  # What its figures are, in a sentence
-    words: tuple[str, ...]
-    numbers: tuple[str, ...]
+    description: str  # What its figures are, in a sentence
+    text_columns: tuple[str, ...]
+    number_columns: tuple[str, ...]
     rows: tuple[
         tuple[str, ...], ...
     ]  # Those that matter most first, where not every one is of interest
@@ -211,10 +211,10 @@ def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTa
     """Bodies and segments, joints, masses, and what went with bones."""
     yield AccountTable(
         title="Which body is which segment",
-        says="Markers of the segment, those that the model has, too, and how far these disagree, "
+        description="Markers of the segment, those that the model has, too, and how far these disagree, "
         "RMS.",
-        words=("segment", "body"),
-        numbers=("markers", "shared", "apart mm"),
+        text_columns=("segment", "body"),
+        number_columns=("markers", "shared", "apart mm"),
         rows=tuple(
             (r.segment, r.body, str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}")
             for r in done.registrations
@@ -222,30 +222,32 @@ def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTa
     )
     yield AccountTable(
         title="Every joint, in both of its bodies",
-        says="How far its centre (of a hinge, its axis) has moved and turned, with standard "
+        description="How far its centre (of a hinge, its axis) has moved and turned, with standard "
         "errors; left: as it was.",
-        words=("joint", "theirs", "verdict", "in body"),
-        numbers=("moved mm", "+-", "deg", "+-"),
+        text_columns=("joint", "theirs", "verdict", "in body"),
+        number_columns=("moved mm", "+-", "deg", "+-"),
         rows=tuple(_make_joint_rows(done)),
     )
     if done.masses:
         yield AccountTable(
             title="Masses",
-            says="Of the bodies of a segment together, before and now.",
-            words=("segment", "bodies"),
-            numbers=("kg", "now"),
+            description="Of the bodies of a segment together, before and now.",
+            text_columns=("segment", "bodies"),
+            number_columns=("kg", "now"),
             rows=tuple(
                 (m.segment, ", ".join(m.bodies), f"{m.theirs:.2f}", f"{m.ours:.2f}")
                 for m in done.masses
             ),
         )
-    if done.carried:
+    if done.moved_points:
         yield AccountTable(
             title="Muscles whose points went with their bones",
-            says="How many points, and how far the farthest.",
-            words=("muscle",),
-            numbers=("points carried", "farthest mm"),
-            rows=tuple((m.muscle, str(m.points), f"{1e3 * m.farthest:.1f}") for m in done.carried),
+            description="How many points, and how far the farthest.",
+            text_columns=("muscle",),
+            number_columns=("points carried", "farthest mm"),
+            rows=tuple(
+                (m.muscle, str(m.points), f"{1e3 * m.farthest:.1f}") for m in done.moved_points
+            ),
             of_muscles=True,
         )
 
@@ -263,7 +265,7 @@ def _make_joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str,
             numbers = (
                 1e3 * end.moved,
                 1e3 * end.errors[0],
-                np.degrees(end.turn),
+                np.degrees(end.rotation),
                 np.degrees(end.errors[1]),
             )
             words = (f"{x:.1f}" if np.isfinite(x) else "" for x in numbers)
@@ -273,14 +275,14 @@ def _make_joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str,
 def describe_transfer(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
     """Joints that stay, joints that are no hinges, and what else the user should know."""
     for verdict in (joint_moves.MoveOutcome.UNDETERMINED, joint_moves.MoveOutcome.ABSENT):
-        if which := [move.joint for move in done.joints if move.verdict is verdict]:
+        if which := [move.joint for move in done.joints if move.outcome is verdict]:
             yield f"{', '.join(which)}: {verdict.value}"
     for move in done.joints:
-        if max(1e3 * move.rolls[0], np.degrees(move.rolls[1])) > ROLLS:
+        if max(1e3 * move.rolling[0], np.degrees(move.rolling[1])) > ROLLS:
             yield (
                 f"{move.theirs} rolls, or cannot turn as the bones are turned: "
-                f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
-                f"{np.degrees(move.rolls[1]):.1f} deg"
+                f"as the person stands, it and our hinge differ by {1e3 * move.rolling[0]:.1f} mm, "
+                f"{np.degrees(move.rolling[1]):.1f} deg"
             )
     yield from (f"note: {note}" for note in done.notes)
 
@@ -302,12 +304,12 @@ def make_muscle_table(
         )
     return AccountTable(
         title="Muscles",
-        says="Moment arm before and after where in the range it changes most, with its standard "
+        description="Moment arm before and after where in the range it changes most, with its standard "
         "deviation over "
         "draws; the largest change of length; where the muscle jumps over a wrapping surface that "
         "it did not before.",
-        words=("muscle", "coordinate"),
-        numbers=("arm mm", "after", "+-", "at deg", "longer mm", "new jumps"),
+        text_columns=("muscle", "coordinate"),
+        number_columns=("arm mm", "after", "+-", "at deg", "longer mm", "new jumps"),
         rows=tuple(rows),
         of_muscles=True,
     )

@@ -206,11 +206,11 @@ def build_person_page_data(
     for name, band in norm.bands.items():
         entry: dict[str, Any] = {
             "base": get_coordinate(name),
-            "kind": get_curve_kind(name).words,
+            "kind": get_curve_kind(name).label,
             "source": band.source,
         }
         for side in linkage.SIDES:
-            mean, sd = band.for_person(subject, side)
+            mean, sd = band.scale_to_person(subject, side)
             entry[side] = [list(map(plain_data.round_number, part)) for part in (mean, sd)]
         bands.append(entry)
     return {
@@ -243,7 +243,7 @@ def build_person_page_data(
         ],
         "bands": bands,
         "norm": {
-            "words": norm.words,
+            "words": norm.label,
             "remark": norm.remark,
             "steps": FREE_LABEL if norm.steps else "",
         },
@@ -391,26 +391,26 @@ def build_conventions() -> dict[str, Any]:
         variable = name if kind is CurveKind.FORCE else f"{name}{kind.ending}"
         sides = {
             side: [
-                float(convention.values(variable, one, side, body)[0]),
-                convention.senses(variable, side)[0]
+                float(convention.convert_values(variable, one, side, body)[0]),
+                convention.describe_senses(variable, side)[0]
                 + (powers.get(name, "") if kind is CurveKind.POWER else ""),
             ]
             for side in (*linkage.SIDES, "")
         }
-        return {"title": convention.title(variable), **sides}
+        return {"title": convention.make_title(variable), **sides}
 
     by_signs: dict[str, dict[str, Any]] = {}
     for signs, acting in itertools.product(Signs, Acting):
         convention = Convention(signs=signs, acting=acting)
         by_signs.setdefault(signs.value, {})[acting.key] = {
-            f"{name}/{kind.words}": describe(convention, name, kind) for name, kind in every
+            f"{name}/{kind.label}": describe(convention, name, kind) for name, kind in every
         }
     units: dict[str, dict[str, Any]] = {}
     for unit, kinds in UNITS.items():
         units[unit] = {}
         for kind, values in zip(CurveKind, kinds, strict=True):
             keys = ("words", "digits", "times", "per")
-            units[unit][kind.words] = dict(zip(keys, values, strict=True))
+            units[unit][kind.label] = dict(zip(keys, values, strict=True))
     return {"joints": list_coordinate_rows(), "signs": by_signs, "units": units}
 
 
@@ -457,10 +457,10 @@ def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         row = {
             "activity": mean.activity,
             "base": get_coordinate(peak.variable),
-            "kind": get_curve_kind(peak.variable).words,
-            "title": peak.title(),
-            "external": peak.title(external=True),
-            "window": peak.words,
+            "kind": get_curve_kind(peak.variable).label,
+            "title": peak.make_title(),
+            "external": peak.make_title(external=True),
+            "window": peak.window_label,
             "apart": peak.figure is peaks.PeakKind.RANGE,
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}

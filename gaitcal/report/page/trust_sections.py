@@ -402,7 +402,7 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
         return None
     error = get_moment(loads.errors, name)
     frames = np.flatnonzero(
-        walk.layout.valid_for(ground_reactions.get_leg(name)) & np.isfinite(error)
+        walk.layout.get_valid_frames(ground_reactions.get_leg(name)) & np.isfinite(error)
     )
     if not len(frames):
         return None
