@@ -15,8 +15,8 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
 from gaitcal.errors import STUDY, Code, Finding, Severity
-from gaitcal.gait.events import trial_events
-from gaitcal.gait.spatiotemporal import strides_measured
+from gaitcal.gait.events import find_trial_events
+from gaitcal.gait.spatiotemporal import measure_strides
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, list_coordinates, list_joint_segments
 from gaitcal.model.parameters import (
@@ -260,7 +260,7 @@ def _gait(
     before, after = (_motion(names, COORDINATES, level, segments) for level in (0.011, 0.006))
     floor = _errors(names, 0.005, segments)
     loads = _loads(rng, valid, errors, cycles) if plates else None
-    events = trial_events(
+    events = find_trial_events(
         cast(Any, SimpleNamespace(landmarks={})),
         after,
         loads.reactions if loads else None,
@@ -273,7 +273,7 @@ def _gait(
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
         trial_coordinate_errors=np.full((FRAMES, len(COORDINATES)), OWN_ANGLE_ERROR) if errors else None,
-        events=events, strides=strides_measured(events, after.time, None),
+        events=events, strides=measure_strides(events, after.time, None),
     )  # fmt: skip
 
 

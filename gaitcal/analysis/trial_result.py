@@ -42,10 +42,10 @@ from gaitcal.dynamics.measurement_errors import (
 )
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.events import GaitEvents, activity_events, crouches, trial_events
-from gaitcal.gait.moments import segment_words
-from gaitcal.gait.spatiotemporal import Stride, stride_findings, stride_lines, strides_measured
-from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
+from gaitcal.gait.events import GaitEvents, find_activity_events, find_crouches, find_trial_events
+from gaitcal.gait.moments import describe_segment
+from gaitcal.gait.spatiotemporal import Stride, assign_stride_lines, check_strides, measure_strides
+from gaitcal.gait.strides import FootAxes, compute_facing, compute_foot_axes, get_pelvis_angles, measure_out_of_plane
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import (
     JOINTS,
@@ -173,8 +173,8 @@ def _assemble_without_torque_errors(
     """Assemble all of the result but the errors of torques."""
     body, final, subject = trial.motion, trial.parameters, session.model.subject
     events, strides = _detect_events(trial, session.model.with_parameters(final))
-    lines = stride_lines(strides, body.time)
-    long_axes, by_coordinate = foot_axes(body, final, lines)
+    lines = assign_stride_lines(strides, body.time)
+    long_axes, by_coordinate = compute_foot_axes(body, final, lines)
     variances, coordinate_errors, trial_errors = None, None, None
     if moves is not None:
         count = body.q.shape[1]
@@ -218,7 +218,7 @@ def _assemble_without_torque_errors(
         strides=strides,
         doubts=(
             *check_tracked_trial(trial, loads, subject.weight),
-            *stride_findings(trial.name, strides),
+            *check_strides(trial.name, strides),
             *_check_crouches(trial.name, body, events, activity=trial.role is Role.MOTION),
         ),
     )
@@ -266,10 +266,10 @@ def _check_crouches(
     if repetitions:
         counted = [FootEvents(*np.transpose(repetitions))]
     elif events.events:
-        counted = [events.of(side) for side in SIDES]
+        counted = [events.select_foot(side) for side in SIDES]
     if not counted and not activity:
         return ()
-    found = [span for span in crouches(body.time, height, counted) if span not in repetitions]
+    found = [span for span in find_crouches(body.time, height, counted) if span not in repetitions]
     if not found:
         return ()
     if events.events:
@@ -322,7 +322,7 @@ def _estimate_foot_axes(
     """
     if variances is None:
         return FootAxes(long_axes)
-    _, normals = out_of_plane(long_axes, lines)
+    _, normals = measure_out_of_plane(long_axes, lines)
     of_feet = slice(-len(inverse_dynamics.FEET), None)
     variance, trial_variance = (both[:, of_feet].copy() for both in variances)
     for k, foot in enumerate(inverse_dynamics.FEET):
@@ -456,7 +456,7 @@ def summarise_trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
         or int(trial.calibrated.errors.select_observed(*segments).sum()) >= FEWEST_MARKERS
     )
     return RmsErrors(
-        label=segment_words(segments[0]) if len(segments) == 1 else trial.name,
+        label=describe_segment(segments[0]) if len(segments) == 1 else trial.name,
         nominal=nominal,
         calibrated=calibrated,
         floor=floor,

@@ -22,7 +22,7 @@ from gaitcal.analysis.truth_errors import (
 )
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import get_leg
-from gaitcal.gait.moments import joint_words, moment_names, moment_of
+from gaitcal.gait.moments import describe_joint, get_moment, list_moments
 from gaitcal.model import linkage
 from gaitcal.model.parameters import (
     IP_NAMES,
@@ -186,7 +186,7 @@ def _compare_features(parameters: Mapping[str, ParameterTruth]) -> tuple[Feature
                 FeatureTruth(
                     joint=f"{feature.joint}_{side}",
                     part=feature.part,
-                    label=f"{joint_words(feature.joint)} {feature.label}",
+                    label=f"{describe_joint(feature.joint)} {feature.label}",
                     unit=rows[0].unit,
                     nominal=nominal,
                     fitted=fitted,
@@ -242,9 +242,9 @@ def _compare_curves(
             forces[name] = CurveTruth(
                 name=name,
                 truth=true,
-                fitted=moment_of(loads.final, name),
-                nominal=moment_of(loads.nominal, name),
-                error_bar=None if loads.errors is None else moment_of(loads.errors, name),
+                fitted=get_moment(loads.final, name),
+                nominal=get_moment(loads.nominal, name),
+                error_bar=None if loads.errors is None else get_moment(loads.errors, name),
                 counts=loads.reactions.valid_for(name),
             )
     return CurveTruths(time, coordinates, forces)
@@ -382,7 +382,7 @@ def list_curve_rows(
     tuple of CurveRow
     """
     known = truth.get_curves(trial)
-    names = [name for name in moment_names(calibration.model) if get_leg(name)]
+    names = [name for name in list_moments(calibration.model) if get_leg(name)]
     rows = (
         CurveRow(name=n, angle=known.coordinates.get(n), moment=known.forces.get(n)) for n in names
     )

@@ -75,7 +75,7 @@ def calibrate_study(
     ConvergenceError
         A phase did not converge; the result is written.
     """
-    normal = None if normal is None else normal_bands.bands_file(normal)
+    normal = None if normal is None else normal_bands.find_bands_file(normal)
     if normal is not None:
         # An invalid file ends the command before recordings are read.
         normal_bands.read_normal_bands(normal)
@@ -196,7 +196,7 @@ def analyse_further(
 def _find_non_walks(trials: Sequence[TrialResult]) -> list[str]:
     """Describe trials with the role `gait` whose movement looks like another activity."""
     repeats = {
-        t.name: events.activity_events(t.body, t.events).repeats
+        t.name: events.find_activity_events(t.body, t.events).repeats
         for t in trials
         if t.role is Role.GAIT
     }

@@ -15,7 +15,7 @@ from gaitcal.cohort.learn_priors import PRIORS
 from gaitcal.cohort.learn_priors import learn_priors as learn
 from gaitcal.cohort.outcome import Outcome
 from gaitcal.errors import UsageError
-from gaitcal.gait.normal_bands import bands_file, read_normal_bands
+from gaitcal.gait.normal_bands import find_bands_file, read_normal_bands
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.montecarlo.workers import workers_of
 from gaitcal.runtime import Progress
@@ -60,7 +60,7 @@ def run_people(
         study_folder.check_person_options(mass, height, sex, age),
         workers_of(jobs, cluster, run_cohort.processes),
     )
-    normal = None if normal is None else bands_file(normal).resolve()
+    normal = None if normal is None else find_bands_file(normal).resolve()
     if normal is not None:
         # An invalid file ends the command before the first person is calibrated.
         read_normal_bands(normal)

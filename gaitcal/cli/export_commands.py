@@ -379,7 +379,7 @@ def export_into(
         raise UsageError(
             f"found '{attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments"
         )
-    if muscles and not transfer_account.opensim_is_installed():
+    if muscles and not transfer_account.is_opensim_installed():
         raise UsageError(
             "needs OpenSim, which is not installed: pip install opensim", field="--muscles"
         )
@@ -387,7 +387,7 @@ def export_into(
     if saved.uncertainty.joint is None:
         message = "joint parameters were not calibrated; a model needs calibrated joints"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    done = joint_transfer.into_osim(
+    done = joint_transfer.transfer_joints(
         saved.model,
         model,
         errors=saved.uncertainty.joint,
@@ -404,7 +404,9 @@ def export_into(
         console.print_line(f"warning: {text}")
     saved.files.require_unchanged()
     write_bytes_atomically(out, done.content)
-    write_text_atomically(out.with_suffix(".joints.csv"), joint_moves.joints_csv(done.joints))
+    write_text_atomically(
+        out.with_suffix(".joints.csv"), joint_moves.format_joints_csv(done.joints)
+    )
     earlier = _find_earlier_files(out)
     for path in earlier:
         with convert_disk_errors(path):
@@ -414,11 +416,15 @@ def export_into(
             "removed (of an earlier run): "
             f"{', '.join(str(p.relative_to(out.parent)) for p in earlier)}"
         )
-    if done.carried:
+    if done.moved_points:
         write_text_atomically(
-            out.with_suffix(".attachments.csv"), joint_moves.carried_csv(done.carried)
+            out.with_suffix(".attachments.csv"),
+            joint_moves.format_moved_points_csv(done.moved_points),
         )
-    tables, lines = [*transfer_account.joint_tables(done)], [*transfer_account.sentences(done)]
+    tables, lines = (
+        [*transfer_account.make_joint_tables(done)],
+        [*transfer_account.describe_transfer(done)],
+    )
     for table in tables:
         _print_table(console, table)
     for text in lines:
@@ -428,23 +434,24 @@ def export_into(
         rng = np.random.default_rng(seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
-            write_bytes_atomically(path, done.drawn(rng))
+            write_bytes_atomically(path, done.draw(rng))
         if muscles:
-            ranges = transfer_account.leg_ranges(done.legs)
+            ranges = transfer_account.list_leg_ranges(done.legs)
             step("muscles before")
-            before = transfer_account.muscle_paths(model, ranges)
+            before = transfer_account.compute_muscle_paths(model, ranges)
             step("muscles after")
-            changes = transfer_account.muscle_changes(
-                before, transfer_account.muscle_paths(out, ranges)
+            changes = transfer_account.compare_muscles(
+                before, transfer_account.compute_muscle_paths(out, ranges)
             )
             spread: list[Mapping[tuple[str, str], transfer_account.MusclePath]] = []
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
-                spread.append(transfer_account.muscle_paths(path, ranges))
+                spread.append(transfer_account.compute_muscle_paths(path, ranges))
             write_text_atomically(
-                out.with_suffix(".muscles.csv"), transfer_account.muscles_csv(changes, spread)
+                out.with_suffix(".muscles.csv"),
+                transfer_account.format_muscles_csv(changes, spread),
             )
-            tables.append(transfer_account.muscle_table(changes, spread))
+            tables.append(transfer_account.make_muscle_table(changes, spread))
     console.print_line()
     if muscles:
         _print_table(console, tables[-1])
@@ -463,16 +470,16 @@ def export_into(
         ".osim",
         ".html",
         ".joints.csv",
-        *[".attachments.csv"] * bool(done.carried),
+        *[".attachments.csv"] * bool(done.moved_points),
         *[".muscles.csv"] * muscles,
     )
     for end in written:
         console.print_line(f"wrote {out.with_suffix(end)}")
     if drawn:
         console.print_line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
-        if done.left:
+        if done.unchanged:
             console.print_line(
-                f"in draws, {', '.join(done.left)} vary about their positions in the model by their "
+                f"in draws, {', '.join(done.unchanged)} vary about their positions in the model by their "
                 "standard errors"
             )
         if done.masses and saved.uncertainty.inertial is None:
@@ -512,14 +519,18 @@ def render_account_page(
         render_list(lines),
     ]
     for t in tables:
-        parts += [f'<h2>{t.title}</h2><p class="soft">{t.says}</p>']
-        parts += [render_plain_table(t.title, (*t.words, *t.numbers), t.rows, words=len(t.words))]
+        parts += [f'<h2>{t.title}</h2><p class="soft">{t.description}</p>']
+        parts += [
+            render_plain_table(
+                t.title, (*t.text_columns, *t.number_columns), t.rows, words=len(t.text_columns)
+            )
+        ]
     return render_plain_page(f"What the export did to {name}", parts)
 
 
 def _print_table(console: Console, content: transfer_account.AccountTable) -> None:
     """Print a table of changes; of muscles only the first rows."""
-    table = make_frameless_table(content.words, content.numbers)
+    table = make_frameless_table(content.text_columns, content.number_columns)
     shown = content.rows[:MAX_PRINTED_MUSCLES] if content.of_muscles else content.rows
     for row in shown:
         table.add_row(*map(Text, row))

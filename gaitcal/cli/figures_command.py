@@ -77,7 +77,7 @@ def draw_figures(
         charts = select_charts(charts, only or ())
         folder = out or result / FOLDER
         with result_folder.amend_result(folder) as stage:
-            step(f"drawing {moments.counted(len(charts), 'figure')}")
+            step(f"drawing {moments.format_count(len(charts), 'figure')}")
             files = write_charts(charts, stage, endings)
             read.require_unchanged()
     for remark in read.remarks:
@@ -207,11 +207,11 @@ def _collect_bands(page_data: Mapping[str, Any], normal: Path | None) -> Healthy
         subject = _get_subject(page_data)
         bands = normal_bands.read_normal_bands(normal)
         return {
-            name: {side: band.for_person(subject, side) for side in "rl"}
+            name: {side: band.scale_to_person(subject, side) for side in "rl"}
             for name, band in bands.items()
         }
     endings = {
-        kind.words: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
+        kind.label: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
     }
     return {
         f"{band['base']}{endings.get(band['kind'], '')}": {

@@ -27,7 +27,7 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.errors import Code, InputError, UsageError, note_of
 from gaitcal.export.opensim import motion_comparison
-from gaitcal.export.opensim.model_comparison import compare, osim_words
+from gaitcal.export.opensim.model_comparison import compare_with_osim, describe_osim_differences
 from gaitcal.gait import moments, normal_bands
 from gaitcal.io.atomic import write_text_atomically
 from gaitcal.io.result_folder import MANIFEST, ResultKind, check_output_folder, write_file_in_place
@@ -261,7 +261,7 @@ def print_report(
     with write_file_in_place(target) as path:
         pages = write_pdf(content, path)
     console.print_line(
-        f"wrote {target}: {moments.counted(pages, 'page')}"
+        f"wrote {target}: {moments.format_count(pages, 'page')}"
         + (f", comments of {file}" if file else "")
     )
 
@@ -356,8 +356,8 @@ def compare_models(result: Path, osim: Path, console: Console) -> None:
     model, read, doubts = saved_result.load_result_model(result)
     for text in (*read.remarks, *map(note_of, doubts)):
         console.print_line(f"warning: {text}")
-    rows = compare(model, osim)
-    for line in osim_words(rows):
+    rows = compare_with_osim(model, osim)
+    for line in describe_osim_differences(rows):
         console.print_line(line)
     for row in rows:
         numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))
@@ -384,7 +384,7 @@ def compare_motions(result: Path, osim: Path, console: Console) -> None:
         ("coordinate", "unit"), ("our range", "offset", "rest, RMS", "correlation")
     )
     for curve in found.curves:
-        numbers = (float(np.ptp(curve.ours)), curve.offset, curve.rest)
+        numbers = (float(np.ptp(curve.ours)), curve.offset, curve.residual)
         r = "" if np.isnan(curve.correlation) else f"{curve.correlation:.3f}"
         table.add_row(Text(curve.coordinate), curve.unit, *(f"{v:.1f}" for v in numbers), r)
     console.print_line()
@@ -392,7 +392,7 @@ def compare_motions(result: Path, osim: Path, console: Console) -> None:
         f"in {', '.join(t.name for t in trials)}, by OpenSim; theirs - ours = offset + rest:"
     )
     console.out.print(table)
-    ours, theirs = (f"{1e3 * missed:.1f}" for missed in found.missed)
+    ours, theirs = (f"{1e3 * missed:.1f}" for missed in found.marker_errors)
     console.print_line(f"marker error, RMS: {ours} mm in our model, {theirs} mm in theirs")
     for note in found.notes:
         console.print_line(f"note: {note}")

@@ -28,7 +28,7 @@ from gaitcal.cohort.one_person import (
 )
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.gait import conventions, normal_bands
-from gaitcal.gait.cycles import CurveKind, coordinate_of, kind_of, unit_of
+from gaitcal.gait.cycles import CurveKind, get_coordinate, get_curve_kind, get_unit
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Peak, PeakKind
 from gaitcal.io.toml import get_package_version
 from gaitcal.model.linkage import SIDES
@@ -56,7 +56,7 @@ class CohortMeasure:
 
 
 def _peak(name: str, title: str, peak: Peak) -> CohortMeasure:
-    kind, sign = kind_of(peak.variable), -1 if peak.figure is PeakKind.LOWEST else 1
+    kind, sign = get_curve_kind(peak.variable), -1 if peak.figure is PeakKind.LOWEST else 1
     digits, title = (1 if kind is CurveKind.ANGLE else 2), f"{title}, peak in {peak.phase}"
     column, error = f"{peak.name}_{{}}", f"{peak.name}_se_{{}}"
     return CohortMeasure(
@@ -349,20 +349,23 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
     body = Subject(name="", mass=mass, height=height, sex="male")
     clinical, out = conventions.Convention(signs=conventions.Signs.CLINICAL), []
     for name in VARIABLES:
-        kind, sign = kind_of(name), float(clinical.values(name, np.ones(1), "r", body)[0])
+        kind, sign = (
+            get_curve_kind(name),
+            float(clinical.convert_values(name, np.ones(1), "r", body)[0]),
+        )
         whose = "internal, " if kind is CurveKind.MOMENT else ""
         variable: dict[str, Any] = {
             "name": name,
-            "joint": find_joint(coordinate_of(name)),
-            "kind": kind.words,
-            "title": clinical.title(name),
-            "unit": unit_of(name) if kind is CurveKind.ANGLE else f"{unit_of(name)}/kg",
+            "joint": find_joint(get_coordinate(name)),
+            "kind": kind.label,
+            "title": clinical.make_title(name),
+            "unit": get_unit(name) if kind is CurveKind.ANGLE else f"{get_unit(name)}/kg",
             "step": sign * STEPS[kind],
-            "positive": f"{whose}{clinical.senses(name, 'r')[0]}",
+            "positive": f"{whose}{clinical.describe_senses(name, 'r')[0]}",
         }
         if name in bands:
             scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / mass
-            mean, sd = (scale * values[::EVERY] for values in bands[name].for_person(body))
+            mean, sd = (scale * values[::EVERY] for values in bands[name].scale_to_person(body))
             variable["normal"] = {
                 "mean": _rounded(sign * mean),
                 "sd": _rounded(sd),

@@ -27,7 +27,7 @@ import pandas as pd
 from gaitcal.cohort.cohort_people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import STUDY, Code, InputError
 from gaitcal.gait import profile_score, spatiotemporal
-from gaitcal.gait.cycles import WALKING, CurveKind, kind_of
+from gaitcal.gait.cycles import WALKING, CurveKind, get_curve_kind
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
 from gaitcal.intake import draft_file as drafts
 from gaitcal.intake.drafting import draft_folder
@@ -272,8 +272,8 @@ def _columns() -> tuple[Column, ...]:
     ]
     for peak in PEAKS.values():
         for side, leg in _LEGS:
-            meant = f"{peak.title()} ({peak.words}): mean over straight strides of the {leg} foot"
-            unit = PER_KG[kind_of(peak.variable)]
+            meant = f"{peak.make_title()} ({peak.window_label}): mean over straight strides of the {leg} foot"
+            unit = PER_KG[get_curve_kind(peak.variable)]
             out.append(Column(f"{peak.name}_{side}", float, unit, meant))
             out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meant}"))
     for side, leg in (*_LEGS, (profile_score.BOTH, "both legs")):
@@ -335,7 +335,7 @@ def activity_peaks(folder: Path) -> list[list[str]]:
 
 def _by_mass(variable: str, mass: float) -> float:
     """Factor of a curve: all but angles are by body mass (kg)."""
-    return 1.0 if kind_of(variable) is CurveKind.ANGLE else 1.0 / mass
+    return 1.0 if get_curve_kind(variable) is CurveKind.ANGLE else 1.0 / mass
 
 
 def _peaks(peaks: Path, mass: float) -> Iterator[tuple[str, float]]:
@@ -368,7 +368,7 @@ def mean_curves(ensemble: Path, mass: float) -> str:
         )
         mean = _by_mass(variable, mass) * mean
         here = np.isfinite(mean) & (percent % EVERY == 0)
-        whole = np.clip(np.rint(mean[here] / STEPS[kind_of(variable)]), GAP + 1, -GAP - 1)
+        whole = np.clip(np.rint(mean[here] / STEPS[get_curve_kind(variable)]), GAP + 1, -GAP - 1)
         packed[
             VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)
         ] = whole

@@ -81,7 +81,7 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
         MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True
     ):
         if not physical:
-            inertia = osim_writer.segment_inertia(model.parameters, segment)
+            inertia = osim_writer.get_segment_inertia(model.parameters, segment)
             raise InputError(
                 f"found mass {inertia.mass:.4g} kg, principal moments {inertia.moments[0]:.4g}, "
                 f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body "
@@ -92,43 +92,45 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
                 field=segment,
                 code=Code.IMPOSSIBLE_BODY,
             )
-    document = ET.Element("mujoco", model=osim_writer.safe_name(model.subject.name))
+    document = ET.Element("mujoco", model=osim_writer.encode_name(model.subject.name))
     compiler = {
         "angle": "radian",
         "autolimits": "true",
         "inertiafromgeom": "false",
         "balanceinertia": "false",
     }
-    osim_writer.child(document, "compiler", **compiler)
-    osim_writer.child(document, "option", gravity=osim_writer.numbers((0.0, -GRAVITY, 0.0)))
-    osim_writer.child(
-        osim_writer.child(document, "default"),
+    osim_writer.add_child(document, "compiler", **compiler)
+    osim_writer.add_child(
+        document, "option", gravity=osim_writer.format_numbers((0.0, -GRAVITY, 0.0))
+    )
+    osim_writer.add_child(
+        osim_writer.add_child(document, "default"),
         "joint",
         limited="false",
         damping="0",
         armature="0",
         frictionloss="0",
     )
-    parents = {osim_writer.GROUND: osim_writer.child(document, "worldbody")}
+    parents = {osim_writer.GROUND: osim_writer.add_child(document, "worldbody")}
     chains: dict[str, tuple[osim_writer.JointFrames, ...]] = {}
     """Joints above a segment that is folded away."""
-    for joint in osim_writer.joint_frames(model.parameters):
+    for joint in osim_writer.list_joint_frames(model.parameters):
         chain = (*chains.pop(joint.parent, ()), joint)
         if (
-            osim_writer.segment_inertia(model.parameters, joint.child).mass == 0.0
+            osim_writer.get_segment_inertia(model.parameters, joint.child).mass == 0.0
             and joint.child not in model.markers.segments
         ):
             chains[joint.child] = chain
         else:
             parents[joint.child] = _add_body(parents[chain[0].parent], chain, model)
     if model.locked:
-        equality = osim_writer.child(document, "equality")
+        equality = osim_writer.add_child(document, "equality")
         for name in model.locked:
-            osim_writer.child(equality, "joint", joint1=name, polycoef="0 0 0 0 0")
+            osim_writer.add_child(equality, "joint", joint1=name, polycoef="0 0 0 0 0")
     osim_writer.write_xml(document, path)
 
 
-def body_joints(
+def convert_to_body_joints(
     chain: tuple[osim_writer.JointFrames, ...],
 ) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
     """Pose of the last child in the first parent at q = 0, and the coordinates between as joints of
@@ -142,7 +144,9 @@ def body_joints(
         for motion in reversed(frames.motions):
             joints.append(
                 BodyJoint(
-                    motion, inverse.rotation @ osim_writer.axis_vector(motion), inverse.translation
+                    motion,
+                    inverse.rotation @ osim_writer.make_axis_vector(motion),
+                    inverse.translation,
                 )
             )
         to_end = frames.in_parent * to_end
@@ -153,74 +157,80 @@ def _add_body(
     parent: ET.Element, chain: tuple[osim_writer.JointFrames, ...], model: SubjectModel
 ) -> ET.Element:
     segment = chain[-1].child
-    place, joints = body_joints(chain)
+    place, joints = convert_to_body_joints(chain)
     quaternion = pin.Quaternion(place.rotation)
     wxyz = (quaternion.w, quaternion.x, quaternion.y, quaternion.z)
-    body = osim_writer.child(
+    body = osim_writer.add_child(
         parent,
         "body",
         name=segment,
-        pos=osim_writer.numbers(place.translation),
-        quat=osim_writer.numbers(wxyz),
+        pos=osim_writer.format_numbers(place.translation),
+        quat=osim_writer.format_numbers(wxyz),
     )
-    inertia = osim_writer.segment_inertia(model.parameters, segment)
+    inertia = osim_writer.get_segment_inertia(model.parameters, segment)
     mass, moments = (
         (inertia.mass, inertia.moments) if inertia.mass else (TALUS_MASS, [_TALUS_MOMENT] * 3)
     )
-    osim_writer.child(
+    osim_writer.add_child(
         body,
         "inertial",
-        pos=osim_writer.numbers(inertia.centre),
-        mass=osim_writer.numbers([mass]),
-        diaginertia=osim_writer.numbers(moments),
+        pos=osim_writer.format_numbers(inertia.centre),
+        mass=osim_writer.format_numbers([mass]),
+        diaginertia=osim_writer.format_numbers(moments),
     )
     for joint in joints:
-        element = osim_writer.child(
+        element = osim_writer.add_child(
             body, "joint", name=joint.motion.name, type="hinge" if joint.motion.rotates else "slide"
         )
-        element.set("axis", osim_writer.numbers(joint.axis))
+        element.set("axis", osim_writer.format_numbers(joint.axis))
         if joint.motion.rotates:
-            element.set("pos", osim_writer.numbers(joint.point))
-        element.set("range", osim_writer.numbers(osim_writer.COORDINATE_RANGES[joint.motion.name]))
+            element.set("pos", osim_writer.format_numbers(joint.point))
+        element.set(
+            "range", osim_writer.format_numbers(osim_writer.COORDINATE_RANGES[joint.motion.name])
+        )
     markers = model.markers
     for label, carrier, local in zip(markers.labels, markers.segments, markers.local, strict=True):
         if carrier == segment:
-            osim_writer.child(
+            osim_writer.add_child(
                 body,
                 "site",
-                name=osim_writer.safe_name(label),
-                pos=osim_writer.numbers(local),
-                size=osim_writer.numbers([_SITE_RADIUS]),
+                name=osim_writer.encode_name(label),
+                pos=osim_writer.format_numbers(local),
+                size=osim_writer.format_numbers([_SITE_RADIUS]),
             )
     return body
 
 
 def write_urdf(model: SubjectModel, path: Path | str) -> None:
     """Write `model`: m, kg, rad; root link `ground` with y up; joints named as our 27 coordinates."""
-    robot = ET.Element("robot", name=osim_writer.safe_name(model.subject.name))
+    robot = ET.Element("robot", name=osim_writer.encode_name(model.subject.name))
     robot.append(
         ET.Comment(
             f" Written by gaitcal. y is up: gravity is (0, -{GRAVITY}, 0) in the root link. "
         )
     )
-    osim_writer.child(robot, "link", name=osim_writer.GROUND)
-    for number, joint in enumerate(osim_writer.joint_frames(model.parameters)):
+    osim_writer.add_child(robot, "link", name=osim_writer.GROUND)
+    for number, joint in enumerate(osim_writer.list_joint_frames(model.parameters)):
         _add_chain(robot, f"{number:02d}_{joint.name}", joint, model.locked)
     for segment in SEGMENTS:
-        link = osim_writer.child(robot, "link", name=segment)
-        inertia = osim_writer.segment_inertia(model.parameters, segment)
+        link = osim_writer.add_child(robot, "link", name=segment)
+        inertia = osim_writer.get_segment_inertia(model.parameters, segment)
         if inertia.mass:
-            inertial = osim_writer.child(link, "inertial")
-            osim_writer.child(
-                inertial, "origin", xyz=osim_writer.numbers(inertia.centre), rpy="0 0 0"
+            inertial = osim_writer.add_child(link, "inertial")
+            osim_writer.add_child(
+                inertial, "origin", xyz=osim_writer.format_numbers(inertia.centre), rpy="0 0 0"
             )
-            osim_writer.child(inertial, "mass", value=osim_writer.numbers([inertia.mass]))
-            x, y, z = (osim_writer.numbers([moment]) for moment in inertia.moments)
-            osim_writer.child(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
+            osim_writer.add_child(
+                inertial, "mass", value=osim_writer.format_numbers([inertia.mass])
+            )
+            x, y, z = (osim_writer.format_numbers([moment]) for moment in inertia.moments)
+            osim_writer.add_child(
+                inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0"
+            )
     markers = model.markers
     for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
-        name = MARKER_PREFIX + osim_writer.safe_name(label)
-        osim_writer.child(robot, "link", name=name)
+        name = MARKER_PREFIX + osim_writer.encode_name(label)
+        osim_writer.add_child(robot, "link", name=name)
         _add_fixed(
             robot, f"{name}_fixed", segment, name, pin.SE3(pin.SE3.Identity().rotation, local)
         )
@@ -231,26 +241,28 @@ def _add_chain(
     robot: ET.Element, name: str, frames: osim_writer.JointFrames, frozen: tuple[str, ...]
 ) -> None:
     """A joint of ours as a fixed joint, one joint for each coordinate, and another fixed joint."""
-    osim_writer.child(robot, "link", name=name)
+    osim_writer.add_child(robot, "link", name=name)
     _add_fixed(robot, f"{name}_in_{frames.parent}", frames.parent, name, frames.in_parent)
-    link, bound = name, osim_writer.numbers([_UNLIMITED])
+    link, bound = name, osim_writer.format_numbers([_UNLIMITED])
     for motion in frames.motions:
         moved = f"{name}_{motion.name}"
-        osim_writer.child(robot, "link", name=moved)
-        joint = osim_writer.child(
+        osim_writer.add_child(robot, "link", name=moved)
+        joint = osim_writer.add_child(
             robot, "joint", name=motion.name, type="revolute" if motion.rotates else "prismatic"
         )
-        osim_writer.child(joint, "parent", link=link)
-        osim_writer.child(joint, "child", link=moved)
-        osim_writer.child(joint, "axis", xyz=osim_writer.numbers(osim_writer.axis_vector(motion)))
+        osim_writer.add_child(joint, "parent", link=link)
+        osim_writer.add_child(joint, "child", link=moved)
+        osim_writer.add_child(
+            joint, "axis", xyz=osim_writer.format_numbers(osim_writer.make_axis_vector(motion))
+        )
         low, high = (
             (0.0, 0.0) if motion.name in frozen else osim_writer.COORDINATE_RANGES[motion.name]
         )
-        osim_writer.child(
+        osim_writer.add_child(
             joint,
             "limit",
-            lower=osim_writer.numbers([low]),
-            upper=osim_writer.numbers([high]),
+            lower=osim_writer.format_numbers([low]),
+            upper=osim_writer.format_numbers([high]),
             effort=bound,
             velocity=bound,
         )
@@ -259,14 +271,14 @@ def _add_chain(
 
 
 def _add_fixed(robot: ET.Element, name: str, parent: str, link: str, place: pin.SE3) -> None:
-    joint = osim_writer.child(robot, "joint", name=name, type="fixed")
-    osim_writer.child(joint, "parent", link=parent)
-    osim_writer.child(joint, "child", link=link)
-    osim_writer.child(
+    joint = osim_writer.add_child(robot, "joint", name=name, type="fixed")
+    osim_writer.add_child(joint, "parent", link=parent)
+    osim_writer.add_child(joint, "child", link=link)
+    osim_writer.add_child(
         joint,
         "origin",
-        xyz=osim_writer.numbers(place.translation),
-        rpy=osim_writer.numbers(osim_writer.space_fixed_xyz(place.rotation)),
+        xyz=osim_writer.format_numbers(place.translation),
+        rpy=osim_writer.format_numbers(osim_writer.convert_to_space_fixed_xyz(place.rotation)),
     )
 
 
@@ -292,9 +304,9 @@ def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Ar
 
     Raises InputError: A name is none of the 27 coordinates, or shapes do not agree.
     """
-    names, values = _in_file_order(path, coordinates, q)
+    names, values = _sort_columns(path, coordinates, q)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    _write(
+    _write_table(
         path,
         "Coordinates",
         MOTION_COMMENTS,
@@ -315,10 +327,10 @@ def write_sto_moments(
 
     `comments` are further lines of the header, after those that say frame, sign and what is meant.
     """
-    names, values = _in_file_order(path, coordinates, tau)
+    names, values = _sort_columns(path, coordinates, tau)
     columns = tuple(f"{name}_{'force' if is_translation(name) else 'moment'}" for name in names)
     table = StorageTable(np.asarray(time), columns, values, False)
-    _write(path, "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments), table)
+    _write_table(path, "Inverse Dynamics Generalized Forces", (*MOMENT_COMMENTS, *comments), table)
 
 
 def write_external_loads(
@@ -333,15 +345,17 @@ def write_external_loads(
 
     Raises InputError: Shapes do not agree or a number is not finite.
     """
-    name = osim_writer.safe_name(stem)
+    name = osim_writer.encode_name(stem)
     path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
     if wrenches.shape != (len(time), len(FEET), 6):
-        raise _fault(path, f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)")
+        raise _make_error(
+            path, f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)"
+        )
     if not np.isfinite(wrenches).all():
-        raise _fault(path, "a ground reaction is not finite; leave out frames without one")
+        raise _make_error(path, "a ground reaction is not finite; leave out frames without one")
     document = ET.Element("OpenSimDocument", Version=osim_writer.DOCUMENT_VERSION)
-    external = osim_writer.child(document, "ExternalLoads", name="ground_reactions")
-    objects = osim_writer.child(external, "objects")
+    external = osim_writer.add_child(document, "ExternalLoads", name="ground_reactions")
+    objects = osim_writer.add_child(external, "objects")
     names: list[str] = []
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
@@ -353,29 +367,29 @@ def write_external_loads(
         )
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
         columns += [wrench[:, :3], *force_plate.split_wrench(wrench)]
-        load = osim_writer.child(objects, "ExternalForce", name=f"ground_on_{foot}")
-        osim_writer.child(load, "applied_to_body", foot)
-        osim_writer.child(load, "force_expressed_in_body", "ground")
-        osim_writer.child(load, "point_expressed_in_body", "ground")
-        osim_writer.child(load, "force_identifier", force)
-        osim_writer.child(load, "point_identifier", point)
-        osim_writer.child(load, "torque_identifier", torque)
-    osim_writer.child(external, "datafile", path.name)
+        load = osim_writer.add_child(objects, "ExternalForce", name=f"ground_on_{foot}")
+        osim_writer.add_child(load, "applied_to_body", foot)
+        osim_writer.add_child(load, "force_expressed_in_body", "ground")
+        osim_writer.add_child(load, "point_expressed_in_body", "ground")
+        osim_writer.add_child(load, "force_identifier", force)
+        osim_writer.add_child(load, "point_identifier", point)
+        osim_writer.add_child(load, "torque_identifier", torque)
+    osim_writer.add_child(external, "datafile", path.name)
     comments = (
         "Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N "
         "m.",
     )
     table = StorageTable(np.asarray(time), tuple(names), np.hstack(columns), False)
-    _write(path, "Ground reactions", comments, table)
+    _write_table(path, "Ground reactions", comments, table)
     osim_writer.write_xml(document, loads)
     return path, loads
 
 
-def _fault(path: Path | str, message: str, field: str | None = None) -> InputError:
+def _make_error(path: Path | str, message: str, field: str | None = None) -> InputError:
     return InputError(message, source=path, field=field, code=Code.NOT_WRITABLE)
 
 
-def _in_file_order(
+def _sort_columns(
     path: Path | str, coordinates: tuple[str, ...], values: Array
 ) -> tuple[tuple[str, ...], Array]:
     """The coordinates as OpenSim's files order them, and the columns of `values` (nf,
@@ -383,18 +397,20 @@ def _in_file_order(
     """
     for name in coordinates:
         if name not in COORDINATE_INDEX:
-            raise _fault(
+            raise _make_error(
                 path, f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", "columns"
             )
     if values.ndim != 2 or values.shape[1] != len(coordinates):
-        raise _fault(
+        raise _make_error(
             path, f"found values of shape {values.shape}, expected (frames, {len(coordinates)})"
         )
     names = tuple(name for name in FILE_COORDINATES if name in coordinates)
     return names, values[:, [coordinates.index(name) for name in names]]
 
 
-def _write(path: Path | str, title: str, comments: tuple[str, ...], table: StorageTable) -> None:
+def _write_table(
+    path: Path | str, title: str, comments: tuple[str, ...], table: StorageTable
+) -> None:
     """Write a table, rows with NaN left out: OpenSim's Storage stops reading at the first one,
     without a word.
 
@@ -402,20 +418,22 @@ def _write(path: Path | str, title: str, comments: tuple[str, ...], table: Stora
     """
     nf, columns = len(table.time), len(table.names)
     if table.values.shape != (nf, columns):
-        raise _fault(path, f"found values of shape {table.values.shape}, expected {(nf, columns)}")
+        raise _make_error(
+            path, f"found values of shape {table.values.shape}, expected {(nf, columns)}"
+        )
     if not (np.isfinite(table.time).all() and (np.diff(table.time) > 0).all()):
-        raise _fault(path, "must be finite and increase from row to row", "time")
+        raise _make_error(path, "must be finite and increase from row to row", "time")
     known = np.isfinite(table.values).all(axis=1)
     missing = nf - int(known.sum())
     if missing:
         comments = (*comments, f"{missing} of {nf} rows are left out: they hold no value.")
     kept = replace(table, time=table.time[known], values=table.values[known])
     atomic.write_text_atomically(
-        path, kept.format_text(_one_line(title), tuple(map(_one_line, comments)))
+        path, kept.format_text(_make_one_line(title), tuple(map(_make_one_line, comments)))
     )
 
 
-def _one_line(text: str) -> str:
+def _make_one_line(text: str) -> str:
     return (
         " ".join(text.split()).replace("=", ":").replace("endheader", "end of header") or "gaitcal"
     )

@@ -30,7 +30,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import inverse_dynamics, joint_kinetics
-from gaitcal.export.opensim.osim_writer import joint_frames
+from gaitcal.export.opensim.osim_writer import list_joint_frames
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.c3d.writer import AddedPoint, PointKind
 from gaitcal.model.chain import get_chain
@@ -52,7 +52,7 @@ for _row in COORDINATE_TABLE.values():
 """First word of a point -> what its axes hold, in their order."""
 
 
-def _angle_words(rows: Sequence[Coordinate]) -> str:
+def _describe_angles(rows: Sequence[Coordinate]) -> str:
     """`flexion, 0, 0 (a hinge)`."""
     words = [
         row.clinical.positive if row.clinical else (row.senses or (row.angle,))[0] for row in rows
@@ -60,7 +60,7 @@ def _angle_words(rows: Sequence[Coordinate]) -> str:
     return ", ".join([*words, "0", "0"][:3]) + (" (a hinge)" if len(rows) == 1 else "")
 
 
-def _moment_words(rows: Sequence[Coordinate]) -> str:
+def _describe_moments(rows: Sequence[Coordinate]) -> str:
     """`internal, per kg: extension, abduction, 0`: moments of legs take the other sense."""
     return "internal, per kg: " + ", ".join(
         [*(row.senses[1] for row in rows if row.senses), "0", "0"][:3]
@@ -73,8 +73,8 @@ _ANGLES = {
 del _MOMENTS["Pelvis"]  # its residual is none of the body's
 _POWERS = ("Hip", "Knee", "Ankle")
 _WORDS = {
-    **{f"{point}Angles": _angle_words(rows) for point, rows in _ANGLES.items()},
-    **{f"{point}Moment": _moment_words(rows) for point, rows in _MOMENTS.items()},
+    **{f"{point}Angles": _describe_angles(rows) for point, rows in _ANGLES.items()},
+    **{f"{point}Moment": _describe_moments(rows) for point, rows in _MOMENTS.items()},
     "FootProgressAngles": "0, 0, toes in, against the room's axis of progression",
     "NormalisedGRF": "% of body weight: forward, medially, upwards",
     "HipPower": "W/kg: 0, 0, all axes",
@@ -105,7 +105,9 @@ class SavedMotion:
     frozen: tuple[str, ...] = ()  # Coordinates that the model holds at zero, which say nothing
 
 
-def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tuple[AddedPoint, ...]:
+def make_plug_in_gait_points(
+    motion: SavedMotion, angle: float, moment: float
+) -> tuple[AddedPoint, ...]:
     """Points of all frames of a motion, in the laboratory's axes: x forward, y up, z right; places
     in m.
 
@@ -115,20 +117,20 @@ def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tup
     placed = Kinematics(get_chain().body(motion.parameters), motion.q, columns=False)
     axes, origins = placed.axes, placed.origins
     points = [
-        *_angles(motion, angle),
-        *_foot_progress(motion, angle, axes),
-        *_places(motion, axes, origins),
+        *_make_angles(motion, angle),
+        *_make_foot_progress(motion, angle, axes),
+        *_make_joint_centres(motion, axes, origins),
     ]
     if motion.torques is not None:
         points += [
-            *_moments(motion, motion.torques, moment),
-            *_powers(motion, motion.torques),
-            *_reactions(motion),
+            *_make_moments(motion, motion.torques, moment),
+            *_make_powers(motion, motion.torques),
+            *_make_reactions(motion),
         ]
     return tuple(points)
 
 
-def _shown(
+def _list_points(
     motion: SavedMotion, table: Mapping[str, list[Coordinate]]
 ) -> Iterator[tuple[str, str, list[str]]]:
     """First word of a point, side, and its coordinates, where the model holds none of them."""
@@ -139,27 +141,27 @@ def _shown(
                 yield joint, side, ours
 
 
-def _angles(motion: SavedMotion, unit: float) -> Iterator[AddedPoint]:
-    for joint, side, ours in _shown(motion, _ANGLES):
+def _make_angles(motion: SavedMotion, unit: float) -> Iterator[AddedPoint]:
+    for joint, side, ours in _list_points(motion, _ANGLES):
         values = np.zeros((len(motion.q), 3))
         for axis, (name, row) in enumerate(zip(ours, _ANGLES[joint], strict=True)):
             sign = row.clinical.sign(side) if row.clinical else 1.0
             values[:, axis] = sign * unit * motion.q[:, COORDINATES.index(name)]
-        yield _point(side, f"{joint}Angles", PointKind.ANGLE, values)
+        yield _make_point(side, f"{joint}Angles", PointKind.ANGLE, values)
 
 
-def _moments(
+def _make_moments(
     motion: SavedMotion, torques: Mapping[str, Array], unit: float
 ) -> Iterator[AddedPoint]:
-    for joint, side, ours in _shown(motion, _MOMENTS):
+    for joint, side, ours in _list_points(motion, _MOMENTS):
         values = np.zeros((len(motion.q), 3))
         for axis, name in enumerate(ours):
             values[:, axis] = -unit * torques[name] / motion.mass
         values[~motion.valid[side]] = np.nan
-        yield _point(side, f"{joint}Moment", PointKind.MOMENT, values)
+        yield _make_point(side, f"{joint}Moment", PointKind.MOMENT, values)
 
 
-def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[AddedPoint]:
+def _make_powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[AddedPoint]:
     tau = np.stack([torques.get(name, np.zeros(len(motion.q))) for name in COORDINATES], axis=1)
     found = joint_kinetics.compute_powers(tau, motion.velocity)
     for joint in _POWERS:
@@ -169,30 +171,30 @@ def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[Added
                 found[:, joint_kinetics.POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
             )
             values[~motion.valid[side]] = np.nan
-            yield _point(side, f"{joint}Power", PointKind.POWER, values)
+            yield _make_point(side, f"{joint}Power", PointKind.POWER, values)
 
 
-def _reactions(motion: SavedMotion) -> Iterator[AddedPoint]:
+def _make_reactions(motion: SavedMotion) -> Iterator[AddedPoint]:
     for side, force in motion.reactions.items():
         values = 100.0 * force[:, [0, 2, 1]] / (motion.mass * GRAVITY)
         values[:, 1] *= 1.0 if side == "l" else -1.0  # z is to the right, medial of the left foot
         values[~motion.valid[side]] = np.nan
-        yield _point(side, "NormalisedGRF", PointKind.FORCE, values)
+        yield _make_point(side, "NormalisedGRF", PointKind.FORCE, values)
 
 
-def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:
+def _make_foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:
     """`axes`: (ns, 3, 3, nf) of the segments."""
     feet = FootAxes(
         np.stack([axes[SEGMENTS.index(foot), 0].T for foot in inverse_dynamics.FEET], axis=1)
     )
     for side in (side for side in SIDES if f"ankle_angle_{side}" not in motion.frozen):
         values = np.zeros((len(motion.q), 3))
-        values[:, 2] = unit * feet.progression(side, 0.0)
-        yield _point(side, "FootProgressAngles", PointKind.ANGLE, values)
+        values[:, 2] = unit * feet.compute_progression(side, 0.0)
+        yield _make_point(side, "FootProgressAngles", PointKind.ANGLE, values)
 
 
-def _places(motion: SavedMotion, axes: Array, origins: Array) -> Iterator[AddedPoint]:
-    frames = {joint.name: joint for joint in joint_frames(motion.parameters)}
+def _make_joint_centres(motion: SavedMotion, axes: Array, origins: Array) -> Iterator[AddedPoint]:
+    frames = {joint.name: joint for joint in list_joint_frames(motion.parameters)}
     for joint, name in (("hip", "HJC"), ("knee", "KJC"), ("talocrural", "AJC")):
         for side in SIDES:
             of = frames[f"{joint}_{side}"]
@@ -200,10 +202,10 @@ def _places(motion: SavedMotion, axes: Array, origins: Array) -> Iterator[AddedP
             place = (
                 np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
             )
-            yield _point(side, name, PointKind.POSITION, place)
+            yield _make_point(side, name, PointKind.POSITION, place)
 
 
-def _point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:
+def _make_point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:
     return AddedPoint(
         name=side.upper() + name, kind=kind, values=values, description=f"gaitcal: {_WORDS[name]}"
     )

@@ -28,7 +28,7 @@ from typing import Final, NamedTuple
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
+from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, get_coordinate, get_curve_kind
 from gaitcal.model.coordinates import ClinicalSense, describe_coordinate, get_senses
 from gaitcal.model.subject_model import Subject
 
@@ -58,8 +58,8 @@ class Acting(Enum):
     )
     """What they work against."""
 
-    def __init__(self, key: str, words: str) -> None:
-        self.key, self.words = key, words
+    def __init__(self, key: str, label: str) -> None:
+        self.key, self.label = key, label
 
 
 class MomentUnit(Enum):
@@ -72,8 +72,8 @@ class MomentUnit(Enum):
     PERCENT_BWH = ("%BW*H", "% body weight x height", "W/kg")
     """Percent of body weight times height, powers in W/kg."""
 
-    def __init__(self, key: str, words: str, power: str) -> None:
-        self.key, self.words, self.power = key, words, power
+    def __init__(self, key: str, label: str, power: str) -> None:
+        self.key, self.label, self.power = key, label, power
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class Convention:
     unit: MomentUnit = MomentUnit.NM
     """Of moments; powers go with it."""
 
-    def moment(self, name: str, values: Array, subject: Subject, side: str = "r") -> Array:
+    def convert_moment(self, name: str, values: Array, subject: Subject, side: str = "r") -> Array:
         """Moments or their standard errors in the unit and with the sign of this convention.
 
         `values`: N·m, internal and with OpenSim's sign, of a coordinate or component `name`
@@ -101,41 +101,41 @@ class Convention:
         )
         return factor * self._sign(name, CurveKind.MOMENT, side) * values
 
-    def power(self, values: Array, subject: Subject) -> Array:
+    def convert_power(self, values: Array, subject: Subject) -> Array:
         """Powers (W) or their standard errors in the unit of this convention."""
         return values if self.unit is MomentUnit.NM else values / subject.mass
 
-    def angle(self, name: str, values: Array, side: str) -> Array:
+    def convert_angle(self, name: str, values: Array, side: str) -> Array:
         """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit
         stays.
         """
         return self._sign(name, CurveKind.ANGLE, side) * values
 
-    def values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
+    def convert_values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
         """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of
         errors take `abs`.
 
         `side`: empty where no stride says it: what the sides count otherwise then has OpenSim's
         sign.
         """
-        name, kind = coordinate_of(variable), kind_of(variable)
+        name, kind = get_coordinate(variable), get_curve_kind(variable)
         match kind:
             case CurveKind.MOMENT:
-                return self.moment(name, values, subject, side)
+                return self.convert_moment(name, values, subject, side)
             case CurveKind.POWER:
-                return self.power(values, subject)
+                return self.convert_power(values, subject)
             case _:
                 return self._sign(name, kind, side) * values
 
-    def senses(self, variable: str, side: str) -> tuple[str, str]:
+    def describe_senses(self, variable: str, side: str) -> tuple[str, str]:
         """What positive and negative values of a variable mean in strides of one side; empty: where
         none says it.
         """
-        name, kind = coordinate_of(variable), kind_of(variable)
+        name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.POWER:
             return "generated", "absorbed"
-        clinical = self._clinical(name, side)
-        one, other = (clinical.positive, clinical.opposite) if clinical else _senses(name)
+        clinical = self._get_clinical_sense(name, side)
+        one, other = (clinical.positive, clinical.opposite) if clinical else _get_senses(name)
         opposed = (
             kind is CurveKind.MOMENT
             and self.signs is Signs.CLINICAL
@@ -143,17 +143,17 @@ class Convention:
         )
         return (other, one) if opposed else (one, other)
 
-    def title(self, variable: str) -> str:
+    def make_title(self, variable: str) -> str:
         """`Hip flexion`, `Hip extension moment`, `Hip power`: named by what a positive value means."""
-        name, kind = coordinate_of(variable), kind_of(variable)
+        name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.FORCE:
             return GROUND_FORCES[name].title
         if kind is CurveKind.POWER:
             return f"{describe_coordinate(name).title.capitalize()} power"
         title, positive, sense = (
             describe_coordinate(name).title,
-            self.senses(variable, "r")[0],
-            _senses(name)[0],
+            self.describe_senses(variable, "r")[0],
+            _get_senses(name)[0],
         )
         turns = kind is CurveKind.MOMENT and sense.endswith(" rotation")
         if title.endswith(f" {sense}") or turns:
@@ -175,10 +175,10 @@ class Convention:
             "the same",
         }[self.signs]
         return (
-            f"moments are {self.acting.words}",
+            f"moments are {self.acting.label}",
             f"moments are told {self.frame.label}",
             f"{signs}; column 'positive' says it of each variable",
-            f"units: angles deg, moments {self.unit.words}, powers {self.unit.power} (positive: "
+            f"units: angles deg, moments {self.unit.label}, powers {self.unit.power} (positive: "
             "generated)",
         )
 
@@ -197,11 +197,11 @@ class Convention:
         external = -1.0 if kind is CurveKind.MOMENT and self.acting is Acting.EXTERNAL else 1.0
         if self.signs is Signs.OPENSIM:
             return external
-        clinical = self._clinical(name, side)
+        clinical = self._get_clinical_sense(name, side)
         angle = clinical.sign(side) if clinical else 1.0
         return -angle if kind is CurveKind.MOMENT else angle
 
-    def _clinical(self, name: str, side: str) -> ClinicalSense | None:
+    def _get_clinical_sense(self, name: str, side: str) -> ClinicalSense | None:
         row = GROUND_FORCES.get(name) or describe_coordinate(name)
         found = row.clinical if self.signs is Signs.CLINICAL else None
         return None if found and not side and found.right != found.left else found
@@ -226,7 +226,7 @@ GROUND_FORCES: Final[Mapping[str, GroundForce]] = {
 }
 
 
-def _senses(name: str) -> tuple[str, str]:
+def _get_senses(name: str) -> tuple[str, str]:
     senses = GROUND_FORCES[name].senses if name in GROUND_FORCES else get_senses(name)
     if senses is None:
         raise KeyError(name)

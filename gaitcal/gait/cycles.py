@@ -47,7 +47,7 @@ class EventSource(Enum):
     MOTION = "motion"  # The foot comes to rest, or leaves
 
 
-_SOURCE_WORDS = {
+_SOURCE_LABELS = {
     EventSource.PERSON: "corrected by hand",
     EventSource.FILE: "the file's events",
     EventSource.PLATES: "force plates",
@@ -62,12 +62,12 @@ class GaitEvent(FootEvent):
     source: EventSource
 
 
-def source_words(sources: Iterable[EventSource]) -> str:
+def describe_sources(sources: Iterable[EventSource]) -> str:
     """`force plates and the motion of the feet`: each source once, the best first; empty without
     sources.
     """
     found = set(sources)
-    return " and ".join(words for source, words in _SOURCE_WORDS.items() if source in found)
+    return " and ".join(words for source, words in _SOURCE_LABELS.items() if source in found)
 
 
 @dataclass(frozen=True)
@@ -91,14 +91,14 @@ class GaitCycle:
         tuple[str, float], ...
     ] = ()  # of a repetition, in order: phase, and when it ends, s
 
-    def percent(self, time: Array | float) -> Array:
+    def compute_percent(self, time: Array | float) -> Array:
         """Percent of the cycle at `time` (s)."""
         return 100.0 * (np.asarray(time) - self.start) / (self.stop - self.start)
 
     @property
     def stance(self) -> float | None:
         """Percent at which stance ends."""
-        return None if self.toe_off is None else float(self.percent(self.toe_off))
+        return None if self.toe_off is None else float(self.compute_percent(self.toe_off))
 
     @property
     def phases(self) -> list[str]:
@@ -126,24 +126,24 @@ def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | N
     theirs = np.array([]) if other is None else other.strikes
     return (
         long_enough
-        and len(between(foot.toe_offs, start, stop)) < 2
-        and len(between(theirs, start, stop)) < 2
+        and len(select_between(foot.toe_offs, start, stop)) < 2
+        and len(select_between(theirs, start, stop)) < 2
     )
 
 
-def between(times: Array, start: float, stop: float) -> Array:
+def select_between(times: Array, start: float, stop: float) -> Array:
     """Those of `times` (s) after `start` and before `stop`."""
     return times[(times > start) & (times < stop)]
 
 
-def gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[GaitCycle, ...]:
+def find_gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[GaitCycle, ...]:
     """All complete cycles of one foot, in time order; `other`: of the other foot, which shows
     missing strikes, too.
     """
     cycles = []
     for k, (start, stop) in enumerate(itertools.pairwise(events.strikes.tolist())):
         if is_stride(start, stop, events, other):
-            off = between(events.toe_offs, start, stop)
+            off = select_between(events.toe_offs, start, stop)
             cycles.append(
                 GaitCycle(
                     start, stop, float(off[0]) if len(off) else None, events.sources[k : k + 2]
@@ -152,14 +152,14 @@ def gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[Ga
     return tuple(cycles)
 
 
-def changes(foot: FootEvents) -> list[tuple[float, bool]]:
+def list_contact_changes(foot: FootEvents) -> list[tuple[float, bool]]:
     """Time (s) and whether the foot is down after it, in order of time."""
     return sorted(
         [(t, True) for t in foot.strikes.tolist()] + [(t, False) for t in foot.toe_offs.tolist()]
     )
 
 
-def steady(time: Array, state: BoolArray) -> BoolArray:
+def remove_flicker(time: Array, state: BoolArray) -> BoolArray:
     """`state` (nf,) without flickers: short gaps are closed, then short stretches dropped."""
     out = state.copy()
     for value in (False, True):
@@ -178,7 +178,7 @@ def normalise(time: Array, values: Array, cycle: GaitCycle, points: int = POINTS
     return resample(time, values, np.linspace(cycle.start, cycle.stop, points))
 
 
-def usable(time: Array, valid: BoolArray, cycle: GaitCycle) -> BoolArray:
+def find_valid_percents(time: Array, valid: BoolArray, cycle: GaitCycle) -> BoolArray:
     """(101,) percents of the cycle at which a signal that is valid in some frames (nf,) is so."""
     return np.isfinite(normalise(time, np.where(valid, 1.0, np.nan), cycle))
 
@@ -202,7 +202,7 @@ def resample(time: Array, values: Array, at: Array) -> Array:
     return out
 
 
-def best_cycle(cycles: Sequence[GaitCycle], time: Array, valid: BoolArray) -> GaitCycle:
+def select_best_cycle(cycles: Sequence[GaitCycle], time: Array, valid: BoolArray) -> GaitCycle:
     """The cycle with the largest share of valid frames; the first of equals."""
     return max(cycles, key=lambda c: float(valid[(time >= c.start) & (time <= c.stop)].mean()))
 
@@ -215,15 +215,15 @@ class CurveKind(Enum):
     POWER = ("_power", "W", "power")
     FORCE = ("_force", "N", "force")
 
-    def __init__(self, ending: str, unit: str, words: str) -> None:
-        self.ending, self.unit, self.words = ending, unit, words
+    def __init__(self, ending: str, unit: str, label: str) -> None:
+        self.ending, self.unit, self.label = ending, unit, label
 
 
 GROUND_REACTION = "ground_reaction_vertical"
 """Upward force of the ground on the foot of that side, N: a force whose name has no ending."""
 
 
-def kind_of(variable: str) -> CurveKind:
+def get_curve_kind(variable: str) -> CurveKind:
     """Of a variable of `cycles.csv`: `knee_angle` is an angle, `knee_angle_moment` a moment."""
     if variable.startswith("ground_reaction_"):
         return CurveKind.FORCE
@@ -233,18 +233,18 @@ def kind_of(variable: str) -> CurveKind:
     )
 
 
-def unit_of(variable: str) -> str:
+def get_unit(variable: str) -> str:
     """`deg`, `N m`, `W`, `N`."""
-    return kind_of(variable).unit
+    return get_curve_kind(variable).unit
 
 
-def coordinate_of(variable: str) -> str:
+def get_coordinate(variable: str) -> str:
     """The coordinate of a variable, without a side: `knee_angle_moment` -> `knee_angle`."""
-    kind = kind_of(variable)
+    kind = get_curve_kind(variable)
     return variable.removesuffix(kind.ending) if kind.ending else variable
 
 
-def known_variables() -> tuple[str, ...]:
+def list_variables() -> tuple[str, ...]:
     """Every variable that a table of strides may hold, without sides: all but those of the arms."""
     rows = [row for row in COORDINATE_TABLE.values() if row.group != "arm"]
     angles = tuple(row.name for row in rows if row.name not in LOCKED)
@@ -279,7 +279,7 @@ WALKING: Final = "gait"
 """`activity` of strides of walks; repetitions, or strides, of any other activity have the name of
 their trial.
 """
-TOLD: Final = ("unit", "positive")
+CONVENTION_COLUMNS: Final = ("unit", "positive")
 """Further columns of a table in another convention (`gaitcal export --format cycles`): they say
 which.
 """
@@ -294,11 +294,11 @@ _WHOLE: Final = ("stride", "percent", "valid")
 _NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))
 
 
-def _fault(text: str, source: object, field: str | None = None) -> InputError:
+def _make_error(text: str, source: object, field: str | None = None) -> InputError:
     return InputError(text, source=source, field=field, code=Code.STRIDE_TABLE)
 
 
-def typed(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
+def validate_stride_table(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
     """A table of strides, which may hold text or be read by pandas alone, made whole.
 
     Numbers stand where numbers belong; a person or session that is not named is empty text, strides
@@ -313,17 +313,19 @@ def typed(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
         found = ", ".join(map(str, table.columns[: len(CYCLE_COLUMNS)]))
         without = f"found the columns {found}, without {', '.join(missing)}"
         allowed = "those of cycles.csv, with commas between them"
-        raise _fault(f"is no table of strides: {without}; allowed: {allowed}", source)
-    numbers = {name: _number(table, name, source) for name in ("value", *_LACKING) if name in table}
+        raise _make_error(f"is no table of strides: {without}; allowed: {allowed}", source)
+    numbers = {
+        name: _convert_column(table, name, source) for name in ("value", *_LACKING) if name in table
+    }
     for name in _WHOLE:
-        values = _number(table, name, source)
+        values = _convert_column(table, name, source)
         if not np.isfinite(values).all():
             at = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
             allowed = (
                 "a whole number (a line that is read as if it ended at a # in a name loses them: "
             )
             allowed += "gaitcal.read_cycles reads it whole)"
-            raise _fault(f"found nothing in row {at}; allowed: {allowed}", source, name)
+            raise _make_error(f"found nothing in row {at}; allowed: {allowed}", source, name)
         numbers[name] = values.astype(int)
     names = {
         n: table[n].where(table[n].notna(), lacked) if n in table else lacked
@@ -335,7 +337,7 @@ def typed(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
     return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
 
 
-def _number(table: "pd.DataFrame", name: str, source: object) -> "pd.Series":
+def _convert_column(table: "pd.DataFrame", name: str, source: object) -> "pd.Series":
     import pandas as pd
 
     text = table[name]
@@ -344,24 +346,28 @@ def _number(table: "pd.DataFrame", name: str, source: object) -> "pd.Series":
     numbers = pd.to_numeric(text, errors="coerce").astype(np.float64)
     wrong = np.flatnonzero(numbers.isna() & text.notna() & (text.astype(str).str.strip() != ""))
     if len(wrong) and (said := str(text.iloc[wrong[0]])).lower() != "nan":
-        raise _fault(f"found '{said}' in row {wrong[0] + 1}; allowed: a number", source, name)
+        raise _make_error(f"found '{said}' in row {wrong[0] + 1}; allowed: a number", source, name)
     return numbers
 
 
-def conventions_of(strides: "pd.DataFrame") -> dict[str, tuple[str, str]]:
+def read_conventions(strides: "pd.DataFrame") -> dict[str, tuple[str, str]]:
     """Variable -> its unit and what is positive (nothing where the table does not say it: as in
     `cycles.csv`).
 
     Raises InputError: A variable is there in two conventions.
     """
-    if not any(name in strides for name in TOLD):
-        return {str(name): (unit_of(str(name)), "") for name in strides["variable"].unique()}
-    columns = strides.reindex(columns=["variable", *TOLD]).fillna("").drop_duplicates()
+    if not any(name in strides for name in CONVENTION_COLUMNS):
+        return {str(name): (get_unit(str(name)), "") for name in strides["variable"].unique()}
+    columns = (
+        strides.reindex(columns=["variable", *CONVENTION_COLUMNS]).fillna("").drop_duplicates()
+    )
     out: dict[str, tuple[str, str]] = {}
     for variable, unit, positive in columns.itertuples(index=False, name=None):
-        now = (unit or unit_of(variable), positive)
+        now = (unit or get_unit(variable), positive)
         before = out.setdefault(variable, now)
         if before != now:
             ways = " and as ".join(" ".join(filter(None, (f"[{u}]", p))) for u, p in (before, now))
-            raise _fault(f"found {variable} as {ways}; allowed: one convention", None, "strides")
+            raise _make_error(
+                f"found {variable} as {ways}; allowed: one convention", None, "strides"
+            )
     return out

@@ -40,7 +40,12 @@ from numpy.typing import NDArray
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import Code, InputError
-from gaitcal.gait.cycles import CYCLE_COLUMNS, TOLD, conventions_of, typed
+from gaitcal.gait.cycles import (
+    CONVENTION_COLUMNS,
+    CYCLE_COLUMNS,
+    read_conventions,
+    validate_stride_table,
+)
 from gaitcal.gait.strides import TURNING
 from gaitcal.runtime import with_one_blas_thread
 
@@ -62,7 +67,7 @@ class StrideStatistics:
     se: Array  # (m,) standard error of the mean, shared errors included
 
 
-def spread(
+def compute_statistics(
     values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None
 ) -> StrideStatistics:
     """Statistics over strides.
@@ -93,11 +98,13 @@ def spread(
         between = np.where(
             (n > k) & (k > 1), np.maximum((apart / (k - 1) - within) / size, 0.0), np.nan
         )
-        error = _mean_over(np.square(own), there) if own is not None else np.full(len(n), np.nan)
+        error = _average_over(np.square(own), there) if own is not None else np.full(len(n), np.nan)
         se = np.full(len(n), np.nan)
         if own is not None and total is not None:
-            shared = _mean_over(np.sqrt(np.maximum(np.square(total) - np.square(own), 0.0)), there)
-            alone = _mean_over(np.asarray(total, dtype=np.float64), there)
+            shared = _average_over(
+                np.sqrt(np.maximum(np.square(total) - np.square(own), 0.0)), there
+            )
+            alone = _average_over(np.asarray(total, dtype=np.float64), there)
             se = np.where(n > 1, np.sqrt(variance / n + shared**2), alone)
     variance = np.where(n > 1, variance, np.nan)
     return StrideStatistics(
@@ -112,7 +119,7 @@ def spread(
     )
 
 
-def _mean_over(values: Array, there: Array) -> Array:
+def _average_over(values: Array, there: Array) -> Array:
     """(m,) mean over the strides whose value counts; NaN where one of them has no error."""
     return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
 
@@ -124,7 +131,7 @@ GROUP: Final = (
     "side",
     "variable",
 )  # of `cycles.csv`: whose strides belong together
-WHERE: Final = [
+SAMPLE_COLUMNS: Final = [
     *GROUP,
     "trial",
     "stride",
@@ -134,11 +141,11 @@ STATISTICS: Final = ("n", "trials", "mean", "sd", "sd_within", "sd_between", "sd
 ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 
 
-def require_once(strides: "pd.DataFrame") -> None:
+def require_unique_strides(strides: "pd.DataFrame") -> None:
     """InputError where a table of strides has one twice, as those of two sessions without a name
     have.
     """
-    if (twice := strides.duplicated(WHERE)).any():
+    if (twice := strides.duplicated(SAMPLE_COLUMNS)).any():
         row = strides.loc[twice].iloc[0]
         message = (
             f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: "
@@ -173,30 +180,39 @@ def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
 
     if strides.empty:
         return pd.DataFrame(columns=list(ENSEMBLE_COLUMNS))
-    strides = typed(strides)
-    require_once(strides)
-    found = mean_curves({name: strides[name].to_numpy() for name in CYCLE_COLUMNS})
-    conventions = conventions_of(strides) if any(name in strides for name in TOLD) else {}
+    strides = validate_stride_table(strides)
+    require_unique_strides(strides)
+    found = compute_mean_curves({name: strides[name].to_numpy() for name in CYCLE_COLUMNS})
+    conventions = (
+        read_conventions(strides) if any(name in strides for name in CONVENTION_COLUMNS) else {}
+    )
     senses = (
         [conventions.get(str(variable), ("", "")) for variable in found["variable"]]
         if conventions
         else []
     )
     return pd.DataFrame(
-        {**found, **{name: [of[k] for of in senses] for k, name in enumerate(TOLD) if senses}}
+        {
+            **found,
+            **{
+                name: [of[k] for of in senses]
+                for k, name in enumerate(CONVENTION_COLUMNS)
+                if senses
+            },
+        }
     )
 
 
-def mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, NDArray[Any]]:
+def compute_mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, NDArray[Any]]:
     """`ENSEMBLE_COLUMNS` of the columns of strides, each of which is there once (`CYCLE_COLUMNS`,
     numbers as numbers).
 
     Groups are in the order in which they come first.
     """
-    codes = {name: _codes(strides[name]) for name in WHERE}
+    codes = {name: _encode_column(strides[name]) for name in SAMPLE_COLUMNS}
     sizes = [len(known) for known, _ in codes.values()]
     percent, _ = codes["percent"]
-    key = np.ravel_multi_index([codes[name][1] for name in WHERE[:-1]], sizes[:-1])
+    key = np.ravel_multi_index([codes[name][1] for name in SAMPLE_COLUMNS[:-1]], sizes[:-1])
     stride_keys, first, row = np.unique(key, return_index=True, return_inverse=True)
 
     def wide(name: str) -> Array:
@@ -215,7 +231,7 @@ def mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, ND
     columns: dict[str, list[Array]] = {name: [] for name in STATISTICS}
     for at in begun:
         rows = np.flatnonzero(group[first] == group[at])
-        found = spread(usable[rows], trials[rows], own[rows], total[rows])
+        found = compute_statistics(usable[rows], trials[rows], own[rows], total[rows])
         for name, values in columns.items():
             values.append(getattr(found, name))
     named = {name: np.repeat([strides[name][at] for at in begun], len(percent)) for name in GROUP}
@@ -223,7 +239,7 @@ def mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, ND
     return {**named, "percent": np.tile(percent, len(begun)), **joined}
 
 
-def _codes(values: NDArray[Any] | list[Any]) -> tuple[NDArray[Any], IntArray]:
+def _encode_column(values: NDArray[Any] | list[Any]) -> tuple[NDArray[Any], IntArray]:
     """What a column holds, in its order, and the place there of each of its values."""
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf":
         known, codes = np.unique(values, return_inverse=True)

@@ -28,7 +28,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, Finding, Severity, listed
-from gaitcal.gait.cycles import FootEvents, changes
+from gaitcal.gait.cycles import FootEvents, list_contact_changes
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
 
@@ -58,75 +58,85 @@ EDGE: Final = 0.2  # s at either end of a trial, where the motion may not show t
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _Agreement:
     """How a set of events lies on what plates and motion show."""
 
     agreeing: int
-    judged: int
+    compared: int
     spread: float  # s, RMS of the differences of those that agree
 
     @property
     def good(self) -> bool:
-        return self.judged > 0 and self.agreeing >= FIT * self.judged
+        return self.compared > 0 and self.agreeing >= FIT * self.compared
 
     def __str__(self) -> str:
-        return f"{self.agreeing} of {self.judged}"
+        return f"{self.agreeing} of {self.compared}"
 
 
-def checked_events(
+def check_file_events(
     file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
     """The events of the file that may be used, inside the trial `time` (nf,) s, and what is said of
     the rest.
     """
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    file, twice = _once(file, plates, motion)
+    file, twice = _remove_duplicates(file, plates, motion)
     inside = [e for e in file if time[0] - half <= e.time <= time[-1] + half]
     if not file or not (plates or motion):
         return inside, twice
     shown = [*plates, *motion]
-    fit = _fit(file, shown, time)
+    fit = _compare_events(file, shown, time)
     if fit.good:
-        used, findings = _without_offset(inside, plates, motion)
-        astray = [e for e in used if AGREE < abs(_nearest(e, shown)) < RIVAL]
+        used, findings = _remove_offset_events(inside, plates, motion)
+        astray = [e for e in used if AGREE < abs(_measure_nearest(e, shown)) < RIVAL]
         apart = [
             e
             for e in used
-            if e not in astray and PLATE_OFFSET < abs(_from_plate(e, plates, motion)) < SAME_EVENT
+            if e not in astray
+            and PLATE_OFFSET < abs(_measure_plate_difference(e, plates, motion)) < SAME_EVENT
         ]
         if astray:
-            found = f"{', '.join(_name(e) for e in astray)}; not used, forces or motion tell them"
+            found = f"{', '.join(_format_event(e) for e in astray)}; not used, forces or motion tell them"
             findings += (
-                _info("single events of the file do not fit its forces and motion", found),
+                _make_note("single events of the file do not fit its forces and motion", found),
             )
         if apart:
             named = ", ".join(
-                f"{_name(e)} (plate {e.time + _nearest(e, plates):.2f} s)" for e in apart
+                f"{_format_event(e)} (plate {e.time + _measure_nearest(e, plates):.2f} s)"
+                for e in apart
             )
             cause = "single events of the file do not fit the plate under their foot"
-            findings += (_info(cause, f"{named}; not used, the plates tell them"),)
+            findings += (_make_note(cause, f"{named}; not used, the plates tell them"),)
         return [e for e in used if e not in astray and e not in apart], (*twice, *findings)
     if len(file) < FEWEST:
-        if fit.judged == 0:
+        if fit.compared == 0:
             return inside, twice
-        return [], (*twice, _info("events of the file do not fit forces and motion", _stand(fit)))
+        return [], (
+            *twice,
+            _make_note("events of the file do not fit forces and motion", _describe_agreement(fit)),
+        )
     for offset, cause in (
         (float(time[0]), "the file's events are counted from its first frame, not from frame 0"),
         (-float(time[0]), "the file's events are counted from frame 0 twice over"),
     ):
-        moved = [e for e in _moved(file, offset) if time[0] - half <= e.time <= time[-1] + half]
-        again, rest = _fit(moved, shown, time), _differences(moved, shown)
-        whole = len(moved) >= WHOLE * len(file) and again.good and again.judged >= FEWEST
+        moved = [
+            e for e in _shift_events(file, offset) if time[0] - half <= e.time <= time[-1] + half
+        ]
+        again, rest = _compare_events(moved, shown, time), _list_differences(moved, shown)
+        whole = len(moved) >= WHOLE * len(file) and again.good and again.compared >= FEWEST
         if abs(offset) > AGREE and whole and abs(float(np.median(rest))) < PLATE_OFFSET:
             later = "later" if offset > 0 else "earlier"
             return moved, (
                 *twice,
-                _info(cause, f"{_stand(fit)}; {abs(offset):.3f} s {later}, {again}: used so"),
+                _make_note(
+                    cause,
+                    f"{_describe_agreement(fit)}; {abs(offset):.3f} s {later}, {again}: used so",
+                ),
             )
-    return [], (*twice, _fault(file, shown, time, fit))
+    return [], (*twice, _diagnose_misfit(file, shown, time, fit))
 
 
-def corrected_findings(
+def check_corrected_events(
     events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array
 ) -> tuple[Finding, ...]:
     """Where the events that a person set differ from what forces and motion show; they are used all
@@ -137,11 +147,11 @@ def corrected_findings(
     """
     low, high = time[0] + EDGE, time[-1] - EDGE
     inside = [e for e in events if shown and low < e.time < high]
-    apart = [_name(e) for e in inside if abs(_nearest(e, shown)) > AGREE]
+    apart = [_format_event(e) for e in inside if abs(_measure_nearest(e, shown)) > AGREE]
     lacking = list[FootEvent]()
     for event in (e for e in shown if low < e.time < high):
         if (
-            abs(_nearest(event, [*events, *lacking])) > SAME_EVENT
+            abs(_measure_nearest(event, [*events, *lacking])) > SAME_EVENT
         ):  # plates and motion have the same one
             lacking.append(event)
     findings = list[Finding]()
@@ -163,51 +173,58 @@ def corrected_findings(
             )
             cure = "set them, too, or take the recording out of events.csv"
             findings.append(
-                _warning(f"corrected events have no {kinds} of the {word} foot", found, cure)
+                _make_warning(f"corrected events have no {kinds} of the {word} foot", found, cure)
             )
     if lacking:
-        names = listed([_name(e) for e in sorted(lacking, key=lambda e: e.time)])
+        names = listed([_format_event(e) for e in sorted(lacking, key=lambda e: e.time)])
         found = f"{names}: forces or motion show them; not used"
-        findings.append(_info("corrected events leave out some that forces and motion show", found))
+        findings.append(
+            _make_note("corrected events leave out some that forces and motion show", found)
+        )
     if apart:
         by = f"more than {1e3 * AGREE:.0f} ms from what forces and motion show"
         found = f"{', '.join(apart)}: {by}; used as they stand"
-        findings.append(_info("corrected events lie apart from forces and motion", found))
+        findings.append(_make_note("corrected events lie apart from forces and motion", found))
     return tuple(findings)
 
 
-def _fault(
-    file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, fit: _Fit
+def _diagnose_misfit(
+    file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, fit: _Agreement
 ) -> Finding:
     """The single fault that makes most of the events agree, with its rival; else that none is
     known.
     """
-    swapped = _fit([replace(e, side=OTHER_SIDE[e.side]) for e in file], shown, time)
-    offset = _common_offset(file, shown, time)
-    shifted = _fit(_moved(file, offset), shown, time)
-    can_swap, can_shift = (f.good and f.judged >= FEWEST for f in (swapped, shifted))
+    swapped = _compare_events([replace(e, side=OTHER_SIDE[e.side]) for e in file], shown, time)
+    offset = _estimate_common_offset(file, shown, time)
+    shifted = _compare_events(_shift_events(file, offset), shown, time)
+    can_swap, can_shift = (f.good and f.compared >= FEWEST for f in (swapped, shifted))
     unused = "not used; strides are those of forces and motion"
     if can_swap and not (can_shift and shifted.spread < 0.5 * swapped.spread):
-        found = f"{_stand(fit)}; with the sides exchanged, {swapped}"
+        found = f"{_describe_agreement(fit)}; with the sides exchanged, {swapped}"
         found += (
             f" ({abs(offset):.2f} s {'later' if offset > 0 else 'earlier'}, {shifted})"
             if can_shift
             else ""
         )
         cure = "see whether the events or the markers bear the wrong side"
-        return _warning(
+        return _make_warning(
             "left and right of the file's events are exchanged", f"{found}; {unused}", cure
         )
     if can_shift:
-        found = f"{_stand(fit)}; moved by as much, {shifted}; {unused}"
+        found = f"{_describe_agreement(fit)}; moved by as much, {shifted}; {unused}"
         cause = (
             f"the file's events come {abs(offset):.2f} s too {'early' if offset > 0 else 'late'}"
         )
-        return _warning(cause, found, "correct the events, or the clock that they were set with")
-    return _info("the file's events do not fit its forces and motion", f"{_stand(fit)}; {unused}")
+        return _make_warning(
+            cause, found, "correct the events, or the clock that they were set with"
+        )
+    return _make_note(
+        "the file's events do not fit its forces and motion",
+        f"{_describe_agreement(fit)}; {unused}",
+    )
 
 
-def _once(
+def _remove_duplicates(
     file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
     """The events without those that stand there twice: of two, the one that plates, else the
@@ -217,39 +234,43 @@ def _once(
     named: list[str] = []
     for event in sorted(file, key=lambda e: e.time):
         alike = next(
-            (e for e in kept if _same(e, event) and event.time - e.time < SAME_EVENT), None
+            (e for e in kept if _is_same_kind(e, event) and event.time - e.time < SAME_EVENT), None
         )
         if alike is None:
             kept.append(event)
             continue
-        named.append(f"{_name(alike)} and {event.time:.2f} s")
-        shown = next((by for by in (plates, motion) if abs(_nearest(event, by)) < SAME_EVENT), ())
-        if abs(_nearest(event, shown)) < abs(_nearest(alike, shown)):
+        named.append(f"{_format_event(alike)} and {event.time:.2f} s")
+        shown = next(
+            (by for by in (plates, motion) if abs(_measure_nearest(event, by)) < SAME_EVENT), ()
+        )
+        if abs(_measure_nearest(event, shown)) < abs(_measure_nearest(alike, shown)):
             kept[kept.index(alike)] = event
     if not named:
         return list(file), ()
     found = f"{', '.join(named)}; of two, the one nearer to forces or motion is used"
-    return kept, (_info("events stand in the file more than once", found),)
+    return kept, (_make_note("events stand in the file more than once", found),)
 
 
-def _without_offset(
+def _remove_offset_events(
     inside: list[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
     """The events without those that come early or late by as much: all, those of a foot, or those
     of a kind.
     """
-    if len(_differences(inside, plates)) < FEWEST - 1:
-        against = _differences(inside, motion)
-        kinds = [_differences([e for e in inside if e.moment is m], motion) for m in FootMoment]
+    if len(_list_differences(inside, plates)) < FEWEST - 1:
+        against = _list_differences(inside, motion)
+        kinds = [
+            _list_differences([e for e in inside if e.moment is m], motion) for m in FootMoment
+        ]
         middles = [float(np.median(d)) if len(d) > 1 else 0.0 for d in kinds]
         offset = min(middles, key=abs)
         if (
             abs(offset) > MOTION_OFFSET
             and middles[0] * middles[1] > 0
-            and np.median(_from_median(against)) <= SCATTER
+            and np.median(_compute_deviations(against)) <= SCATTER
         ):
             return [], (
-                _offset_finding("", offset, f"{len(against)} against the motion of the feet"),
+                _report_offset("", offset, f"{len(against)} against the motion of the feet"),
             )
     groups = {"": inside}
     groups |= {f"{m.value} ": [e for e in inside if e.moment is m] for m in FootMoment}
@@ -259,44 +280,47 @@ def _without_offset(
     used, findings = inside, []
     for one_speaks, word in itertools.product((False, True), groups):
         group = groups[word]
-        from_plate = [-_from_plate(e, plates, motion) for e in group if e in used]
-        against, beside = [d for d in from_plate if abs(d) <= AGREE], _differences(group, motion)
+        from_plate = [-_measure_plate_difference(e, plates, motion) for e in group if e in used]
+        against, beside = (
+            [d for d in from_plate if abs(d) <= AGREE],
+            _list_differences(group, motion),
+        )
         enough = len(against) >= (2 if word else FEWEST - 1)
         if one_speaks:  # one event on a plate, for those that the motion has late by as much
             enough = (
                 bool(against and word)
                 and len(beside) >= FEWEST - 1
-                and _from_median(beside).max() <= 2 * SCATTER
+                and _compute_deviations(beside).max() <= 2 * SCATTER
             )
         if (
             enough
             and abs(float(np.median(against))) > PLATE_OFFSET
-            and _from_median(against).max() <= ALIKE
+            and _compute_deviations(against).max() <= ALIKE
         ):
             used = [e for e in used if e not in group]
             findings.append(
-                _offset_finding(
+                _report_offset(
                     word, float(np.median(against)), f"{len(against)} against force plates"
                 )
             )
     return used, tuple(findings)
 
 
-def _from_median(differences: Sequence[float]) -> Array:
+def _compute_deviations(differences: Sequence[float]) -> Array:
     """(n,) s, distances from their median."""
     return np.abs(np.array(differences) - np.median(differences))
 
 
-def _offset_finding(of: str, offset: float, by: str) -> Finding:
+def _report_offset(of: str, offset: float, by: str) -> Finding:
     cause = (
         f"the file's {of}events come {1e3 * abs(offset):.0f} ms too "
         f"{'late' if offset > 0 else 'early'}"
     )
     found = f"median of {by}; not used; strides are those of forces and motion"
-    return _warning(cause, found, "correct the events, or the clock that they were set with")
+    return _make_warning(cause, found, "correct the events, or the clock that they were set with")
 
 
-def _from_plate(
+def _measure_plate_difference(
     event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> float:
     """Time (s) from an event to that of the plate under the foot; infinite where the plate need not
@@ -306,29 +330,33 @@ def _from_plate(
     it early: there the plate is right only where the motion does not have the event of the file. It
     is never loaded without a foot.
     """
-    from_plate, from_motion = _nearest(event, plates), _nearest(event, motion)
+    from_plate, from_motion = _measure_nearest(event, plates), _measure_nearest(event, motion)
     beside = from_plate > 0 if event.moment is FootMoment.STRIKE else from_plate < 0
     if beside and abs(from_motion) < abs(from_plate - from_motion):
         return float("inf")
     return from_plate
 
 
-def _fit(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> _Fit:
+def _compare_events(
+    events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array
+) -> _Agreement:
     """Events before and after the trial count as not agreeing: unless others do, nothing tells that
     they were cut.
     """
-    nearest = [_nearest(event, shown) for event in events]
+    nearest = [_measure_nearest(event, shown) for event in events]
     agreeing = [d for d in nearest if abs(d) <= AGREE]
     inside = [time[0] + EDGE < event.time < time[-1] - EDGE for event in events]
     judged = sum(abs(d) <= AGREE or is_inside for d, is_inside in zip(nearest, inside, strict=True))
     if judged == 0:  # all of them lie outside of the trial
         judged = sum(not time[0] <= e.time <= time[-1] for e in events)
-    return _Fit(
+    return _Agreement(
         len(agreeing), judged, float(np.sqrt(np.mean(np.square(agreeing)))) if agreeing else np.inf
     )
 
 
-def _common_offset(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> float:
+def _estimate_common_offset(
+    file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array
+) -> float:
     """Time (s) by which the events must be moved so that most of them agree; of equals the
     smallest.
     """
@@ -337,40 +365,45 @@ def _common_offset(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: 
     ]
     if not steps:
         return 0.0
-    best = max(steps, key=lambda d: (_fit(_moved(file, d), shown, time).agreeing, -abs(d)))
-    return best + float(np.median([_nearest(e, shown) for e in _moved(file, best)]))
+    best = max(
+        steps,
+        key=lambda d: (_compare_events(_shift_events(file, d), shown, time).agreeing, -abs(d)),
+    )
+    return best + float(np.median([_measure_nearest(e, shown) for e in _shift_events(file, best)]))
 
 
-def _nearest(event: FootEvent, shown: Sequence[FootEvent]) -> float:
+def _measure_nearest(event: FootEvent, shown: Sequence[FootEvent]) -> float:
     """Time (s) from an event to the nearest one of the same foot and kind; infinite where there is
     none.
     """
-    steps = [s.time - event.time for s in shown if _same(s, event)]
+    steps = [s.time - event.time for s in shown if _is_same_kind(s, event)]
     return min(steps, key=abs) if steps else float("inf")
 
 
-def _differences(events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> list[float]:
+def _list_differences(events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> list[float]:
     """Times (s) by which events come after the nearest shown ones, of those that agree."""
-    return [-d for d in (_nearest(e, shown) for e in events) if abs(d) <= AGREE]
+    return [-d for d in (_measure_nearest(e, shown) for e in events) if abs(d) <= AGREE]
 
 
-def _same(one: FootEvent, other: FootEvent) -> bool:
+def _is_same_kind(one: FootEvent, other: FootEvent) -> bool:
     return one.side == other.side and one.moment is other.moment
 
 
-def _name(event: FootEvent) -> str:
+def _format_event(event: FootEvent) -> str:
     return f"{SIDE_WORDS[event.side]} {event.moment.value} {event.time:.2f} s"
 
 
-def _moved(events: Sequence[FootEvent], offset: float) -> list[FootEvent]:
+def _shift_events(events: Sequence[FootEvent], offset: float) -> list[FootEvent]:
     return [replace(e, time=e.time + offset) for e in events]
 
 
-def _stand(fit: _Fit) -> str:
+def _describe_agreement(fit: _Agreement) -> str:
     return f"as they stand {fit} lie within {1e3 * AGREE:.0f} ms of what forces and motion show"
 
 
-def _warning(cause: str, found: str, cure: str, severity: Severity = Severity.WARNING) -> Finding:
+def _make_warning(
+    cause: str, found: str, cure: str, severity: Severity = Severity.WARNING
+) -> Finding:
     return Finding(
         severity=severity,
         topic="events",
@@ -381,8 +414,8 @@ def _warning(cause: str, found: str, cure: str, severity: Severity = Severity.WA
     )
 
 
-def _info(cause: str, found: str) -> Finding:
-    return _warning(cause, found, "", Severity.INFO)
+def _make_note(cause: str, found: str) -> Finding:
+    return _make_warning(cause, found, "", Severity.INFO)
 
 
 def is_down(before: bool | None, after: bool | None) -> bool | None:
@@ -398,12 +431,12 @@ def is_down(before: bool | None, after: bool | None) -> bool | None:
     return before
 
 
-def order_findings(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
+def check_event_order(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
     """What to say of feet (`r`, `l`) whose strikes and offs do not take turns."""
     named = []
     for side, foot in feet.items():
         both = len(foot.strikes) and len(foot.toe_offs)
-        for (first, struck), (second, again) in itertools.pairwise(changes(foot)):
+        for (first, struck), (second, again) in itertools.pairwise(list_contact_changes(foot)):
             if both and struck == again:
                 kind, missing = ("strike", "off") if struck else ("off", "strike")
                 named.append(
@@ -416,15 +449,17 @@ def order_findings(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
         f"{listed(named)}; phases that need them are not computed, and stretches with a missing strike "
         "are no strides"
     )
-    return (replace(_info("foot strikes or offs are missing", found), code=Code.MISSING_EVENTS),)
+    return (
+        replace(_make_note("foot strikes or offs are missing", found), code=Code.MISSING_EVENTS),
+    )
 
 
-def double_support(other: FootEvents, strike: float, off: float) -> dict[str, float]:
+def compute_double_support(other: FootEvents, strike: float, off: float) -> dict[str, float]:
     """Double and single support (s) of a stance from `strike` to `off`, of which it is known when
     the other foot is down: 0 where it is in the air (running), absent where an event is missing.
     """
     out: dict[str, float] = {}
-    of_other = changes(other)
+    of_other = list_contact_changes(other)
     before = [down for t, down in of_other if t <= strike]
     inside = [(t, down) for t, down in of_other if strike < t < off]
     after = [down for t, down in of_other if t >= off]

@@ -55,8 +55,13 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions, compute_foot_points, has_feet
 from gaitcal.errors import Finding
-from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, steady
-from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
+from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, remove_flicker
+from gaitcal.gait.event_clock import (
+    SAME_EVENT,
+    check_corrected_events,
+    check_event_order,
+    check_file_events,
+)
 from gaitcal.io.force_plate import LOADED_N, find_covered_frames
 from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
 from gaitcal.io.recording import ForcePlate, Recording, find_runs
@@ -70,7 +75,7 @@ otherwise.
 """
 # s at either end of a trial, where the swing before a strike or after an off is not in the
 # recording
-UNSEEN = 0.2
+EDGE_S = 0.2
 STRIKE: Final = 0.10  # of the swing's peak
 OFF: Final = 0.25  # of the swing's peak
 SLOWEST_SWING: Final = 0.25  # m/s: a foot that is never faster does not swing
@@ -89,7 +94,7 @@ class GaitEvents:
     findings: tuple[Finding, ...] = ()  # without the name of the trial
     repeats: tuple[GaitCycle, ...] = ()  # of an activity that is no gait, instead of strides
 
-    def of(self, side: str) -> FootEvents:
+    def select_foot(self, side: str) -> FootEvents:
         """Strikes and offs of one foot."""
         strikes = [e for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
         offs = np.array(select_event_times(self.events, side, FootMoment.OFF))
@@ -98,7 +103,7 @@ class GaitEvents:
         )
 
 
-def trial_events(
+def find_trial_events(
     model: SubjectModel, motion: Motion, reactions: GroundReactions | None, recording: Recording
 ) -> GaitEvents:
     """Foot strikes and offs of a whole-body motion, each with its source.
@@ -110,29 +115,35 @@ def trial_events(
     by_motion: list[FootEvent] = []
     if has_feet(model):
         feet = compute_foot_points(model, motion, model.parameters)
-        by_motion = motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
+        by_motion = find_motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
     by_plates = (
-        [] if reactions is None else plate_events(motion.time, reactions.loaded, recording.plates)
+        []
+        if reactions is None
+        else find_plate_events(motion.time, reactions.loaded, recording.plates)
     )
     if recording.corrected:
-        own = _of_their_foot(by_plates, by_motion, motion.time)
-        return corrected(motion.time, recording.events, [*own, *by_motion])
-    return joined_events(motion.time, recording.events, by_plates, by_motion)
+        own = _select_confirmed_plate_events(by_plates, by_motion, motion.time)
+        return use_corrected_events(motion.time, recording.events, [*own, *by_motion])
+    return combine_events(motion.time, recording.events, by_plates, by_motion)
 
 
-def activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
+def find_activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
     """Of any activity, from the events `found` of its feet: those of strides, or else what the
     pelvis repeats.
     """
-    feet = [found.of(side) for side in SIDES]
-    if alternate(*feet):
+    feet = [found.select_foot(side) for side in SIDES]
+    if is_alternating(*feet):
         return found
     return GaitEvents(
-        repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet)
+        repeats=find_repetitions(
+            motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet
+        )
     )
 
 
-def corrected(time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> GaitEvents:
+def use_corrected_events(
+    time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]
+) -> GaitEvents:
     """The events that a person set, inside the trial `time` (nf,) s; `shown`: by plates and motion,
     to tell of.
     """
@@ -140,16 +151,16 @@ def corrected(time: Array, events: Sequence[FootEvent], shown: Sequence[FootEven
     found = GaitEvents(
         tuple(GaitEvent(e.moment, e.side, e.time, EventSource.PERSON) for e in inside)
     )
-    orders = order_findings({side: found.of(side) for side in SIDES})
-    return replace(found, findings=(*corrected_findings(inside, shown, time), *orders))
+    orders = check_event_order({side: found.select_foot(side) for side in SIDES})
+    return replace(found, findings=(*check_corrected_events(inside, shown, time), *orders))
 
 
-def joined_events(
+def combine_events(
     time: Array, file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> GaitEvents:
     """The events of three sources as one list; `time` (nf,) s of the trial's frames."""
-    plates = _of_their_foot(plates, motion, time)
-    used, findings = checked_events(file, plates, motion, time)
+    plates = _select_confirmed_plate_events(plates, motion, time)
+    used, findings = check_file_events(file, plates, motion, time)
     events: list[GaitEvent] = []
     for side in SIDES:
         for moment in FootMoment:
@@ -157,33 +168,37 @@ def joined_events(
                 GaitEvent(moment, side, t, EventSource.FILE)
                 for t in select_event_times(used, side, moment)
             ]
-            known += _further(
+            known += _select_further_events(
                 known, select_event_times(plates, side, moment), EventSource.PLATES, moment, side
             )
             alone = select_event_times(motion, side, moment)
-            shift = _median_difference([e.time for e in known], alone)
+            shift = _compute_median_difference([e.time for e in known], alone)
             alone = [t + shift for t in alone if time[0] <= t + shift <= time[-1]]
-            events += known + _further(known, alone, EventSource.MOTION, moment, side)
+            events += known + _select_further_events(known, alone, EventSource.MOTION, moment, side)
     joined = GaitEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
     return replace(
-        joined, findings=(*findings, *order_findings({side: joined.of(side) for side in SIDES}))
+        joined,
+        findings=(
+            *findings,
+            *check_event_order({side: joined.select_foot(side) for side in SIDES}),
+        ),
     )
 
 
-def _of_their_foot(
+def _select_confirmed_plate_events(
     plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array
 ) -> list[FootEvent]:
     """The events of plates that the motion has, too, or where it shows nothing of that foot."""
 
     def is_of_foot(event: FootEvent) -> bool:
         of_foot = select_event_times(motion, event.side, event.moment)
-        unseen = not of_foot or event.time < time[0] + UNSEEN or event.time > time[-1] - UNSEEN
+        unseen = not of_foot or event.time < time[0] + EDGE_S or event.time > time[-1] - EDGE_S
         return unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES
 
     return [event for event in plates if is_of_foot(event)]
 
 
-def _further(
+def _select_further_events(
     known: list[GaitEvent],
     times: Sequence[float],
     source: EventSource,
@@ -195,7 +210,7 @@ def _further(
     return [GaitEvent(moment, side, t, source) for t in new]
 
 
-def _median_difference(known: Sequence[float], other: Sequence[float]) -> float:
+def _compute_median_difference(known: Sequence[float], other: Sequence[float]) -> float:
     """Time (s) by which known events come after the others' of the same step; 0 where none is
     known.
     """
@@ -204,36 +219,40 @@ def _median_difference(known: Sequence[float], other: Sequence[float]) -> float:
     return float(np.median(near)) if near else 0.0
 
 
-def motion_events(time: Array, slower: Array) -> list[FootEvent]:
+def find_motion_events(time: Array, slower: Array) -> list[FootEvent]:
     """Events of both feet from the speed (nf, 2) m/s of the slower end of each: order right, left."""
     events = []
     for foot, side in enumerate(SIDES):
-        strikes, offs = swing_events(time, slower[:, foot])
+        strikes, offs = find_swing_events(time, slower[:, foot])
         events += [FootEvent(FootMoment.STRIKE, side, t) for t in strikes.tolist()]
         events += [FootEvent(FootMoment.OFF, side, t) for t in offs.tolist()]
     return events
 
 
-def plate_events(time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]) -> list[FootEvent]:
+def find_plate_events(
+    time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]
+) -> list[FootEvent]:
     """Where the plates under a foot become loaded and unloaded; `loaded` (nf, 2)."""
     events = []
     inner = find_covered_frames(plates, time) if plates else slice(0, len(time))
     for foot, side in enumerate(SIDES):
-        for run in find_runs(steady(time, loaded[:, foot])):
+        for run in find_runs(remove_flicker(time, loaded[:, foot])):
             if run.start > inner.start:
-                moment = _passing(
+                moment = _find_threshold_time(
                     plates, float(time[run.start - 1]), float(time[run.start]), rising=True
                 )
                 events.append(FootEvent(FootMoment.STRIKE, side, moment))
             if run.stop < inner.stop:
-                moment = _passing(
+                moment = _find_threshold_time(
                     plates, float(time[run.stop - 1]), float(time[run.stop]), rising=False
                 )
                 events.append(FootEvent(FootMoment.OFF, side, moment))
     return events
 
 
-def _passing(plates: Sequence[ForcePlate], begin: float, end: float, *, rising: bool) -> float:
+def _find_threshold_time(
+    plates: Sequence[ForcePlate], begin: float, end: float, *, rising: bool
+) -> float:
     """When a plate's vertical force passes `LOADED_N` between two frames; the loaded frame where no
     sample tells.
     """
@@ -245,7 +264,7 @@ def _passing(plates: Sequence[ForcePlate], begin: float, end: float, *, rising: 
     return end if rising else begin
 
 
-def swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
+def find_swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
     """Strikes and offs (s, increasing) of one foot, between frames by a straight line.
 
     `time`: (nf,) s.
@@ -255,7 +274,7 @@ def swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
         return np.array([]), np.array([])
     padded = np.concatenate([[0.0], slower, [0.0]])
     least = max(SLOWEST_SWING, SMALLEST_SWING * float(slower.max()))
-    peaks = [int(k) - 1 for k in _peaks(padded, least) if _alone(padded, int(k))]
+    peaks = [int(k) - 1 for k in _find_peaks(padded, least) if _is_separate_peak(padded, int(k))]
     inner = [float(slower[k]) for k in peaks if 0 < k < len(time) - 1]
     strikes, offs = [], []
     for k in peaks:
@@ -263,20 +282,20 @@ def swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
         cut = k in (0, len(time) - 1)
         peak = max(float(slower[k]), float(np.median(inner))) if cut and inner else float(slower[k])
         begin, end = (
-            _below(slower, int(k), OFF * peak, -1),
-            _below(slower, int(k), STRIKE * peak, 1),
+            _find_slow_frame(slower, int(k), OFF * peak, -1),
+            _find_slow_frame(slower, int(k), STRIKE * peak, 1),
         )
         path = slower[slice((begin or 0), (len(time) if end is None else end + 1))]
         if float(path.sum()) * float(np.median(np.diff(time))) < LEAST_TRAVEL:
             continue
         if end is not None:
-            strikes.append(_crossing(time, slower, end - 1, STRIKE * peak))
+            strikes.append(_interpolate_crossing(time, slower, end - 1, STRIKE * peak))
         if begin is not None:
-            offs.append(_crossing(time, slower, begin, OFF * peak))
+            offs.append(_interpolate_crossing(time, slower, begin, OFF * peak))
     return np.unique(strikes), np.unique(offs)
 
 
-def _peaks(values: Array, least: float) -> Array:
+def _find_peaks(values: Array, least: float) -> Array:
     """Samples of at least that height that are higher than those beside them; of a flat top the
     middle one.
 
@@ -292,7 +311,7 @@ def _peaks(values: Array, least: float) -> Array:
     return ((starts + ends) // 2)[top & (height >= least)]
 
 
-def _alone(speed: Array, peak: int) -> bool:
+def _is_separate_peak(speed: Array, peak: int) -> bool:
     """Whether no higher peak follows or precedes before the speed has fallen by `DIP`; of equals,
     the first counts.
     """
@@ -306,7 +325,7 @@ def _alone(speed: Array, peak: int) -> bool:
     )
 
 
-def _below(speed: Array, start: int, threshold: float, step: int) -> int | None:
+def _find_slow_frame(speed: Array, start: int, threshold: float, step: int) -> int | None:
     """The first frame after `start`, forwards or backwards, that is slower than the threshold; None
     without one.
     """
@@ -314,7 +333,7 @@ def _below(speed: Array, start: int, threshold: float, step: int) -> int | None:
     return start + step * int(slow[0]) if len(slow) and slow[0] else None
 
 
-def _crossing(time: Array, speed: Array, before: int, threshold: float) -> float:
+def _interpolate_crossing(time: Array, speed: Array, before: int, threshold: float) -> float:
     """When the speed passes the threshold, between the frame `before` and the next one."""
     a, b = float(speed[before]), float(speed[before + 1])
     part = 0.0 if a == b else float(np.clip((threshold - a) / (b - a), 0.0, 1.0))
@@ -337,7 +356,7 @@ TOGETHER_S = 0.1
 of one, at most; sprinters' steps last 0.2 s."""
 
 
-def alternate(right: FootEvents, left: FootEvents) -> bool:
+def is_alternating(right: FootEvents, left: FootEvents) -> bool:
     """Whether feet strike and leave in turn, as of who walks, climbs or runs; not together, as in a
     jump, of which a strike may be late in markers that slide.
     """
@@ -351,7 +370,7 @@ def alternate(right: FootEvents, left: FootEvents) -> bool:
     )
 
 
-def repetitions(
+def find_repetitions(
     time: Array, height: Array, feet: Sequence[FootEvents] = ()
 ) -> tuple[GaitCycle, ...]:
     """The repetitions of a trial with their phases, in order of time.
@@ -381,19 +400,21 @@ def repetitions(
     if not inner and spans and 0 <= spans[0][0] < still[-1]:
         there = find_runs(np.abs(height - height[still[-1]]) < NEAR * reach)[-1]
         inner = [(spans[0][0], there.start)]
-    flights = list(_flights(time, falls, feet))
+    flights = list(_find_flights(time, falls, feet))
     return tuple(
         GaitCycle(
             start,
             stop,
             None,
-            parts=tuple(_phases(time, height, (start, stop), flights, NEAR * reach)),
+            parts=tuple(_split_phases(time, height, (start, stop), flights, NEAR * reach)),
         )
         for start, stop in ((float(time[a]), float(time[b])) for a, b in inner)
     )
 
 
-def crouches(time: Array, height: Array, feet: Sequence[FootEvents]) -> list[tuple[float, float]]:
+def find_crouches(
+    time: Array, height: Array, feet: Sequence[FootEvents]
+) -> list[tuple[float, float]]:
     """From which event of the `feet` to which (s) the pelvis goes down and up further than in any
     step, among steps.
     """
@@ -410,7 +431,7 @@ def crouches(time: Array, height: Array, feet: Sequence[FootEvents]) -> list[tup
     return out
 
 
-def _flights(
+def _find_flights(
     time: Array, falls: BoolArray, feet: Sequence[FootEvents]
 ) -> Iterator[tuple[float, float]]:
     """Take-off and landing (s) of each flight."""
@@ -426,7 +447,7 @@ def _flights(
             yield max(offs, default=begin), min(strikes, default=end)
 
 
-def _phases(
+def _split_phases(
     time: Array,
     height: Array,
     ends: tuple[float, float],

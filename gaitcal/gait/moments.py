@@ -29,20 +29,20 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.study_trial import Role
 
 
-def moment_names(model: SubjectModel) -> list[str]:
+def list_moments(model: SubjectModel) -> list[str]:
     """All joint moments that the model moves, the knees' adduction reaction after their flexion."""
     elements = (e for joint in JOINTS for e in list_joint_elements(joint, reactions=True))
     return [e.name for e in elements if e.name in FORCES and e.name not in model.frozen]
 
 
-def moment_of(forces: Moments | TorqueErrors, name: str) -> Array:
+def get_moment(forces: Moments | TorqueErrors, name: str) -> Array:
     """(nf,) N·m, one moment of generalised forces or of their standard errors."""
     if name in REACTIONS:
         return forces.knee_adduction[:, REACTIONS.index(name)]
     return forces.tau[:, COORDINATE_INDEX[name]]
 
 
-def own_error_of(errors: TorqueErrors, name: str) -> Array | None:
+def get_marker_error(errors: TorqueErrors, name: str) -> Array | None:
     """(nf,) N·m, the part of the standard error of one moment that the trial's own markers make;
     None: not known.
     """
@@ -61,7 +61,7 @@ class Extreme:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MomentNumbers:
+class MomentSummary:
     """One joint moment of one trial."""
 
     name: str  # `hip_flexion_r`
@@ -84,13 +84,13 @@ class MomentNumbers:
         return 100.0 * self.change / self.peak if self.peak else 0.0
 
 
-def moment_numbers(
+def summarise_moments(
     model: SubjectModel,
     layout: Layout,
     final: Moments,
     nominal: Moments,
     errors: TorqueErrors | None = None,
-) -> tuple[MomentNumbers, ...]:
+) -> tuple[MomentSummary, ...]:
     """Of all joint moments with valid frames, right and left side by side; a leg's frames are valid
     by its own foot.
 
@@ -98,18 +98,18 @@ def moment_numbers(
     """
     subject = model.subject
     to_bwh = 100.0 * subject.mass / subject.bwh
-    names = moment_names(model)
+    names = list_moments(model)
     bases = list(dict.fromkeys(split_side(name)[0] for name in names))
     numbers = []
     for name in sorted(
         names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")
     ):
-        side, valid = split_side(name)[1], layout.valid_for(get_leg(name))
+        side, valid = split_side(name)[1], layout.get_valid_frames(get_leg(name))
         if not valid.any():
             continue
-        moment, before = (moment_of(f, name) / subject.mass for f in (final, nominal))
-        error = moment_of(errors, name) / subject.mass if errors else np.full(len(moment), np.nan)
-        frames = np.flatnonzero(valid & layout.drawn(side))
+        moment, before = (get_moment(f, name) / subject.mass for f in (final, nominal))
+        error = get_moment(errors, name) / subject.mass if errors else np.full(len(moment), np.nan)
+        frames = np.flatnonzero(valid & layout.select_drawn_frames(side))
         highest = None
         if len(frames):
             frame = frames[moment[frames].argmax()]
@@ -118,11 +118,15 @@ def moment_numbers(
                 float(error[frame]),
                 float(layout.time[frame]),
             )
-            at = float(layout.main(side).percent(time)) if layout.by_cycle else time
+            at = (
+                float(layout.select_main_cycle(side).compute_percent(time))
+                if layout.by_cycle
+                else time
+            )
             highest = Extreme(value, spread if np.isfinite(spread) else None, to_bwh * value, at)
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
         numbers.append(
-            MomentNumbers(
+            MomentSummary(
                 name=name,
                 highest=highest,
                 change=change,
@@ -137,33 +141,33 @@ _NAME = re.compile(r"[a-z_]+(\.[a-z]+){1,2}")
 SIDE_WORDS = {**linkage.SIDE_WORDS, "": ""}
 
 
-def coordinate_title(name: str) -> str:
+def describe_coordinate_side(name: str) -> str:
     """`hip_flexion_r` -> `Right hip flexion`."""
-    return capitalised(_with_side(COORDINATE_TABLE[split_side(name)[0]].title, split_side(name)[1]))
+    return capitalise(_add_side(COORDINATE_TABLE[split_side(name)[0]].title, split_side(name)[1]))
 
 
-def capitalised(text: str) -> str:
+def capitalise(text: str) -> str:
     """The text with a capital first letter, all others as they are."""
     return text[:1].upper() + text[1:]
 
 
-def _with_side(word: str, side: str) -> str:
+def _add_side(word: str, side: str) -> str:
     """`Hip` -> `right hip`; without a side the word as it is."""
     return f"{SIDE_WORDS[side]} {word[:1].lower()}{word[1:]}" if side else word
 
 
-def segment_words(segment: str) -> str:
+def describe_segment(segment: str) -> str:
     """`thigh_r` -> `right thigh`."""
     base, side = split_side(segment)
-    return _with_side(
+    return _add_side(
         SEGMENT_TABLE[base].title or base if base in SEGMENT_TABLE else base.replace("_", " "), side
     )
 
 
-def joint_words(joint: str) -> str:
+def describe_joint(joint: str) -> str:
     """`knee_r` -> `right knee`; without a side, `Knee`."""
     base, side = split_side(joint)
-    return _with_side(JOINT_TABLE[base].title if base in JOINT_TABLE else base.capitalize(), side)
+    return _add_side(JOINT_TABLE[base].title if base in JOINT_TABLE else base.capitalize(), side)
 
 
 _POSITIONS = ("forward", "up", "to the right")
@@ -179,18 +183,18 @@ _INERTIAL = {
 }
 
 
-def parameter_place(name: str) -> str:
+def describe_parameter_location(name: str) -> str:
     """`hip_r.pelvis.ant` -> `hip centre in the pelvis`; `thigh_r.com.sup` -> `mass centre`; nothing
     for a mass.
     """
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][0]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    place = segment_words(split_side(parameter.segment)[0])
+    place = describe_segment(split_side(parameter.segment)[0])
     return f"{JOINT_TABLE[split_side(parameter.joint)[0]].feature} in the {place}"
 
 
-def parameter_direction(name: str) -> str:
+def describe_parameter_direction(name: str) -> str:
     """`hip_r.pelvis.ant` -> `forward`; `thigh_r.com.sup` -> `up`."""
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][1]
@@ -200,15 +204,17 @@ def parameter_direction(name: str) -> str:
     ]
 
 
-def parameter_words(name: str) -> str:
+def describe_parameter(name: str) -> str:
     """`hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`; `thigh_r.com.sup` -> `mass centre
     up`.
     """
     between = " " if name in IP_INDEX else ", "
-    return f"{parameter_place(name)}{between}{parameter_direction(name)}".strip()
+    return (
+        f"{describe_parameter_location(name)}{between}{describe_parameter_direction(name)}".strip()
+    )
 
 
-def explained(text: str) -> str:
+def explain_parameters(text: str) -> str:
     """A message with every parameter's name followed by what it means: `hip_r.pelvis.ant (right hip
     centre ...)`.
     """
@@ -217,20 +223,20 @@ def explained(text: str) -> str:
         name = match[0]
         part = name.split(".")[0]
         if name in JP_INDEX:
-            return f"{name} ({_with_side(parameter_words(name), split_side(part)[1])})"
+            return f"{name} ({_add_side(describe_parameter(name), split_side(part)[1])})"
         if name in IP_INDEX:
-            return f"{name} ({segment_words(part)}: {parameter_words(name)})"
+            return f"{name} ({describe_segment(part)}: {describe_parameter(name)})"
         return name
 
     return _NAME.sub(explain, text)
 
 
-def role_words(role: Role, joint: str | None) -> str:
+def describe_role(role: Role, joint: str | None) -> str:
     """What a trial is for: `right hip alone`, `walking`."""
     if role is Role.STATIC:
         return "standing still"
     return (
-        f"{joint_words(joint)} alone"
+        f"{describe_joint(joint)} alone"
         if joint
         else "any movement"
         if role is Role.MOTION
@@ -238,12 +244,12 @@ def role_words(role: Role, joint: str | None) -> str:
     )
 
 
-def counted(number: int, noun: str) -> str:
+def format_count(number: int, noun: str) -> str:
     """`1 frame`, `3 frames`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def listed(words: list[str]) -> str:
+def format_list(words: list[str]) -> str:
     """`a, b and c`."""
     return (
         words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

@@ -57,7 +57,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.gait.conventions import Acting, Convention, Signs
-from gaitcal.gait.cycles import POINTS, CurveKind, kind_of, known_variables
+from gaitcal.gait.cycles import POINTS, CurveKind, get_curve_kind, list_variables
 from gaitcal.io import text_file, toml
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.subject_model import GRAVITY, Subject
@@ -112,23 +112,23 @@ class NormalBand:
     sd: Array  # (n,) at least 0
     source: str = ""  # what the file says of where it is from
 
-    def for_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
+    def scale_to_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
         """Mean and SD (101,) at 0 to 100 %, in the unit and with the sign of `cycles.csv`, for a
         body of that size.
         """
         at = np.arange(float(POINTS))
-        factor = _to_ours(self.unit, subject)
+        factor = _get_unit_factor(self.unit, subject)
         mean, sd = (
             np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd)
         )
         # in `cycles.csv`'s own unit a convention is a sign, which leads back as well
-        return self.signs.values(self.variable, factor * mean, side, subject), factor * sd
+        return self.signs.convert_values(self.variable, factor * mean, side, subject), factor * sd
 
 
 Bands: TypeAlias = Mapping[str, NormalBand]  # variable of `cycles.csv` -> its band
 
 
-def _to_ours(unit: str, subject: Subject) -> float:
+def _get_unit_factor(unit: str, subject: Subject) -> float:
     """What one of a unit is in that of `cycles.csv`, for a body of that mass and height."""
     return {
         "deg": 1.0,
@@ -143,7 +143,7 @@ def _to_ours(unit: str, subject: Subject) -> float:
     }.get(unit, 1.0)
 
 
-def bands_file(name: Path | str) -> Path:
+def find_bands_file(name: Path | str) -> Path:
     """The file of normal bands of that path, or of that name among those that gaitcal brings
     (`schwartz2008`).
 
@@ -168,10 +168,10 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     InputError
         One line: file, line, what was found, what is allowed.
     """
-    source = bands_file(path)
-    comments, rows = _parted(source)
-    named = _named(comments)
-    signs = _signs(named.get("signs", []), source)
+    source = find_bands_file(path)
+    comments, rows = _split_lines(source)
+    named = _read_named_comments(comments)
+    signs = _read_signs(named.get("signs", []), source)
     header = tuple(rows[0][1]) if rows else ()
     if header != COLUMNS:
         raise _BandsError(
@@ -180,18 +180,18 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
             field="columns",
         )
     points: dict[str, list[_Row]] = {}
-    for row in _read(rows[1:], source):
+    for row in _read_rows(rows[1:], source):
         points.setdefault(row.variable, []).append(row)
     if not points:
         raise _BandsError("found no row below the names of the columns", source=source)
     origin = "; ".join(named.get("source", []))
     return {
-        variable: _band(variable, found, signs, origin, source)
+        variable: _make_band(variable, found, signs, origin, source)
         for variable, found in points.items()
     }
 
 
-def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def _split_lines(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Comments without their `#`, and numbered rows of cells."""
     comments, rows = [], []
     for number, line in enumerate(text_file.read_lines(source), start=1):
@@ -206,7 +206,7 @@ def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return comments, rows
 
 
-def _named(comments: Sequence[str]) -> dict[str, list[str]]:
+def _read_named_comments(comments: Sequence[str]) -> dict[str, list[str]]:
     """What comments of the form `name: text` say, each text once."""
     out: dict[str, list[str]] = {}
     for name, colon, text in (comment.partition(":") for comment in comments):
@@ -215,7 +215,7 @@ def _named(comments: Sequence[str]) -> dict[str, list[str]]:
     return out
 
 
-def _signs(texts: Sequence[str], source: Path) -> Convention:
+def _read_signs(texts: Sequence[str], source: Path) -> Convention:
     """What all lines on signs agree in."""
     names = {**BAND_SIGNS, "opensim": BAND_SIGNS["gaitcal"]}
     wrong = [text for text in texts if text.lower() not in names]
@@ -229,8 +229,8 @@ def _signs(texts: Sequence[str], source: Path) -> Convention:
     return names[texts[0].lower()]
 
 
-def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
-    known = known_variables()
+def _read_rows(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
+    known = list_variables()
     ranges = {"percent": (0.0, 100.0), "mean": (-1e6, 1e6), "sd": (0.0, 1e6)}
     for number, cells in rows:
 
@@ -243,9 +243,9 @@ def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]
         if variable not in known:
             hint = "; names have no side" if split_side(variable)[1] else nearest(variable, known)
             raise fault(f"found variable '{variable}'; allowed: those of cycles.csv{hint}")
-        allowed = UNITS[kind_of(variable)]
-        spelt = {_plain(u): u for u in allowed}
-        if _plain(unit) not in spelt:
+        allowed = UNITS[get_curve_kind(variable)]
+        spelt = {_normalise_unit(u): u for u in allowed}
+        if _normalise_unit(unit) not in spelt:
             raise fault(f"found unit '{unit}' of {variable}; allowed: {', '.join(allowed)}")
         numbers = []
         for (name, (low, high)), cell in zip(ranges.items(), cells[2:], strict=True):
@@ -256,15 +256,15 @@ def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]
             if not low <= value <= high:
                 raise fault(f"found {name} '{cell}'; allowed: a number from {low:g} to {high:g}")
             numbers.append(value)
-        yield _Row(number, variable, spelt[_plain(unit)], *numbers)
+        yield _Row(number, variable, spelt[_normalise_unit(unit)], *numbers)
 
 
-def _plain(unit: str) -> str:
+def _normalise_unit(unit: str) -> str:
     """A unit without what people write differently: `N·m/kg`, `Nm/kg`, `N m / kg`."""
     return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
 
 
-def _band(
+def _make_band(
     variable: str, rows: Sequence[_Row], signs: Convention, origin: str, source: Path
 ) -> NormalBand:
     for before, row in itertools.pairwise(rows):
@@ -295,7 +295,7 @@ AGES: Final = (4.0, 18.0)  # Years, from and below which the children's norms ho
 
 class _Speed(NamedTuple):
     name: str  # Of `SHIPPED`
-    words: str
+    label: str
     high: float  # Non-dimensional speed below which it holds
 
 
@@ -311,13 +311,13 @@ SLOWEST: Final = 0.158
 the paper's limits: outside few of those children walked."""
 FREE: Final = {"speed": (0.431, 0.069), "cadence": (0.561, 0.050), "step_length": (0.765, 0.080)}
 """Measure -> mean and SD, non-dimensional, of 81 children at the speed of their choice."""
-MODEL: Final = (
+MODEL_REMARK: Final = (
     "Theirs is Plug-in Gait's model: offsets of hip rotation and adduction are partly that."
 )
 """In a child's straight walk the vendor's hip rotation is 15 and 5 deg from ours, adduction 2 and
 3.5.
 """
-FREE_WORDS: Final = "children 4 to 17 years, free speed, n = 81 (Pinzone 2014), by leg length"
+FREE_LABEL: Final = "children 4 to 17 years, free speed, n = 81 (Pinzone 2014), by leg length"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,11 +329,11 @@ class Norm:
     """Measure of `spatiotemporal.MEASURES` -> mean and SD, in its unit, for a leg of this length,
     at free speed.
     """
-    words: str = ""  # Who they are: for legends
+    label: str = ""  # Who they are: for legends
     remark: str = ""  # Why these, or why none: a sentence
 
 
-def leg_length(subject: Subject) -> tuple[float, str]:
+def estimate_leg_length(subject: Subject) -> tuple[float, str]:
     """m, and how it is known."""
     measured = list(subject.leg_length.values())
     if measured:
@@ -342,20 +342,20 @@ def leg_length(subject: Subject) -> tuple[float, str]:
     return length, f"{length:.2f} m estimated from the height"
 
 
-def norm_for(subject: Subject, speed: float | None) -> Norm:
+def select_norm(subject: Subject, speed: float | None) -> Norm:
     """The norm that gaitcal brings for somebody who walks at `speed` (m/s; None: not known)."""
     low, high = AGES
     theirs = f"the built-in norms are for children of {low:.0f} to {high - 1:.0f} years"
     if subject.age is None:
         return Norm(remark=f"No norm: the age is not given (age_years), and {theirs}.")
     if not low <= subject.age < high:
-        age = _years(subject.age)
+        age = _format_age(subject.age)
         return Norm(
             remark=f"No norm fits an age of {age} years: {theirs}. Your laboratory's own: --normal "
             "FILE."
         )
-    length, how = leg_length(subject)
-    steps = free_steps(length)
+    length, how = estimate_leg_length(subject)
+    steps = compute_free_steps(length)
     if speed is None:
         return Norm(
             steps=steps, remark="No norm of curves: no stride tells the speed, which chooses it."
@@ -373,12 +373,12 @@ def norm_for(subject: Subject, speed: float | None) -> Norm:
     return Norm(
         bands=bands,
         steps=steps,
-        words=sources(bands),
-        remark=f"{walk}: {chosen.words} speed. {MODEL}",
+        label=list_sources(bands),
+        remark=f"{walk}: {chosen.label} speed. {MODEL_REMARK}",
     )
 
 
-def own_norm(bands: Bands, name: str, subject: Subject) -> Norm:
+def make_user_norm(bands: Bands, name: str, subject: Subject) -> Norm:
     """The norm that somebody names (`--normal`), with a word where those of children are taken for
     an adult.
     """
@@ -390,23 +390,23 @@ def own_norm(bands: Bands, name: str, subject: Subject) -> Norm:
         age = (
             "the age is not given"
             if subject.age is None
-            else f"this person is {_years(subject.age)} years old"
+            else f"this person is {_format_age(subject.age)} years old"
         )
         remark = f"Bands of children of {low:.0f} to {high - 1:.0f} years, as asked for: {age}."
-    return Norm(bands=bands, words=sources(bands), remark=remark)
+    return Norm(bands=bands, label=list_sources(bands), remark=remark)
 
 
-def _years(age: float) -> str:
+def _format_age(age: float) -> str:
     """As people tell it: whom a day is missing to 4 years is 3.9."""
     return f"{np.floor(10.0 * age) / 10.0:g}"
 
 
-def sources(bands: Bands) -> str:
+def list_sources(bands: Bands) -> str:
     """Whom the bands are of, each source once."""
     return "; ".join(dict.fromkeys(band.source for band in bands.values() if band.source))
 
 
-def free_steps(length: float) -> dict[str, tuple[float, float]]:
+def compute_free_steps(length: float) -> dict[str, tuple[float, float]]:
     """`speed` m/s, `cadence` steps/min, `step_length` and `stride_length` m: mean and SD for a leg
     of `length` m.
     """

@@ -33,7 +33,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.gait import ensemble, spatiotemporal
-from gaitcal.gait.cycles import POINTS, CurveKind, coordinate_of, kind_of, unit_of
+from gaitcal.gait.cycles import POINTS, CurveKind, get_coordinate, get_curve_kind, get_unit
 from gaitcal.model.coordinates import describe_coordinate, get_senses
 from gaitcal.model.linkage import SIDES
 
@@ -58,13 +58,13 @@ class Peak:
     phase: str  # in words; of an activity that is no gait as in `cycles.csv`
     window: tuple[float, float] | None = None  # u, see the module; None: the whole phase
 
-    def title(self, *, external: bool = False) -> str:
+    def make_title(self, *, external: bool = False) -> str:
         """`Hip extension moment, loading response`: loads by what they do, so that no choice of
         signs changes it.
         """
         kind, name, low = (
-            kind_of(self.variable),
-            coordinate_of(self.variable),
+            get_curve_kind(self.variable),
+            get_coordinate(self.variable),
             self.figure is PeakKind.LOWEST,
         )
         title = (
@@ -89,7 +89,7 @@ class Peak:
         )
 
     @property
-    def words(self) -> str:
+    def window_label(self) -> str:
         """Its window: `8 to 45 % of stance`, `60 % of stance to 15 % of swing`, `the pelvis goes
         down`.
         """
@@ -154,12 +154,12 @@ ground_reaction_3              ground_reaction_vertical highest 0.6   1     push
 """
 
 
-def _peak(row: str) -> Peak:
+def _parse_peak(row: str) -> Peak:
     name, variable, figure, begin, end, phase = row.split(maxsplit=5)
     return Peak(name, variable, PeakKind(figure), phase, (float(begin), float(end)))
 
 
-PEAKS: Final = {peak.name: peak for peak in map(_peak, _ROWS.strip().splitlines())}
+PEAKS: Final = {peak.name: peak for peak in map(_parse_peak, _ROWS.strip().splitlines())}
 """Powers are numbered as H1 to H3, K1 to K4, A1 and A2 of Winter (The Biomechanics and Motor
 Control of Human Gait, 1991)."""
 PHASES: Final = {
@@ -173,7 +173,7 @@ PHASES: Final = {
 """Phase of a stride or a repetition of an activity that is no gait -> what it is; flight has no
 peaks.
 """
-LEAST_SEEN: Final = (
+LEAST_VALID_SHARE: Final = (
     0.5  # of a phase whose peak counts: what comes before somebody leaves a seat is not valid
 )
 _IN_PHASES: Final = """
@@ -212,7 +212,7 @@ not known.
 """
 
 
-def stride_peaks(
+def find_stride_peaks(
     curves: Mapping[str, tuple[Array, Array, Array]], toe_off: float | None
 ) -> dict[str, PeakValue]:
     """Peak -> what it is in one stride; only those that the stride has.
@@ -262,7 +262,7 @@ def stride_peaks(
     return out
 
 
-def phase_peaks(
+def find_phase_peaks(
     curves: Mapping[str, tuple[Array, Array, Array]], phases: Sequence[str]
 ) -> dict[str, PeakValue]:
     """The same of a stride or repetition of an activity that is no gait; `phases`: of each percent
@@ -279,7 +279,7 @@ def phase_peaks(
             k = int(inside[signed[inside].argmax()])
             if (
                 np.isfinite(value[max(k - 1, 0) : k + 2]).all()
-                and np.isfinite(value[inside]).mean() >= LEAST_SEEN
+                and np.isfinite(value[inside]).mean() >= LEAST_VALID_SHARE
             ):
                 out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
     return out
@@ -320,7 +320,7 @@ PEAK_COLUMNS: Final = (
 DIGITS: Final = 6
 
 
-def peak_means(
+def average_peaks(
     strides: Iterable[tuple[str, str, str, Mapping[str, PeakValue | Array]]],
 ) -> tuple[PeakMean, ...]:
     """Means of peaks over the strides that count, activity by activity.
@@ -341,7 +341,7 @@ def peak_means(
         if not rows:
             continue
         value, error, own, percent = np.array([one for _, one in rows], dtype=np.float64).T
-        over = ensemble.spread(
+        over = ensemble.compute_statistics(
             value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None]
         )
         out.append(
@@ -360,7 +360,7 @@ def peak_means(
     return tuple(out)
 
 
-def peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
+def make_peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
     """`PEAK_COLUMNS` of means, as in `peaks.csv`."""
     rows = [
         (
@@ -368,8 +368,8 @@ def peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
             m.peak.name,
             m.peak.variable,
             m.peak.phase,
-            m.peak.words,
-            unit_of(m.peak.variable),
+            m.peak.window_label,
+            get_unit(m.peak.variable),
             m.strides,
             m.n,
         )

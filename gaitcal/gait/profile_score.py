@@ -59,7 +59,7 @@ class Score:
     strides: int  # of a profile score: the fewest of its angles
 
 
-def profile_scores(
+def compute_profile_scores(
     strides: Mapping[str, Sequence[Any] | NDArray[Any]], bands: normal_bands.Bands, subject: Subject
 ) -> tuple[Score, ...]:
     """Nine angles and the score of each side that has a whole straight stride of all, and that of
@@ -92,11 +92,13 @@ def profile_scores(
             whole = np.isfinite(x).all(axis=1)
             if not whole.any():
                 break
-            mean, sd = (part[::EVERY] for part in bands[name].for_person(subject, side))
+            mean, sd = (part[::EVERY] for part in bands[name].scale_to_person(subject, side))
             of_side.append(
-                _of_angle(side, name, x[whole] - mean, e[whole].mean(axis=0), float(_rms(sd)))
+                _score_angle(
+                    side, name, x[whole] - mean, e[whole].mean(axis=0), float(_compute_rms(sd))
+                )
             )
-        out += [*of_side, _joined(side, of_side)] if len(of_side) == len(ANGLES) else []
+        out += [*of_side, _combine_scores(side, of_side)] if len(of_side) == len(ANGLES) else []
     if len({s.side for s in out}) < len(linkage.SIDES):
         return tuple(out)
     legs = [
@@ -104,10 +106,10 @@ def profile_scores(
         for s in out
         if s.variable in ANGLES and (s.side == "l" or s.variable not in linkage.PELVIS_ANGLES)
     ]
-    return (*out, _joined(BOTH, legs))
+    return (*out, _combine_scores(BOTH, legs))
 
 
-def score_title(score: Score) -> str:
+def make_score_title(score: Score) -> str:
     """`Hip rotation`, `Gait Profile Score`."""
     return (
         "Gait Profile Score"
@@ -116,10 +118,10 @@ def score_title(score: Score) -> str:
     )
 
 
-def _of_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> Score:
+def _score_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> Score:
     """`away`: (n, 51) deg from the healthy mean; `shared`: (51,) standard error."""
-    scores = _rms(away)
-    moved = np.stack([_rms(away + z * shared).mean() for z in _Z])
+    scores = _compute_rms(away)
+    moved = np.stack([_compute_rms(away + z * shared).mean() for z in _Z])
     weights = _WEIGHTS / _WEIGHTS.sum()
     of_axes = weights @ moved**2 - (weights @ moved) ** 2
     of_strides = scores.var(ddof=1) / len(scores) if len(scores) > 1 else 0.0
@@ -134,23 +136,23 @@ def _of_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> 
     )
 
 
-def _joined(side: str, parts: Sequence[Score]) -> Score:
+def _combine_scores(side: str, parts: Sequence[Score]) -> Score:
     """RMS of the scores of angles."""
     score, error, norm = (
         np.array([getattr(p, name) for p in parts]) for name in ("score", "error", "norm")
     )
-    whole = float(_rms(score))
+    whole = float(_compute_rms(score))
     share = score / whole if whole > 0.0 else np.ones(len(parts))
     return Score(
         side=side,
         variable=GPS,
         score=whole,
         error=float(np.linalg.norm(share * error) / len(parts)),
-        norm=float(_rms(norm)),
+        norm=float(_compute_rms(norm)),
         strides=min(p.strides for p in parts),
     )
 
 
-def _rms(values: Array) -> Array:
+def _compute_rms(values: Array) -> Array:
     """Over the last axis."""
     return np.asarray(np.sqrt(np.mean(np.square(values), axis=-1)))

@@ -47,9 +47,16 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.gait import ensemble, event_clock, moments
-from gaitcal.gait.cycles import CYCLE_RANGE, EventSource, FootEvents, between, is_stride, resample
+from gaitcal.gait.cycles import (
+    CYCLE_RANGE,
+    EventSource,
+    FootEvents,
+    is_stride,
+    resample,
+    select_between,
+)
 from gaitcal.gait.events import GaitEvents
-from gaitcal.gait.strides import turn_between, turns
+from gaitcal.gait.strides import is_turning, measure_turn
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 
 PER_STRIDE: Final = 120.0  # two steps, sixty seconds
@@ -110,7 +117,7 @@ class Stride:
     on_the_spot: bool = False  # the feet swing and get no further: without lengths and speed
 
 
-def strides_measured(
+def measure_strides(
     events: GaitEvents,
     time: Array,
     feet: FootPoints | None,
@@ -124,7 +131,7 @@ def strides_measured(
     frames in which no marker shows the foot. `faced`: (nf,) rad, where the pelvis points
     (`gait/strides.py`); None: whether a stride turns is not known.
     """
-    of_feet = {side: events.of(side) for side in SIDES}
+    of_feet = {side: events.select_foot(side) for side in SIDES}
     places: dict[
         str, Array
     ] = {}  # side -> (nf, 2) m, forward and to the right; NaN where no marker shows the foot
@@ -149,12 +156,15 @@ def strides_measured(
     out: list[Stride] = []
     for side, other in OTHER_SIDE.items():
         foot, opposite, number = of_feet[side], of_feet[other], 0
-        for start, stop in _spans(foot, opposite):
+        for start, stop in _list_spans(foot, opposite):
             whole = start is not None and stop is not None
             number += whole
-            struck = None if stop is None else _step_before(foot, opposite, start, stop)
-            measures, lengths = _times(foot, opposite, start, stop, struck), dict[str, float]()
-            period = _period(opposite, start, stop, struck)
+            struck = None if stop is None else _find_step_start(foot, opposite, start, stop)
+            measures, lengths = (
+                _measure_times(foot, opposite, start, stop, struck),
+                dict[str, float](),
+            )
+            period = _find_whole_stride(opposite, start, stop, struck)
             along, length = np.full(2, np.nan), np.nan  # m, of the stride
             if places and stop is not None and period is not None:
                 stepping = side if start is not None else other
@@ -191,14 +201,14 @@ def strides_measured(
                         line=float(np.arctan2(-along[1], along[0])) if gets_further else None,
                         turn=None
                         if faced is None or period is None
-                        else turn_between(time, faced, *period),
+                        else measure_turn(time, faced, *period),
                         on_the_spot=length < LEAST_STRIDE,
                     )
                 )
     return tuple(out)
 
 
-def stride_lines(strides: Sequence[Stride], time: Array) -> Array:
+def assign_stride_lines(strides: Sequence[Stride], time: Array) -> Array:
     """(nf, 2) rad: line of progression at each time (nf,) s for the right and the left foot.
 
     Of the foot's stride around it, else of the nearest one, of either foot where one has none; 0
@@ -216,7 +226,7 @@ def stride_lines(strides: Sequence[Stride], time: Array) -> Array:
     return out
 
 
-def _spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, float | None]]:
+def _list_spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, float | None]]:
     """From each strike to the next, from before the first and to after the last; apart where it is
     no stride.
     """
@@ -233,7 +243,7 @@ def _spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, floa
     return [*out, (strikes[-1], None)]
 
 
-def _times(
+def _measure_times(
     foot: FootEvents,
     other: FootEvents,
     start: float | None,
@@ -242,12 +252,12 @@ def _times(
 ) -> dict[str, float]:
     """What events alone tell; `struck`: when the other foot began the step that ends the stride."""
     out: dict[str, float] = {}
-    off = _off(foot, other, start, stop)
+    off = _find_off(foot, other, start, stop)
     if stop is not None and struck is not None:
         out["step_time"] = stop - struck
     if start is not None and off is not None:
         out["stance"] = off - start
-        out |= event_clock.double_support(other, start, off)
+        out |= event_clock.compute_double_support(other, start, off)
     if stop is not None and off is not None:
         out["swing"] = stop - off
     if start is not None and stop is not None:
@@ -258,7 +268,7 @@ def _times(
     return out
 
 
-def _off(
+def _find_off(
     foot: FootEvents, other: FootEvents, start: float | None, stop: float | None
 ) -> float | None:
     """The off of a stride: the first one after its start; the last one before its stop, where the
@@ -274,31 +284,33 @@ def _off(
         max(low, float(earlier[-1])) if cut_before else low,
         min(high, float(later[0])) if cut_after else high,
     )
-    found = between(foot.toe_offs, low, high)
+    found = select_between(foot.toe_offs, low, high)
     if not len(found) or (
-        (cut_before or cut_after) and len(found) < 2 and len(between(other.strikes, low, high)) > 1
+        (cut_before or cut_after)
+        and len(found) < 2
+        and len(select_between(other.strikes, low, high)) > 1
     ):
         return None
     off = float(found[0] if start is not None else found[-1])
     phase = (
-        between(other.strikes, start, off)
+        select_between(other.strikes, start, off)
         if start is not None
-        else between(other.strikes, off, high)
+        else select_between(other.strikes, off, high)
     )
     return None if len(phase) > 1 else off
 
 
-def _step_before(
+def _find_step_start(
     foot: FootEvents, other: FootEvents, start: float | None, stop: float
 ) -> float | None:
     """s, the other foot's strike from which a foot steps to its own one at `stop`."""
     earlier = foot.strikes[foot.strikes < stop]  # not across a strike of its own
     since = max([stop - CYCLE_RANGE[1], *([] if start is None else [start]), *earlier[-1:]])
-    before = between(other.strikes, since, stop)
+    before = select_between(other.strikes, since, stop)
     return float(before[-1]) if len(before) else None
 
 
-def _period(
+def _find_whole_stride(
     other: FootEvents, start: float | None, stop: float | None, struck: float | None
 ) -> tuple[float, float] | None:
     """A whole stride (s): that of the foot, else that of the other one in which it steps; None
@@ -312,23 +324,28 @@ def _period(
     return (struck, float(ahead[0])) if len(ahead) else None
 
 
-def counts(name: str, side: str, refused: Sequence[str]) -> bool:
+def is_usable_measure(name: str, side: str, refused: Sequence[str]) -> bool:
     """Whether a measure of a leg may be used where the verdict refuses the legs `refused`."""
     return side not in refused and not (refused and name.startswith(OF_BOTH_FEET))
 
 
-def counting(strides: Sequence[Stride], refused: Sequence[str] = ()) -> tuple[Stride, ...]:
+def select_straight_strides(
+    strides: Sequence[Stride], refused: Sequence[str] = ()
+) -> tuple[Stride, ...]:
     """The strides of a trial that belong into means: straight ones, without what needs a leg that
     is refused.
     """
     return tuple(
-        replace(s, measures={n: v for n, v in s.measures.items() if counts(n, s.side, refused)})
+        replace(
+            s,
+            measures={n: v for n, v in s.measures.items() if is_usable_measure(n, s.side, refused)},
+        )
         for s in strides
-        if not turns(s.turn)
+        if not is_turning(s.turn)
     )
 
 
-def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...]:
+def check_strides(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...]:
     """What to say of strides that turn, and of those that get no further."""
     whole = [s for s in strides if s.number]
     short = (
@@ -337,7 +354,7 @@ def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...
     )
     left_out = "left out of means of strides and steps"
     kinds = (
-        (Code.TURNING_STRIDES, [s for s in whole if turns(s.turn)], "strides turn", left_out),
+        (Code.TURNING_STRIDES, [s for s in whole if is_turning(s.turn)], "strides turn", left_out),
         (
             Code.ON_THE_SPOT,
             [s for s in whole if s.on_the_spot],
@@ -351,7 +368,7 @@ def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...
             topic="strides",
             where=trial,
             cause=cause,
-            found=f"{_named(found)}: {so}",
+            found=f"{_format_strides(found)}: {so}",
             code=code,
         )
         for code, found, cause, so in kinds
@@ -359,15 +376,17 @@ def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...
     )
 
 
-def _named(strides: Sequence[Stride]) -> str:
+def _format_strides(strides: Sequence[Stride]) -> str:
     """`right 1 and 2, left 1 (turned by 48 deg at most)`."""
     numbers = {side: [str(s.number) for s in strides if s.side == side] for side in SIDES}
     by_side = [
-        f"{SIDE_WORDS[side]} {moments.listed(of_side)}"
+        f"{SIDE_WORDS[side]} {moments.format_list(of_side)}"
         for side, of_side in numbers.items()
         if of_side
     ]
-    most = max((abs(s.turn) for s in strides if turns(s.turn) and s.turn is not None), default=None)
+    most = max(
+        (abs(s.turn) for s in strides if is_turning(s.turn) and s.turn is not None), default=None
+    )
     return ", ".join(by_side) + ("" if most is None else f" (by up to {most:.0f} deg)")
 
 
@@ -415,7 +434,7 @@ class MeasureMeans:
         return float(400.0 * np.hypot(self.left.mean * right, self.right.mean * left) / both**2)
 
 
-def measure_means(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMeans, ...]:
+def average_measures(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMeans, ...]:
     """Of every measure that some stride shows, in the order of `MEASURES`; `strides`: trial ->
     those that count.
     """
@@ -432,7 +451,7 @@ def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> A
     known = [(trial, measures[name]) for trial, measures in measured if name in measures]
     if not known:
         return None
-    found = ensemble.spread(
+    found = ensemble.compute_statistics(
         np.array([[value] for _, value in known]), np.array([trial for trial, _ in known])
     )
     sd, within, between_trials = (

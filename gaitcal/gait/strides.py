@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.gait.cycles import GaitCycle, best_cycle, gait_cycles
+from gaitcal.gait.cycles import GaitCycle, find_gait_cycles, select_best_cycle
 from gaitcal.gait.events import GaitEvents
 from gaitcal.model.chain import get_chain
 from gaitcal.model.kinematics import Kinematics
@@ -54,66 +54,66 @@ class Layout:
         """Whether signals are drawn over the gait cycle."""
         return bool(self.cycles)
 
-    def _foot(self, side: str) -> str:
+    def _get_foot(self, side: str) -> str:
         """Over whose strides a side is drawn: the whole body over those of the right foot, if it
         has any.
         """
         return side or ("r" if self.cycles["r"] else "l")
 
-    def main(self, side: str) -> GaitCycle:
+    def select_main_cycle(self, side: str) -> GaitCycle:
         """The stride that is drawn in full: the one with the largest share of frames valid for that
         leg.
         """
-        foot = self._foot(side)
-        return best_cycle(self.cycles[foot], self.time, self.valid_for(foot))
+        foot = self._get_foot(side)
+        return select_best_cycle(self.cycles[foot], self.time, self.get_valid_frames(foot))
 
-    def valid_for(self, side: str) -> BoolArray:
+    def get_valid_frames(self, side: str) -> BoolArray:
         """(nf,) torques of a leg (`r`, `l`), or of the whole body (nothing), may be used."""
         return np.asarray(self.valid_legs[:, SIDES.index(side)]) if side else self.valid
 
-    def complete(self, side: str) -> int:
+    def count_complete(self, side: str) -> int:
         """How many strides of a leg have no frame without valid torques."""
-        valid = self.valid_for(side)
+        valid = self.get_valid_frames(side)
         inside = (
             valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ())
         )
         return sum(bool(frames.size and frames.all()) for frames in inside)
 
-    def drawn(self, side: str) -> BoolArray:
+    def select_drawn_frames(self, side: str) -> BoolArray:
         """(nf,) frames of the main stride, or all."""
         if not self.by_cycle:
             return np.ones(len(self.time), dtype=bool)
-        cycle = self.main(side)
+        cycle = self.select_main_cycle(side)
         return np.asarray((self.time >= cycle.start) & (self.time <= cycle.stop), dtype=np.bool_)
 
 
-def layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents) -> Layout:
+def make_layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents) -> Layout:
     """Over the gait cycle where both feet of a whole-body motion have a complete one, else against
     time.
     """
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
     legs = reactions.valid_legs if reactions else np.ones((len(time), 2), dtype=bool)
-    cycles = strides_of(events)
+    cycles = list_strides(events)
     return Layout(time, valid, legs, cycles if all(cycles.values()) else {})
 
 
-def strides_of(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
+def list_strides(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
     """Side -> all complete cycles of that foot, whether the other foot has any or not; of no gait,
     what repeats.
     """
     if events.repeats:
         return dict.fromkeys(SIDES, events.repeats)
-    right, left = (events.of(side) for side in SIDES)
-    return {"r": gait_cycles(right, left), "l": gait_cycles(left, right)}
+    right, left = (events.select_foot(side) for side in SIDES)
+    return {"r": find_gait_cycles(right, left), "l": find_gait_cycles(left, right)}
 
 
-def pelvis_angles(motion: Motion) -> Array:
+def get_pelvis_angles(motion: Motion) -> Array:
     """(nf, 3) rad, `PELVIS_ANGLES` against the room."""
     return motion.q[:, [motion.coordinates.index(name) for name in PELVIS_ANGLES]]
 
 
-def facing(angles: Array) -> Array:
+def compute_facing(angles: Array) -> Array:
     """(nf,) rad, unwrapped: where the pelvis points, to the left of the room's x axis.
 
     `angles`: (nf, 3) rad, `PELVIS_ANGLES`.
@@ -122,7 +122,7 @@ def facing(angles: Array) -> Array:
     return np.unwrap(np.arctan2(-forward[:, 2], forward[:, 0]))
 
 
-def out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
+def measure_out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
     """By how much unit vectors point out of the vertical plane along a line, as a star stands above
     an equator.
 
@@ -153,9 +153,11 @@ class FootAxes:
     """(nf, 2) rad, standard error of `progression` in each stride, by markers and by where heel and
     toe markers sit.
     """
-    own: Array | None = None  # (nf, 2) rad, the part of it that this trial's own markers make
+    marker_error: Array | None = (
+        None  # (nf, 2) rad, the part of it that this trial's own markers make
+    )
 
-    def progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
+    def compute_progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
         """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along
         it.
 
@@ -167,13 +169,13 @@ class FootAxes:
         all.
         """
         axes = self.axes[:, SIDES.index(side)]
-        off, _ = out_of_plane(axes, line)
+        off, _ = measure_out_of_plane(axes, line)
         counted = axes if inside is None else axes[inside]
         backwards = (counted @ np.array([np.cos(line), 0.0, -np.sin(line)])).sum() < 0.0
         return off if (side == "r") != backwards else -off
 
 
-def foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Array, Array]:
+def compute_foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Array, Array]:
     """Long axes u (nf, 2, 3) of both feet, and what each coordinate (nf, 2, nq) adds to
     `out_of_plane` of them.
 
@@ -184,7 +186,7 @@ def foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Arr
     placed = Kinematics(chain.body(parameters), motion.q)
     axes, turns = placed.axes, placed.columns_by_frame[:, :, 3:]  # (nf, nq, 3)
     u = np.stack([axes[chain.segments.index(foot), 0].T for foot in FEET], axis=1)
-    _, about = out_of_plane(u, lines)
+    _, about = measure_out_of_plane(u, lines)
     moved = np.einsum("fqi,fki->fkq", turns, about)
     for k, side in enumerate(SIDES):
         above = {*PELVIS_ANGLES, *list_joint_coordinates(f"{part}_{side}" for part in LEG_PARTS)}
@@ -192,20 +194,20 @@ def foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Arr
     return u, moved
 
 
-def turn_between(time: Array, faced: Array, start: float, stop: float) -> float:
+def measure_turn(time: Array, faced: Array, start: float, stop: float) -> float:
     """Deg to the left, by which `faced` (nf,) rad turns from `start` to `stop` (s)."""
     begin, end = np.interp([start, stop], time, faced)
     return float(np.degrees(end - begin))
 
 
-def turns(turn: float | None) -> bool:
+def is_turning(turn: float | None) -> bool:
     """Whether a stride that turns by so much (deg) is no straight one; one of which it is not known
     counts as such.
     """
     return turn is not None and abs(turn) > TURNING
 
 
-def along_line(angles: Array, line: float, inside: BoolArray) -> Array:
+def express_along_line(angles: Array, line: float, inside: BoolArray) -> Array:
     """(nf, 3) rad, `PELVIS_ANGLES` against a line of progression; NaN where an angle is not known.
 
     `angles`: (nf, 3) rad, against the room. `line`: rad, direction of progression, to the left of
@@ -216,7 +218,7 @@ def along_line(angles: Array, line: float, inside: BoolArray) -> Array:
     out = np.full(angles.shape, np.nan)
     if not known.any():
         return out
-    within = facing(angles[known])[inside[known]]
+    within = compute_facing(angles[known])[inside[known]]
     if len(within) and np.cos(float(np.mean(within)) - line) < 0.0:
         line += np.pi
     turned = Rotation.from_euler("y", -line) * Rotation.from_euler(AXES, angles[known])

@@ -157,7 +157,7 @@ def run_study(
     found = find_study(Path(source), Options(mass=mass, height=height, sex=sex, age=age))
     require_one_prior(found, None if priors is None else Path(priors))
     settings = RunSettings(
-        normal=None if normal is None else normal_bands.bands_file(normal),
+        normal=None if normal is None else normal_bands.find_bands_file(normal),
         priors=None if priors is None else Path(priors),
         force=force,
     )

@@ -14,8 +14,8 @@ from gaitcal.analysis.parameter_table import list_parameter_rows
 from gaitcal.analysis.result import Calibration, Loads, TrialResult
 from gaitcal.export import other_formats
 from gaitcal.export.opensim import osim_writer
-from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
-from gaitcal.gait.profile_score import profile_scores
+from gaitcal.gait.normal_bands import Bands, Norm, make_user_norm, select_norm
+from gaitcal.gait.profile_score import compute_profile_scores
 from gaitcal.io import opensim_files, toml
 from gaitcal.io.result_folder import MANIFEST, ResultKind, write_result_folder
 from gaitcal.model import model_file, parameters
@@ -92,7 +92,7 @@ def write_results(
         norm = _choose_norm(calibration, normal, settings)
         # normative curves are of anatomical angles, not of angles relative to the static posture
         scores = (
-            profile_scores(strides, norm.bands, calibration.model.subject)
+            compute_profile_scores(strides, norm.bands, calibration.model.subject)
             if not calibration.relative_to
             else ()
         )
@@ -123,10 +123,10 @@ def _choose_norm(
     """Choose the user's normative data, else the built-in ones; none for relative angles."""
     subject = calibration.model.subject
     if normal is not None:
-        return own_norm(normal, str((settings or {}).get("normal", "")), subject)
+        return make_user_norm(normal, str((settings or {}).get("normal", "")), subject)
     if calibration.relative_to:
         return Norm(remark="No normative data: joint angles are relative to the static posture.")
-    return norm_for(
+    return select_norm(
         subject, stride_files.compute_mean_speed(stride_files.summarise_means(calibration.trials))
     )
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from gaitcal.analysis.result import TrialResult
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.osim_writer import safe_name
+from gaitcal.export.opensim.osim_writer import encode_name
 from gaitcal.io import atomic, result_folder, toml
 from gaitcal.pipeline.write_results import write_trial
 from gaitcal.quality.verdict import Verdict
@@ -229,7 +229,7 @@ def _read_earlier_hashes(folder: Path) -> Mapping[str, str]:
 
 def _map_files_to_trials(trials: Iterable[str]) -> dict[str, str]:
     """Map the name of a trial's files, without folder and suffix, to the trial."""
-    return {stem: trial for trial in trials for stem in (trial, safe_name(trial))}
+    return {stem: trial for trial in trials for stem in (trial, encode_name(trial))}
 
 
 def _warn_of_damaged_files(

@@ -26,7 +26,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.errors import Code, Finding, Severity, listed
-from gaitcal.gait.moments import moment_of
+from gaitcal.gait.moments import get_moment
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model import coordinates, linkage
 from gaitcal.preprocess.displaced_markers import STRAIGHT_M, measure_bend
@@ -404,7 +404,7 @@ def _check_torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_E
     """Yield torques of a leg (percent of body weight times height) beyond their limits."""
     for name, limit in TORQUES_PERCENT_BWH.items():
         share = np.where(
-            valid, 100.0 * np.abs(moment_of(moments, f"{name}_{side}")) / moments.bwh, 0.0
+            valid, 100.0 * np.abs(get_moment(moments, f"{name}_{side}")) / moments.bwh, 0.0
         )
         if (share > limit).any():
             message = (

@@ -27,7 +27,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import COVARIANCE
 from gaitcal.errors import STUDY, Code, Finding, Severity
-from gaitcal.gait.moments import joint_words
+from gaitcal.gait.moments import describe_joint
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
@@ -195,10 +195,10 @@ def _report_joint(
     kind, side = joint.split("_")
     least = min(view.probability for view in views)
     few = round(1 / (RARE if least < RARE else UNUSUAL))
-    cause = f"fewer than 1 in {few} people have the {joint_words(joint)} joint at this position"
+    cause = f"fewer than 1 in {few} people have the {describe_joint(joint)} joint at this position"
     if least >= UNUSUAL:
         cause = (
-            f"the {joint_words(joint)} joint is {FARTHEST:.0f} standard deviations of people from "
+            f"the {describe_joint(joint)} joint is {FARTHEST:.0f} standard deviations of people from "
             "its expected position"
         )
     return Finding(

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from gaitcal.errors import STUDY, Code, Finding, Severity
-from gaitcal.gait.moments import joint_words
+from gaitcal.gait.moments import describe_joint
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 SHOWN = 3
@@ -92,7 +92,7 @@ def _is_consequence(effect: Finding, cause: Finding) -> bool:
     if effect.code is Code.JOINT_AT_BOUND:
         return (
             cause.topic == JOINT_POSITIONS
-            and f" {joint_words(effect.cause.split()[0])} " in cause.cause
+            and f" {describe_joint(effect.cause.split()[0])} " in cause.cause
         )
     return False
 

@@ -20,19 +20,19 @@ from gaitcal.gait.cycles import (
     POINTS,
     WALKING,
     CurveKind,
-    kind_of,
-    known_variables,
+    get_curve_kind,
+    list_variables,
 )
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
+from gaitcal.gait.moments import SIDE_WORDS, describe_joint, describe_parameter, format_count
 from gaitcal.gait.normal_bands import (
     BAND_SIGNS,
-    FREE_WORDS,
+    FREE_LABEL,
     Bands,
     Norm,
     NormalBand,
-    norm_for,
-    own_norm,
+    make_user_norm,
+    select_norm,
 )
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_json_object
@@ -161,7 +161,7 @@ def read_report_content(
         walked=any(a.walks for a in activities),
         walks=tuple(_build_walk_rows(summary, uses)),
         steps=tuple(_build_step_rows(summary, norm.steps)),
-        steps_norm=f"norm: {FREE_WORDS}, mean ± SD" if norm.steps else "",
+        steps_norm=f"norm: {FREE_LABEL}, mean ± SD" if norm.steps else "",
         sheets=tuple(_build_sheets(strides, norm, model.subject, activities, uses, remark)),
         peaks=tuple(
             (
@@ -171,9 +171,9 @@ def read_report_content(
             for a in activities
             if not a.walks
         ),
-        norm=norm.words,
+        norm=norm.label,
         norm_remark=remark,
-        profile=profile_score.profile_scores(
+        profile=profile_score.compute_profile_scores(
             {n: cycles[n].to_numpy() for n in cycles}, norm.bands, model.subject
         )
         if norm.bands and not relative
@@ -230,7 +230,10 @@ def _format_reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...
         )
     if (more := len(out) - MOST_REASONS) > 0:
         out[MOST_REASONS:] = [
-            (f"and {counted(more, 'more reason')}", "summary.json and the page list all of them")
+            (
+                f"and {format_count(more, 'more reason')}",
+                "summary.json and the page list all of them",
+            )
         ]
     return tuple(out)
 
@@ -355,12 +358,12 @@ def _build_peak_rows(
     yield ("peak", "unit", "leg", *phases)
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
     for m in found:
-        phase, kind = m.peak.phase, kind_of(m.peak.variable)
+        phase, kind = m.peak.phase, get_curve_kind(m.peak.variable)
         pair = np.array([m.mean, m.se]) / (subject.mass if kind is CurveKind.FORCE else 1.0)
-        value, error = CLINICAL.values(m.peak.variable, pair, m.side, subject)
+        value, error = CLINICAL.convert_values(m.peak.variable, pair, m.side, subject)
         digits = 1 if kind is CurveKind.ANGLE else 2
         bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
-        title = m.peak.title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
+        title = m.peak.make_title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
         rows.setdefault((title, UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = (
             f"{value:.{digits}f}{bar}"
         )
@@ -406,7 +409,9 @@ def _build_walk_rows(
         for side in linkage.SIDES:
             of_leg = [use for use in of_walk if use.side == side]
             turning = sum(use.turns for use in of_leg)
-            turning_text = f"{counted(turning, 'stride')} turning: not in means" if turning else ""
+            turning_text = (
+                f"{format_count(turning, 'stride')} turning: not in means" if turning else ""
+            )
             yield (
                 name,
                 SIDE_WORDS[side],
@@ -481,11 +486,11 @@ def _build_panels(
     straight = strides[~(strides["turn"].abs() > TURNING)]
     means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
     for variable in variables:
-        if variable not in known_variables():
+        if variable not in list_variables():
             yield variable
             continue
         rows = straight[straight["variable"] == variable]
-        kind = kind_of(variable)
+        kind = get_curve_kind(variable)
         factor = 1.0 / subject.mass if kind is CurveKind.FORCE else 1.0
         curves: dict[str, tuple[Array, ...]] = {}
         mean: dict[str, Array] = {}
@@ -514,13 +519,14 @@ def _build_panels(
         norm = None
         if band is not None:
             average, sd = (
-                CLINICAL.values(variable, part, "r", subject) for part in band.for_person(subject)
+                CLINICAL.convert_values(variable, part, "r", subject)
+                for part in band.scale_to_person(subject)
             )
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
-            title=CLINICAL.title(variable),
+            title=CLINICAL.make_title(variable),
             unit=UNITS[kind],
-            senses=CLINICAL.senses(variable, "r"),
+            senses=CLINICAL.describe_senses(variable, "r"),
             strides=curves,
             mean=mean,
             error=error,
@@ -538,7 +544,7 @@ def _choose_norm(
 ) -> Norm:
     """Choose normative data: of the user, else of the result, else built-in."""
     if named is not None:
-        return own_norm(*named, subject)
+        return make_user_norm(*named, subject)
     made_with, stored = (
         str(get_table(manifest, "settings").get("normal", "")),
         get_table(summary, "norm"),
@@ -546,16 +552,16 @@ def _choose_norm(
     if stored and not stored.get("words"):
         return Norm(remark=str(stored.get("remark", "")))
     if not made_with:
-        return norm_for(
+        return select_norm(
             subject, stride_files.compute_mean_speed(get_table(summary, "spatiotemporal"))
         )
     bands = {}
     for band in page["bands"]:
-        kind = next(kind for kind in CurveKind if kind.words == band["kind"])
+        kind = next(kind for kind in CurveKind if kind.label == band["kind"])
         name = band["base"] + kind.ending
         average, sd = (np.array(part, dtype=np.float64) for part in band["r"])
         known = np.isfinite(average)
-        average = CLINICAL_SIGNS.values(name, average, "r", subject)
+        average = CLINICAL_SIGNS.convert_values(name, average, "r", subject)
         bands[name] = NormalBand(
             variable=name,
             unit=kind.unit,
@@ -565,7 +571,7 @@ def _choose_norm(
             sd=sd[known],
             source=band["source"],
         )
-    return own_norm(bands, made_with, subject)
+    return make_user_norm(bands, made_with, subject)
 
 
 def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
@@ -583,13 +589,13 @@ def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
                 if len(of_kind)
                 else ["–", "–"]
             )
-        yield (joint_words(str(joint)).capitalize(), *cells)
+        yield (describe_joint(str(joint)).capitalize(), *cells)
 
 
 def _list_undetermined(table: pd.DataFrame) -> tuple[str, ...]:
     rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
     lines = []
     for joint, rows_of_joint in rows.groupby("joint", sort=False):
-        names = "; ".join(map(parameter_words, rows_of_joint["name"]))
-        lines.append(f"{joint_words(str(joint)).capitalize()}: {names}")
+        names = "; ".join(map(describe_parameter, rows_of_joint["name"]))
+        lines.append(f"{describe_joint(str(joint)).capitalize()}: {names}")
     return tuple(lines)

@@ -333,7 +333,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
             _list_recordings(calibrated, moving=True) if calibrated is folder else ()
         ),
         influence=uncertainty.joint,
-        strides=cycles.typed(strides, folder / CYCLES),
+        strides=cycles.validate_stride_table(strides, folder / CYCLES),
         measures=measures,
         verdict=str(summary.get("verdict") or ""),
         reasons=_list_reasons(summary),

@@ -21,11 +21,11 @@ from gaitcal.gait.cycles import (
     GROUND_REACTION,
     POINTS,
     GaitCycle,
-    conventions_of,
     normalise,
-    typed,
+    read_conventions,
+    validate_stride_table,
 )
-from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
+from gaitcal.gait.strides import TURNING, get_pelvis_angles, is_turning, list_strides
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -184,7 +184,7 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
     except (OSError, UnicodeError, ValueError) as error:
         message = f"cannot be read as a table of strides: {error}"
         raise InputError(message, source=source, code=Code.DAMAGED_RESULT) from None
-    return typed(table, source)
+    return validate_stride_table(table, source)
 
 
 def build_cycle_table(
@@ -223,7 +223,7 @@ def build_cycle_columns(
     for trial in trials:
         if trial.joint is None:
             curves = build_curves(model, trial, relative_to, None)
-            for side, cycles in strides_of(trial.events).items():
+            for side, cycles in list_strides(trial.events).items():
                 shown = _select_curves(curves, side)
                 measured = {s.number: s for s in trial.strides if s.side == side}
                 for number, cycle in enumerate(cycles, start=1):
@@ -265,11 +265,11 @@ def _express_along_line(
     curves: Sequence[Curve],
 ) -> list[Curve]:
     """Express the pelvis and foot angles of one stride along its line of progression."""
-    straight = stride is None or not turns(stride.turn)
+    straight = stride is None or not is_turning(stride.turn)
     along_line = dict(
         zip(
             PELVIS_ANGLES,
-            express_pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T,
+            express_pelvis_in_stride(trial, get_pelvis_angles(trial.body), cycle, stride).T,
             strict=True,
         )
     )
@@ -366,9 +366,9 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
         ) from None
     if strides.empty:
         return xarray.Dataset()
-    strides = typed(strides)
-    ensemble.require_once(strides)
-    conventions = conventions_of(strides)
+    strides = validate_stride_table(strides)
+    ensemble.require_unique_strides(strides)
+    conventions = read_conventions(strides)
     several = [
         name
         for name in DIMENSIONS

@@ -26,8 +26,8 @@ from gaitcal.gait.cycles import (
     CurveKind,
     FootEvents,
     GaitCycle,
-    gait_cycles,
-    kind_of,
+    find_gait_cycles,
+    get_curve_kind,
     normalise,
 )
 from gaitcal.io import labels, result_folder, toml
@@ -170,7 +170,10 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _StrideTable
             )
             for side in SIDES
         )
-        strides |= {(name, "r"): gait_cycles(right, left), (name, "l"): gait_cycles(left, right)}
+        strides |= {
+            (name, "r"): find_gait_cycles(right, left),
+            (name, "l"): find_gait_cycles(left, right),
+        }
         repeats = tuple(
             GaitCycle(c["start"], c["stop"], None)
             for c in get_entries(get_table(trials, name), "repetitions")
@@ -219,14 +222,16 @@ def _convert_rows(
 ) -> pd.DataFrame:
     """Convert the rows of one variable of one side."""
     changed = {
-        name: convention.values(variable, rows[name].to_numpy(dtype=np.float64), side, subject)
+        name: convention.convert_values(
+            variable, rows[name].to_numpy(dtype=np.float64), side, subject
+        )
         for name in numbers
     }
     changed |= {name: np.abs(values) for name, values in changed.items() if name != "value"}
-    kind = kind_of(variable)
-    units = {CurveKind.MOMENT: convention.unit.words, CurveKind.POWER: convention.unit.power}
+    kind = get_curve_kind(variable)
+    units = {CurveKind.MOMENT: convention.unit.label, CurveKind.POWER: convention.unit.power}
     whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
-    positive = f"{whose}{convention.senses(variable, side)[0]}"
+    positive = f"{whose}{convention.describe_senses(variable, side)[0]}"
     return rows.assign(**changed, unit=units.get(kind, kind.unit), positive=positive)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.export.opensim.motion_comparison import OurMotion
-from gaitcal.export.opensim.osim_writer import safe_name
+from gaitcal.export.opensim.osim_writer import encode_name
 from gaitcal.io.result_folder import read_json_object
 from gaitcal.results.saved_result import list_moving_trials, load_trial
 from gaitcal.results.summary import SUMMARY, get_table
@@ -52,8 +52,8 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
             torques=saved.torques,
             valid=saved.valid,
             cutoff=float(cutoff) if isinstance(cutoff, int | float) else None,
-            loads=folder / "forces" / f"{safe_name(name)}.xml",
-            missed={placed.labels[m]: float(e) for m, e in zip(compared, rms, strict=True)},
+            loads=folder / "forces" / f"{encode_name(name)}.xml",
+            marker_errors={placed.labels[m]: float(e) for m, e in zip(compared, rms, strict=True)},
         )
         out.append(trial)
     return out

@@ -90,7 +90,7 @@ def group_joint_parameters(calibration: Calibration) -> tuple[ParameterGroup, ..
         if shown:
             groups.append(
                 ParameterGroup(
-                    moments.joint_words(joint), *_split_sides(shown), len(of_joint) - len(shown)
+                    moments.describe_joint(joint), *_split_sides(shown), len(of_joint) - len(shown)
                 )
             )
     return tuple(groups)
@@ -113,7 +113,7 @@ def group_inertial_parameters(calibration: Calibration) -> tuple[ParameterGroup,
     groups = []
     for segment in dict.fromkeys(row.part for row in rows):
         right, left = _split_sides([row for row in rows if row.part == segment])
-        title = moments.capitalised(moments.segment_words(segment))
+        title = moments.capitalise(moments.describe_segment(segment))
         if left and _are_mirrored(right, left):
             title, left = f"{title} (right and left alike)", ()
         groups.append(ParameterGroup(title, right, left, 0))
@@ -145,8 +145,8 @@ def list_fixed_joints(calibration: Calibration) -> str:
     moved = {
         row.part for row in _label_parameters(calibration, joints=True) if row.status != "fixed"
     }
-    titles = [moments.joint_words(joint) for joint in GROUPS if joint not in moved]
-    return moments.listed([title[0].lower() + title[1:] for title in titles])
+    titles = [moments.describe_joint(joint) for joint in GROUPS if joint not in moved]
+    return moments.format_list([title[0].lower() + title[1:] for title in titles])
 
 
 def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
@@ -168,12 +168,12 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
     out = []
     for joint, names in joints.items():
         if joint not in {j.name for j in JOINTS}:
-            parameters = moments.listed([moments.parameter_words(n) for n in names])
-            out.append(f"{moments.segment_words(joint).capitalize()}: {parameters}.")
+            parameters = moments.format_list([moments.describe_parameter(n) for n in names])
+            out.append(f"{moments.describe_segment(joint).capitalize()}: {parameters}.")
             continue
         moved = compute_range_of_motion(calibration, joint)
-        parameters = moments.listed([moments.parameter_words(n) for n in names])
-        text = f"{moments.joint_words(joint).capitalize()}: {parameters}; {_describe_kept(calibration, names)}."
+        parameters = moments.format_list([moments.describe_parameter(n) for n in names])
+        text = f"{moments.describe_joint(joint).capitalize()}: {parameters}; {_describe_kept(calibration, names)}."
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (
@@ -257,7 +257,7 @@ def summarise_fitted(calibration: Calibration) -> str:
     joint, inertial = count_fitted(calibration)
     parts = []
     if joint:
-        parts.append(f"{moments.counted(joint, 'joint parameter')} (where the joints lie)")
+        parts.append(f"{moments.format_count(joint, 'joint parameter')} (where the joints lie)")
     if inertial:
         is_symmetric = inertial < sum(
             r.status == "fitted" for r in _label_parameters(calibration, joints=False)
@@ -265,7 +265,7 @@ def summarise_fitted(calibration: Calibration) -> str:
         description = "masses, mass centres, moments of inertia" + (
             ", alike for right and left" if is_symmetric else ""
         )
-        parts.append(f"{moments.counted(inertial, 'inertial parameter')} ({description})")
+        parts.append(f"{moments.format_count(inertial, 'inertial parameter')} ({description})")
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
@@ -275,7 +275,7 @@ def summarise_fitted(calibration: Calibration) -> str:
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"
     elif not parts:
         return "Nothing was fitted: all parameters keep their nominal values."
-    return f"Fitted: {moments.listed(parts) or 'nothing'}. {kept}"
+    return f"Fitted: {moments.format_list(parts) or 'nothing'}. {kept}"
 
 
 def _label_parameters(calibration: Calibration, *, joints: bool) -> list[LabelledParameter]:
@@ -289,9 +289,9 @@ def _label_parameters(calibration: Calibration, *, joints: bool) -> list[Labelle
         rows.append(
             LabelledParameter(
                 name=name,
-                title=moments.parameter_words(name),
-                place=moments.parameter_place(name),
-                direction=moments.parameter_direction(name),
+                title=moments.describe_parameter(name),
+                place=moments.describe_parameter_location(name),
+                direction=moments.describe_parameter_direction(name),
                 unit=unit,
                 nominal=scale * float(entry["nominal"]),
                 fitted=scale * float(entry["fitted"]),

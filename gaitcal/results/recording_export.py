@@ -15,7 +15,12 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import Code, InputError
-from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
+from gaitcal.export.plug_in_gait import (
+    ANGLE_UNITS,
+    MOMENT_UNITS,
+    SavedMotion,
+    make_plug_in_gait_points,
+)
 from gaitcal.gait import event_clock, moments
 from gaitcal.io import formats, result_folder, segment_poses, toml
 from gaitcal.io.axes import AxisPermutation
@@ -149,7 +154,7 @@ def _write_trial(
     if replaced := [point.name for point in points if point.name in original.labels]:
         other_points = "what else it holds of another program's, also in other frames, is not ours"
         notes += (
-            f"{moments.counted(len(replaced), 'point')} of the file replaced ({', '.join(replaced)}); "
+            f"{moments.format_count(len(replaced), 'point')} of the file replaced ({', '.join(replaced)}); "
             f"{other_points}",
         )
     return (*_summarise_points(trial, points), *notes, *event_notes)
@@ -263,7 +268,7 @@ def _build_points(
     moment = MOMENT_UNITS.get(
         original.get_unit("MOMENT_UNITS").strip().lower(), MOMENT_UNITS["nmm"]
     )
-    points = plug_in_gait_points(motion, angle, moment)
+    points = make_plug_in_gait_points(motion, angle, moment)
     heads = {label.partition(":")[0] for label in original.labels if ":" in label}
     head = f"{heads.pop()}:" if len(heads) == 1 else ""
 

@@ -14,8 +14,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.gait import moments, spatiotemporal, strides
-from gaitcal.gait.cycles import POINTS, kind_of, unit_of
-from gaitcal.gait.peaks import PEAKS, stride_peaks
+from gaitcal.gait.cycles import POINTS, get_curve_kind, get_unit
+from gaitcal.gait.peaks import PEAKS, find_stride_peaks
 from gaitcal.model.subject_model import Subject
 from gaitcal.results import session_difference
 from gaitcal.results import stride_sets as measured
@@ -116,7 +116,7 @@ def _warn_of_mismatches(
     out = [f"{s.name}: {remark}" for s in (a, b) for remark in s.remarks]
     if twice := len(a.recordings & b.recordings):
         out.append(
-            f"{moments.counted(twice, 'recording')} in both: differences are smaller than those of "
+            f"{moments.format_count(twice, 'recording')} in both: differences are smaller than those of "
             "two sessions"
         )
     if a.relative != b.relative:
@@ -187,11 +187,11 @@ def build_curve_table(
         difference = mean_b - mean_a
         is_known = np.isfinite(by_strides) & np.isfinite(difference)
         part = {
-            "kind": kind_of(key[1]).words,
+            "kind": get_curve_kind(key[1]).label,
             "side": key[0],
             "variable": key[1],
             "percent": np.arange(POINTS),
-            "unit": unit_of(key[1]),
+            "unit": get_unit(key[1]),
             "a": mean_a,
             "b": mean_b,
             "difference": difference,
@@ -232,7 +232,13 @@ def compare_curve_figures(
             ]
             values, shared = [f.values for f in both], _compute_shared(common, *both)
             yield _build_difference(
-                kind_of(key[1]).words, key, measure, unit_of(key[1]), values, by_key, shared=shared
+                get_curve_kind(key[1]).label,
+                key,
+                measure,
+                get_unit(key[1]),
+                values,
+                by_key,
+                shared=shared,
             )
 
 
@@ -329,8 +335,8 @@ def _compute_figures(variable: str, found: measured.StrideSet) -> dict[str, Comp
         found.values, found.shared, found.frames, found.stance, strict=True
     ):
         toe_off = None if np.isnan(off) else float(off)
-        with_shared.append(stride_peaks({variable: (value, shared, zeros)}, toe_off))
-        with_frames.append(stride_peaks({variable: (value, frames, zeros)}, toe_off))
+        with_shared.append(find_stride_peaks({variable: (value, shared, zeros)}, toe_off))
+        with_frames.append(find_stride_peaks({variable: (value, frames, zeros)}, toe_off))
     for peak in (peak for peak in PEAKS.values() if peak.variable == variable):
         values, shared = np.array([p.get(peak.name, UNKNOWN)[:2] for p in with_shared]).T
         _, frames = np.array([p.get(peak.name, UNKNOWN)[:2] for p in with_frames]).T

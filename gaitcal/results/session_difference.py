@@ -57,8 +57,8 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import factor_prior, make_view_covariance
 from gaitcal.dynamics.measurement_errors import PALPATED_DEG
-from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
-from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
+from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, get_coordinate, get_curve_kind
+from gaitcal.gait.moments import SIDE_WORDS, describe_parameter, format_count
 from gaitcal.model.coordinates import describe_coordinate, get_senses
 from gaitcal.model.linkage import LEG_JOINTS, SIDES, get_segment
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
@@ -263,7 +263,7 @@ def describe_differences(
     if not found:
         return (*lines, "the sessions have nothing in common that can be compared")
     lines.append(
-        f"{len(exceeding)} of {counted(len(legs), 'difference')} exceed what these recordings could "
+        f"{len(exceeding)} of {format_count(len(legs), 'difference')} exceed what these recordings could "
         "miss (95 %); "
         f"were none real, about {BY_CHANCE * len(legs):.0f} would"
     )
@@ -280,18 +280,18 @@ def describe_differences(
         lines.append(f"and {more} more variables: differences.csv")
     if upper := sum(d.exceeds and d.beyond_legs for d in judged):
         lines.append(
-            f"also {counted(upper, 'joint parameter')} of trunk and arms, whose standard errors do "
+            f"also {format_count(upper, 'joint parameter')} of trunk and arms, whose standard errors do "
             "not include a bending spine and sliding shoulders: differences.csv"
         )
     if unknown := len(found) - len(judged):
         why = "with one stride in each session their variation is unknown"
-        lines.append(f"{counted(unknown, 'difference')} cannot be judged: {why}")
+        lines.append(f"{format_count(unknown, 'difference')} cannot be judged: {why}")
     return tuple(lines)
 
 
 def _flip_lowest_moment(d: Difference) -> Difference:
     """Flip the sign of a lowest moment, which is then a moment in the opposite sense."""
-    is_lowest = d.kind == CurveKind.MOMENT.words and d.measure.startswith("lowest")
+    is_lowest = d.kind == CurveKind.MOMENT.label and d.measure.startswith("lowest")
     return replace(d, a=-d.a, b=-d.b) if is_lowest else d
 
 
@@ -334,13 +334,13 @@ def name_figure(d: Difference) -> str:
     """
     side = f"{SIDE_WORDS[d.side]} " if d.side else ""
     if d.kind in _PARAMETERS:
-        return f"{side}{parameter_words(d.name)}"
+        return f"{side}{describe_parameter(d.name)}"
     if d.kind == "spatiotemporal":
         return f"{side}{d.name.removesuffix('_percent').replace('_', ' ')}"
-    kind = kind_of(d.name)
+    kind = get_curve_kind(d.name)
     if d.name == GROUND_REACTION:
         return f"{side}vertical ground reaction, {d.measure}"
-    coordinate = coordinate_of(d.name)
+    coordinate = get_coordinate(d.name)
     title = describe_coordinate(coordinate).title
     title = title[:1].lower() + title[1:] + (" power" if kind is CurveKind.POWER else "")
     if kind is CurveKind.MOMENT and (senses := get_senses(coordinate)):

@@ -13,9 +13,21 @@ from numpy.typing import NDArray
 from gaitcal.analysis.result import Calibration, TrialResult
 from gaitcal.arrays import Array
 from gaitcal.gait import ensemble, normal_bands, profile_score
-from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, typed
-from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, phase_peaks, stride_peaks
-from gaitcal.gait.spatiotemporal import MEASURES, Average, counting, counts, measure_means
+from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, validate_stride_table
+from gaitcal.gait.peaks import (
+    PeakMean,
+    average_peaks,
+    find_phase_peaks,
+    find_stride_peaks,
+    make_peak_columns,
+)
+from gaitcal.gait.spatiotemporal import (
+    MEASURES,
+    Average,
+    average_measures,
+    is_usable_measure,
+    select_straight_strides,
+)
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -87,7 +99,7 @@ def build_spatiotemporal_columns(
             "variable": name,
             "unit": MEASURES[name],
             "value": value,
-            "valid": int(counts(name, stride.side, trial.refused_legs)),
+            "valid": int(is_usable_measure(name, stride.side, trial.refused_legs)),
             "turn": stride.turn,
         }
         for trial in trials
@@ -144,7 +156,9 @@ def summarise_means(trials: Sequence[TrialResult]) -> dict[str, table_files.Json
     out: dict[str, table_files.Json] = {}
     # the summary of one trial is that of its activity, whatever it is
     walks = trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]
-    for found in measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks}):
+    for found in average_measures(
+        {t.name: select_straight_strides(t.strides, t.refused_legs) for t in walks}
+    ):
         entry: dict[str, table_files.Json] = {"unit": found.unit}
         entry |= {
             side: _summarise_average(average)
@@ -254,7 +268,7 @@ def write_stride_files(
         for line in table_files.format_refused_lines(t)
     )
     table_files.write_csv(
-        peak_columns(_compute_peaks(strides, table)),
+        make_peak_columns(_compute_peaks(strides, table)),
         folder / PEAKS,
         (*_list_turning_strides(strides), *PEAKS_HEADER),
     )
@@ -302,7 +316,7 @@ def write_profile(
         for name, field in (("score", "score"), ("se", "error"), ("norm", "norm"))
     }
     table["strides"] = np.array([s.strides for s in scores])
-    table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
+    table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.label}"))
 
 
 def summarise_profile(
@@ -323,7 +337,7 @@ def summarise_profile(
         `norm`, and `gait_profile` if there are scores.
     """
     described: dict[str, table_files.Json] = {
-        k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v
+        k: v for k, v in {"words": norm.label, "remark": norm.remark}.items() if v
     }
     out: dict[str, table_files.Json] = {"norm": described}
     sides: dict[str, dict[str, table_files.Json]] = {}
@@ -355,15 +369,15 @@ def compute_mean_speed(means: Mapping[str, Any]) -> float | None:
 
 def _convert_to_numbers(strides: "pd.DataFrame") -> dict[str, table_files.Column]:
     """Convert the text columns of a table of strides, in which each stride occurs once."""
-    table = typed(strides)
-    ensemble.require_once(table)
+    table = validate_stride_table(strides)
+    ensemble.require_unique_strides(table)
     return {name: table[name].to_numpy() for name in CYCLE_COLUMNS}
 
 
 def _compute_mean_curves(strides: Mapping[str, table_files.Column]) -> dict[str, NDArray[Any]]:
     if not len(strides["value"]):
         return {name: np.empty(0) for name in ensemble.ENSEMBLE_COLUMNS}
-    curves = ensemble.mean_curves(strides)
+    curves = ensemble.compute_mean_curves(strides)
     return {
         name: np.round(v, cycle_tables.DIGITS) if v.dtype.kind == "f" else v
         for name, v in curves.items()
@@ -405,12 +419,12 @@ def _compute_peaks(
                 se[k : k + POINTS],
                 stride_error[k : k + POINTS],
             )
-    return peak_means(
+    return average_peaks(
         (
             *key[:3],
-            stride_peaks(found, toe_off.get(key[1:]))
+            find_stride_peaks(found, toe_off.get(key[1:]))
             if key[0] == WALKING
-            else phase_peaks(found, phases[key]),
+            else find_phase_peaks(found, phases[key]),
         )
         for key, found in curves.items()
     )

@@ -16,8 +16,8 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.dynamics.measurement_errors import AxisErrors
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.peer_model import our_leg
-from gaitcal.gait.cycles import POINTS, WALKING, CurveKind, coordinate_of, kind_of
+from gaitcal.export.opensim.peer_model import measure_our_leg
+from gaitcal.gait.cycles import POINTS, WALKING, CurveKind, get_coordinate, get_curve_kind
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -127,7 +127,7 @@ def _measure_lengths(a: RecordedSession, b: RecordedSession) -> dict[str, tuple[
     """Measure each segment in both sessions: name -> m."""
     out = {}
     for side, word in zip(SIDES, ("right", "left"), strict=True):
-        legs = [our_leg(s.model.parameters, side) for s in (a, b)]
+        legs = [measure_our_leg(s.model.parameters, side) for s in (a, b)]
         for part in LENGTHS:
             of_a, of_b = (getattr(leg, f"{part}_length") for leg in legs)
             out[f"{word} {part}"] = (of_a, of_b)
@@ -214,10 +214,10 @@ def _add_axis_errors(session: RecordedSession, sets: dict[Key, StrideSet]) -> di
     angles = _compute_axis_errors(session, sets)
     out = {}
     for (side, variable), found in sets.items():
-        if kind_of(variable) is CurveKind.ANGLE:
+        if get_curve_kind(variable) is CurveKind.ANGLE:
             frames = angles.get((side, variable), np.zeros(POINTS))[None]
         else:
-            name = coordinate_of(variable)
+            name = get_coordinate(variable)
             part = compute_shared_part(
                 session, name if name.startswith(("pelvis", "lumbar")) else f"{name}_{side}"
             )

@@ -18,7 +18,7 @@ from gaitcal.calibration.joint_phases import Phase
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.gait.cycles import GaitCycle
-from gaitcal.gait.moments import moment_of
+from gaitcal.gait.moments import get_moment
 from gaitcal.io.result_folder import read_json_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -414,7 +414,7 @@ def _compute_torque_change(loads: Loads) -> dict[str, Json]:
         if not name.startswith("pelvis") and valid.any():
             change = (
                 100.0
-                * (moment_of(loads.final, name) - moment_of(loads.nominal, name))
+                * (get_moment(loads.final, name) - get_moment(loads.nominal, name))
                 / loads.final.bwh
             )
             out[name] = float(np.sqrt((change[valid] ** 2).mean()))

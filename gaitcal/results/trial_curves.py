@@ -34,7 +34,7 @@ GROUND: Final = {
     "ground_reaction_sideways": 2,
 }
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""
-_ENDINGS: Final = {kind.words: kind.ending for kind in cycles.CurveKind}
+_ENDINGS: Final = {kind.label: kind.ending for kind in cycles.CurveKind}
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _build_angles(
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.coordinates
     everywhere, line = np.ones(len(body.time), dtype=bool), compute_line(trial)
     pelvis = {
-        part: np.degrees(strides.along_line(angles, line, everywhere))
+        part: np.degrees(strides.express_along_line(angles, line, everywhere))
         for part, angles in collect_pelvis_parts(trial, truth).items()
     }
     for k, name in enumerate(body.coordinates):
@@ -173,10 +173,10 @@ def _build_feet(trial: TrialResult) -> Iterator[Curve]:
         return
     for k, side in enumerate(SIDES):
         error, stride_error = (
-            None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own)
+            None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.marker_error)
         )
         valid = find_valid_angles(trial, f"subtalar_angle_{side}", hidden)
-        value = np.degrees(feet.progression(side, line))
+        value = np.degrees(feet.compute_progression(side, line))
         yield Curve(
             FOOT_PROGRESSION,
             side,
@@ -222,9 +222,9 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
         `value`, and `nominal` and `truth` if known -> (nf, 3) rad, `PELVIS_ANGLES`.
     """
     nominal, known = _get_nominal_motion(trial), {} if truth is None else truth.coordinates
-    out = {"value": strides.pelvis_angles(trial.body)}
+    out = {"value": strides.get_pelvis_angles(trial.body)}
     if nominal is not None:
-        out["nominal"] = strides.pelvis_angles(nominal)
+        out["nominal"] = strides.get_pelvis_angles(nominal)
     if all(name in known for name in PELVIS_ANGLES):
         out["truth"] = np.radians(np.stack([known[name].truth for name in PELVIS_ANGLES], axis=1))
     return out
@@ -236,16 +236,18 @@ def _get_nominal_motion(trial: TrialResult) -> Motion | None:
 
 def _build_moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.forces
-    for name in moments.moment_names(model):
+    for name in moments.list_moments(model):
         yield Curve(
             *split_side(name),
             "moment",
             "N m",
-            value=moments.moment_of(loads.final, name),
+            value=moments.get_moment(loads.final, name),
             valid=loads.reactions.valid_for(name),
-            error=None if loads.errors is None else moments.moment_of(loads.errors, name),
-            stride_error=None if loads.errors is None else moments.own_error_of(loads.errors, name),
-            nominal=moments.moment_of(loads.nominal, name),
+            error=None if loads.errors is None else moments.get_moment(loads.errors, name),
+            stride_error=None
+            if loads.errors is None
+            else moments.get_marker_error(loads.errors, name),
+            nominal=moments.get_moment(loads.nominal, name),
             truth=known[name].truth if name in known else None,
         )
 

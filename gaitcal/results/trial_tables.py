@@ -11,9 +11,9 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import joint_kinetics
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.gait.cycles import GaitCycle
-from gaitcal.gait.moments import moment_of
+from gaitcal.gait.moments import get_moment
 from gaitcal.gait.spatiotemporal import Stride
-from gaitcal.gait.strides import along_line
+from gaitcal.gait.strides import express_along_line
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.tracking.motion import select_static_offsets
 
@@ -86,9 +86,9 @@ def build_moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
     final, unknown = loads.final, np.full(len(loads.final.time), np.nan)
     columns = _build_first_columns(final.time, loads.reactions)
     for name in (*FILE_COORDINATES, *REACTIONS):
-        value = moment_of(final, name)
+        value = get_moment(final, name)
         columns[name] = value
-        columns[f"{name}_se"] = unknown if loads.errors is None else moment_of(loads.errors, name)
+        columns[f"{name}_se"] = unknown if loads.errors is None else get_moment(loads.errors, name)
         columns[f"{name}_bwh"] = unknown if is_translation(name) else 100.0 * value / final.bwh
     return columns
 
@@ -235,7 +235,9 @@ def express_pelvis_in_stride(
     """
     return np.asarray(
         np.degrees(
-            along_line(angles, find_stride_line(trial, cycle, stride), _find_inside(trial, cycle))
+            express_along_line(
+                angles, find_stride_line(trial, cycle, stride), _find_inside(trial, cycle)
+            )
         )
     )
 
@@ -265,7 +267,7 @@ def express_foot_in_stride(
     return (
         None
         if feet is None
-        else np.degrees(feet.progression(side, line, _find_inside(trial, cycle)))
+        else np.degrees(feet.compute_progression(side, line, _find_inside(trial, cycle)))
     )
 
 

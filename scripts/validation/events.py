@@ -25,7 +25,7 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import compute_foot_points
 from gaitcal.dynamics.measurement_errors import compute_distance_outside, has_known_outline
-from gaitcal.gait.events import motion_events, plate_events
+from gaitcal.gait.events import find_motion_events, find_plate_events
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
 from gaitcal.io.recording import Recording
@@ -64,7 +64,7 @@ class Walk:
 
 def events_of(walk: Walk) -> list[FootEvent]:
     """As gaitcal finds them: the slower end of the foot comes to rest, and leaves."""
-    return motion_events(walk.time, np.minimum(walk.feet.heel_speed, walk.feet.toe_speed))
+    return find_motion_events(walk.time, np.minimum(walk.feet.heel_speed, walk.feet.toe_speed))
 
 
 def walks_of(study: Study) -> list[Walk]:
@@ -79,7 +79,7 @@ def walks_of(study: Study) -> list[Walk]:
                 ready, model, model.parameters, motion, study.settings
             ).loaded
             plates = whole_contacts(
-                plate_events(motion.time, loaded, recording.plates), feet, recording
+                find_plate_events(motion.time, loaded, recording.plates), feet, recording
             )
         out.append(Walk(motion.time, feet, plates, recording.events))
     return out

@@ -46,12 +46,21 @@ from scipy.stats import t as student
 from gaitcal import calibrate
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
-from gaitcal.export.opensim.joint_transfer import into_osim
-from gaitcal.export.opensim.osim_correspondence import Hinge, LegJoint, leg_joints
-from gaitcal.export.opensim.osim_reader import FramePlacement, peer_of, read_document, read_osim
-from gaitcal.export.opensim.osim_writer import frames_of
+from gaitcal.export.opensim.joint_transfer import transfer_joints
+from gaitcal.export.opensim.osim_correspondence import Hinge, LegJoint, find_leg_joints
+from gaitcal.export.opensim.osim_reader import (
+    FramePlacement,
+    build_peer_model,
+    read_document,
+    read_osim,
+)
+from gaitcal.export.opensim.osim_writer import get_joint_frames
 from gaitcal.export.opensim.peer_model import Axis, PeerModel
-from gaitcal.export.opensim.transfer_account import MusclePath, leg_ranges, muscle_paths
+from gaitcal.export.opensim.transfer_account import (
+    MusclePath,
+    compute_muscle_paths,
+    list_leg_ranges,
+)
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters, read_published_parameters
 from gaitcal.model.rotations import make_axis_rotation
@@ -74,7 +83,7 @@ def person_of(peer: PeerModel, *, markers: bool = True) -> SubjectModel:
     does not have).
     """
     parameters, posture = read_published_parameters(), dict[str, float]()
-    legs = {leg.ours: leg.theirs for leg in leg_joints(peer)}
+    legs = {leg.ours: leg.theirs for leg in find_leg_joints(peer)}
     bodies = {"pelvis": legs["hip_r"].parent}
     for side in SIDES:
         bodies |= {
@@ -115,22 +124,26 @@ def _leg(
     """
     s = 1.0 if side == "r" else -1.0
     legs = {
-        leg.ours.partition("_")[0]: leg for leg in leg_joints(peer) if leg.ours.endswith(f"_{side}")
+        leg.ours.partition("_")[0]: leg
+        for leg in find_leg_joints(peer)
+        if leg.ours.endswith(f"_{side}")
     }
     hip, knee, hinge = legs["hip"].theirs, legs["knee"].theirs, _hinge(legs["knee"])
     shank, foot = bodies[f"shank_{side}"], bodies[f"foot_{side}"]
-    of_thigh = peer.joint_pose(hip, {})
+    of_thigh = peer.compute_joint_pose(hip, {})
     # the pose of the shank is that of the hinge: it does not roll
-    of_knee = peer.body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.pose(
-        hinge.angle(peer.joint_pose(knee, {}))
+    of_knee = peer.compute_body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.compute_pose(
+        hinge.measure_angle(peer.compute_joint_pose(knee, {}))
     )
-    of_shank, of_foot = of_thigh * of_knee, peer.body_pose(foot, shank)
+    of_shank, of_foot = of_thigh * of_knee, peer.compute_body_pose(foot, shank)
 
     def axis(joint: str) -> Axis:
         line, parent = _hinge(legs[joint]).in_parent, legs[joint].theirs.parent
         below = bodies[f"thigh_{side}"] if joint == "knee" else shank
-        found = Axis(line.translation, line.rotation[:, 2]).moved(peer.body_pose(parent, below))
-        return found.moved(of_thigh if joint == "knee" else of_shank)
+        found = Axis(line.translation, line.rotation[:, 2]).transform(
+            peer.compute_body_pose(parent, below)
+        )
+        return found.transform(of_thigh if joint == "knee" else of_shank)
 
     poses = {"pelvis": pin.SE3.Identity(), f"thigh_{side}": of_thigh, f"shank_{side}": of_shank}
     poses[f"foot_{side}"] = of_shank * of_foot
@@ -148,7 +161,9 @@ def _leg(
         angles = base.zero_angles.copy()
         for name, value in zero.items():
             angles[ZERO_ANGLES.index(f"{name}_{side}.zero")] = value
-        found = frames_of(JOINT[f"{joint}_{side}"], Parameters(joints, base.inertial, angles))
+        found = get_joint_frames(
+            JOINT[f"{joint}_{side}"], Parameters(joints, base.inertial, angles)
+        )
         return found.in_parent, found.in_child
 
     r = of_thigh.rotation  # Rz(flexion) Rx(s adduction) Ry(s rotation)
@@ -162,8 +177,8 @@ def _leg(
     }
     # y of the talus lies along the common perpendicular of both axes of the ankle
     back = of_shank.inverse()
-    z = lines[f"ankle_{side}"].moved(back).pointing(2).direction
-    x = lines[f"subtalar_{side}"].moved(back).pointing(0).direction
+    z = lines[f"ankle_{side}"].transform(back).direct_along(2).direction
+    x = lines[f"subtalar_{side}"].transform(back).direct_along(0).direction
     in_parent, _ = frames("talocrural", talocrural=0.0)
     y = in_parent.rotation.T @ np.cross(z, x)
     ankle = float(np.arctan2(-y[0], y[1]))
@@ -182,7 +197,7 @@ def _markers(peer: PeerModel, bodies: dict[str, str]) -> Iterator[tuple[str, str
     for label, (carrier, position) in peer.markers.items():
         for segment, body in reversed(bodies.items()):
             if peer.is_below(carrier, body):
-                yield label, segment, peer.body_pose(carrier, body).act(position)
+                yield label, segment, peer.compute_body_pose(carrier, body).act(position)
                 break
 
 
@@ -223,7 +238,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
     rng = np.random.default_rng(3)
     document = read_document(source)
     places = {}
-    for leg in leg_joints(peer_of(document)):
+    for leg in find_leg_joints(build_peer_model(document)):
         for end, frame in (("parent", leg.theirs.in_parent), ("child", leg.theirs.in_child)):
             way = rng.normal(size=3)
             if across and leg.hinge is not None:
@@ -236,7 +251,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
             places[leg.theirs.name, end] = FramePlacement(
                 frame.translation + way, frame.rotation @ turn if deg else None
             )
-    out.write_bytes(document.changed(places))
+    out.write_bytes(document.apply_changes(places))
     return out
 
 
@@ -294,7 +309,7 @@ def draw(
             disturbed(source, Path(name) / "wrong.osim", across=True),
             Path(name) / "m.osim",
         )
-        done = into_osim(
+        done = transfer_joints(
             found.model,
             wrong,
             errors=found.uncertainty.joint,
@@ -304,16 +319,16 @@ def draw(
         )
         values_of = {
             c: values[list(VALUES)]
-            for c, values in leg_ranges(done.legs).items()
+            for c, values in list_leg_ranges(done.legs).items()
             if c.endswith("_r")
         }
 
         def arms(content: bytes) -> Arms:
             back.write_bytes(content)
-            return muscle_paths(back, values_of)
+            return compute_muscle_paths(back, values_of)
 
         truth, now = arms(source.read_bytes()), arms(done.content)
-        others = [arms(done.drawn(rng)) for _ in range(models)]
+        others = [arms(done.draw(rng)) for _ in range(models)]
     keys = [key for key in truth if all(key in other for other in (now, *others))]
     return Draw(
         muscles=tuple(muscle for muscle, _ in keys),
@@ -413,18 +428,18 @@ def _same(file: Path) -> tuple[str, bool]:
         peer = read_osim(file)
         person = person_of(peer)
         start = time.perf_counter()
-        done = into_osim(person, file)
+        done = transfer_joints(person, file)
         seconds = time.perf_counter() - start
     except InputError as error:
         return f"  {error}", False
     with tempfile.TemporaryDirectory() as name:
         other = Path(name) / "other.osim"
-        wrong = into_osim(person, disturbed(file, other, across=True))
+        wrong = transfer_joints(person, disturbed(file, other, across=True))
         start = time.perf_counter()
-        wrong.drawn(np.random.default_rng(0))
+        wrong.draw(np.random.default_rng(0))
         of_draw = time.perf_counter() - start
         other.write_bytes(wrong.content)
-        apart = max(_apart(done.legs, leg_joints(read_osim(other))))
+        apart = max(_apart(done.legs, find_leg_joints(read_osim(other))))
         other.write_bytes(done.content)
         pairs = list(
             zip(
@@ -458,7 +473,7 @@ def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]
 
     opensim.Logger.removeFileSink()
     opensim.Logger.setLevelString("Off")
-    rng, ranges = np.random.default_rng(0), leg_ranges(legs)
+    rng, ranges = np.random.default_rng(0), list_leg_ranges(legs)
     model = opensim.Model(str(file))
     state, names = model.initSystem(), list(ranges)
     coordinates = [model.getCoordinateSet().get(name) for name in names]

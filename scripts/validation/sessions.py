@@ -32,7 +32,7 @@ import numpy as np
 from gaitcal import Study, calibrate, write_results
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.gait.cycles import kind_of
+from gaitcal.gait.cycles import get_curve_kind
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind
@@ -274,7 +274,7 @@ def curve_scores(walks: list[RecordedSession], together: RecordedSession) -> Map
                     z = (average_known(pair[1].values) - average_known(pair[0].values)) / np.sqrt(
                         variance
                     )
-                yield kind_of(key[1]), z[::EVERY]
+                yield get_curve_kind(key[1]), z[::EVERY]
 
     return gathered(scores())
 

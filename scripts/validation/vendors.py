@@ -54,7 +54,7 @@ from gaitcal.dynamics.joint_kinetics import (
     compute_kinetics,
     power_of,
 )
-from gaitcal.gait.moments import moment_of
+from gaitcal.gait.moments import get_moment
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
@@ -192,7 +192,7 @@ class Walk:
         elif frame is not MomentFrame.COORDINATES:
             ours = component_of(self.kinetics, name, frame) / self.mass
         elif quantity.kind == "moment":
-            ours = moment_of(self.moments, name) / self.mass
+            ours = get_moment(self.moments, name) / self.mass
         else:
             ours = np.degrees(self.motion.q[:, self.motion.coordinates.index(name)])
         curve = self.theirs.get(f"{side.upper()}{quantity.theirs}")

@@ -17,7 +17,7 @@ from gaitcal.cohort.run_cohort import run_cohort
 from gaitcal.gait import peaks as gait
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.peaks import PeakMean, peak_columns
+from gaitcal.gait.peaks import PeakMean, make_peak_columns
 from gaitcal.results.table_files import write_csv
 
 MASS = 50.0
@@ -90,7 +90,7 @@ def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> Non
     table = strides(person.name)
     write_csv(table, out / "cycles.csv")
     write_csv(ensemble(table), out / "ensemble.csv")
-    write_csv(peak_columns([*PEAKS, SQUAT]), out / "peaks.csv")
+    write_csv(make_peak_columns([*PEAKS, SQUAT]), out / "peaks.csv")
     walk = {
         "role": "gait",
         "frames": 100,

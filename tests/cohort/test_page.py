@@ -33,7 +33,7 @@ from gaitcal.cohort.one_person import (
 from gaitcal.errors import Code
 from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import CurveKind
-from gaitcal.gait.normal_bands import bands_file, read_normal_bands
+from gaitcal.gait.normal_bands import find_bands_file, read_normal_bands
 from gaitcal.io.result_folder import read_listed_hashes
 from gaitcal.results.table_files import write_csv
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
@@ -170,7 +170,7 @@ def test_the_same_people_give_the_same_bytes(tmp_path: Path) -> None:
 
 def test_normal_bands_are_per_body_mass(tmp_path: Path) -> None:
     page = write_cohort(
-        tmp_path / "out", some_people(), CommonSettings(normal=bands_file("schwartz2008"))
+        tmp_path / "out", some_people(), CommonSettings(normal=find_bands_file("schwartz2008"))
     )
     bands = {curve["name"]: curve.get("normal") for curve in content(page)["curves"]}
     own = read_normal_bands("schwartz2008")["knee_angle_moment"]

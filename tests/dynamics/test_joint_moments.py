@@ -25,7 +25,7 @@ from gaitcal.dynamics.joint_kinetics import (
     differentiate_moments,
     power_of,
 )
-from gaitcal.export.opensim.osim_writer import joint_frames
+from gaitcal.export.opensim.osim_writer import list_joint_frames
 from gaitcal.model.chain import build_linkage
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
 from gaitcal.model.parameters import (
@@ -122,7 +122,7 @@ def newton_euler(
 def test_moments_are_those_of_newton_and_euler_in_every_frame() -> None:
     q, v, a, wrench = state()
     _, found = compute_kinetic_values(PARAMETERS, q, v, a, wrench)
-    frames = {joint.name: joint for joint in joint_frames(PARAMETERS)}
+    frames = {joint.name: joint for joint in list_joint_frames(PARAMETERS)}
     for f in range(len(q)):
         segments = Segments(PARAMETERS, q[f], v[f], a[f])
         for joint in NET_JOINTS:

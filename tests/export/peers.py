@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from gaitcal.export.opensim.osim_writer import safe_name
+from gaitcal.export.opensim.osim_writer import encode_name
 from gaitcal.io.opensim_files import read_table
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
@@ -63,7 +63,7 @@ class OpenSimModel:
         """(nm, 3) m."""
         markers = self.model.getMarkerSet()
         return np.array(
-            [markers.get(safe_name(n)).getLocationInGround(self.state).to_numpy() for n in labels]
+            [markers.get(encode_name(n)).getLocationInGround(self.state).to_numpy() for n in labels]
         )
 
     def forces(self, state: State) -> Array:
@@ -122,7 +122,7 @@ def mujoco_answers(
                 peer, data, wrench[:3], wrench[3:], np.zeros(3), peer.body(foot).id, ground
             )
         tau.append(data.qfrc_inverse - ground)
-        markers.append([data.site(safe_name(label)).xpos.copy() for label in labels])
+        markers.append([data.site(encode_name(label)).xpos.copy() for label in labels])
     return np.array(tau), np.array(markers)
 
 
@@ -130,14 +130,16 @@ def urdf_answers(path: Path, labels: tuple[str, ...], states: Sequence[State]) -
     """Pinocchio's own reader and RNEA on `model.urdf`."""
     peer = pin.buildModelFromUrdf(str(path))
     assert tuple(peer.names)[1:] == COORDINATES
-    frames = [peer.getFrameId(f"marker_{safe_name(label)}", pin.FrameType.BODY) for label in labels]
+    frames = [
+        peer.getFrameId(f"marker_{encode_name(label)}", pin.FrameType.BODY) for label in labels
+    ]
     return _pinocchio_answers(peer, frames, states)
 
 
 def mjcf_answers(path: Path, labels: tuple[str, ...], states: Sequence[State]) -> Answers:
     """Pinocchio's own reader and RNEA on `model.xml`."""
     peer = pin.buildModelFromMJCF(str(path))
-    frames = [peer.getFrameId(safe_name(label), pin.FrameType.OP_FRAME) for label in labels]
+    frames = [peer.getFrameId(encode_name(label), pin.FrameType.OP_FRAME) for label in labels]
     return _pinocchio_answers(peer, frames, states)
 
 
@@ -227,7 +229,7 @@ def run_inverse_kinematics(
     tool.setResultsDir(str(out.parent))
     tasks = [osim.IKMarkerTask() for _ in placed.labels]  # held here: OpenSim copies them late
     for task, label, weight in zip(tasks, placed.labels, placed.weight, strict=True):
-        task.setName(safe_name(label))
+        task.setName(encode_name(label))
         task.setWeight(float(weight))
         task.setApply(bool(weight > 0))
         tool.getIKTaskSet().cloneAndAppend(task)

@@ -12,11 +12,21 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export.opensim.joint_moves import CARRIED_HEADER, Bone, carried, carried_csv
-from gaitcal.export.opensim.joint_transfer import into_osim
-from gaitcal.export.opensim.osim_correspondence import leg_joints
-from gaitcal.export.opensim.osim_reader import FramePlacement, peer_of, read_document, read_osim
-from gaitcal.export.opensim.transfer_account import leg_ranges, muscle_paths
+from gaitcal.export.opensim.joint_moves import (
+    MOVED_POINTS_HEADER,
+    Bone,
+    format_moved_points_csv,
+    move_attachments,
+)
+from gaitcal.export.opensim.joint_transfer import transfer_joints
+from gaitcal.export.opensim.osim_correspondence import find_leg_joints
+from gaitcal.export.opensim.osim_reader import (
+    FramePlacement,
+    build_peer_model,
+    read_document,
+    read_osim,
+)
+from gaitcal.export.opensim.transfer_account import compute_muscle_paths, list_leg_ranges
 from scripts.validation.muscles import person_of
 
 MODELS = ("opensim_truth/p01/subject01.osim", "subject01/reference/subject01_simbody.osim")
@@ -32,7 +42,7 @@ def shifted(source: Path, out: Path) -> Path:
     rng, document = np.random.default_rng(4), read_document(source)
     by: dict[str, np.ndarray] = {}
     places = {}
-    for leg in leg_joints(peer_of(document)):
+    for leg in find_leg_joints(build_peer_model(document)):
         for end, body, frame in (
             ("parent", leg.theirs.parent, leg.theirs.in_parent),
             ("child", leg.theirs.child, leg.theirs.in_child),
@@ -42,7 +52,7 @@ def shifted(source: Path, out: Path) -> Path:
             across = (1.0, 1.0, body == "pelvis")  # what tells where along its axis a hinge is?
             way = by.setdefault(body, rng.uniform(-0.02, 0.02, size=3) * across)
             places[leg.theirs.name, end] = FramePlacement(frame.translation + way, None)
-    out.write_bytes(document.changed(places))
+    out.write_bytes(document.apply_changes(places))
     return out
 
 
@@ -51,20 +61,20 @@ def test_a_bone_is_stretched_along_itself() -> None:
     a, b, a_now, b_now, x = rng.normal(size=(5, 3))
     length = float(np.linalg.norm(b - a))
     bone = Bone(
-        was=0.5 * (a + b),
-        now=0.5 * (a_now + b_now),
-        turn=pin.Quaternion.FromTwoVectors(b - a, b_now - a_now).toRotationMatrix(),
-        along=(b - a) / length,
+        middle_before=0.5 * (a + b),
+        middle_after=0.5 * (a_now + b_now),
+        rotation=pin.Quaternion.FromTwoVectors(b - a, b_now - a_now).toRotationMatrix(),
+        direction=(b - a) / length,
         stretch=float(np.linalg.norm(b_now - a_now)) / length,
     )
-    assert bone.point(a) == pytest.approx(a_now) and bone.point(b) == pytest.approx(b_now)
+    assert bone.map_point(a) == pytest.approx(a_now) and bone.map_point(b) == pytest.approx(b_now)
 
     def off_the_line(point: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
         return float(
             np.linalg.norm(np.cross(point - start, end - start)) / np.linalg.norm(end - start)
         )
 
-    assert off_the_line(bone.point(x), a_now, b_now) == pytest.approx(off_the_line(x, a, b))
+    assert off_the_line(bone.map_point(x), a_now, b_now) == pytest.approx(off_the_line(x, a, b))
 
 
 POINTS = """<OpenSimDocument><Model><BodySet><objects><Body name="femur_r"/></objects></BodySet>
@@ -73,7 +83,11 @@ POINTS = """<OpenSimDocument><Model><BodySet><objects><Body name="femur_r"/></ob
 </SimmSpline></x_location><y_location><Constant><value>0</value></Constant></y_location>
 <z_location><Constant><value>0</value></Constant></z_location></MovingPathPoint></Model></OpenSimDocument>"""
 UP = Bone(
-    was=np.zeros(3), now=np.array([0.0, 0.5, 0.0]), turn=np.eye(3), along=np.eye(3)[1], stretch=1.0
+    middle_before=np.zeros(3),
+    middle_after=np.array([0.0, 0.5, 0.0]),
+    rotation=np.eye(3),
+    direction=np.eye(3)[1],
+    stretch=1.0,
 )
 
 
@@ -90,7 +104,7 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
     path = tmp_path / "model.osim"
     path.write_text(POINTS.format(tag=tag, body=body))
     document = read_document(path)
-    made = document.changed({}, further=carried(document, {"femur_r": UP})).decode()
+    made = document.apply_changes({}, further=move_attachments(document, {"femur_r": UP})).decode()
     fixed, moving = made.split("<MovingPathPoint")
     assert (
         "<location>0.0 0.5 0.0</location>" in fixed and "<location>1.0 0.5 0.0</location>" in moving
@@ -110,9 +124,14 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
         )
         document = read_document(offset)
         bone = replace(
-            UP, was=np.array([1.0, 2.0, 0.0]), now=np.array([1.0, 2.7, 0.0]), stretch=1.5
+            UP,
+            middle_before=np.array([1.0, 2.0, 0.0]),
+            middle_after=np.array([1.0, 2.7, 0.0]),
+            stretch=1.5,
         )
-        ((at,), (m, *_), *_, (wrap, _)) = (c[2] for c in carried(document, {"femur_r": bone}))
+        ((at,), (m, *_), *_, (wrap, _)) = (
+            c[2] for c in move_attachments(document, {"femur_r": bone})
+        )
         assert at == pytest.approx([-0.3, 0.0, 0.0]) and m == pytest.approx([1.2, 0.0, 0.0])
         assert wrap == pytest.approx(at)
     path.write_text(path.read_text().replace("<y>0 2</y>", "<polynomial>0 2</polynomial>"))
@@ -120,7 +139,7 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
     with pytest.raises(
         InputError, match="model.osim: m: found x_location of another kind, allowed: "
     ):
-        list(carried(document, {"femur_r": UP}))
+        list(move_attachments(document, {"femur_r": UP}))
 
 
 def test_meshes_in_offset_frames_follow(tmp_path: Path) -> None:
@@ -137,14 +156,14 @@ def test_meshes_in_offset_frames_follow(tmp_path: Path) -> None:
         read_document(path),
         pin.SE3(pin.exp3(np.array([0.1, 0.2, -0.4])), np.array([0.02, 0.0, -0.1])),
     )
-    path.write_bytes(document.changed({}, meshes={"b": motion}))
+    path.write_bytes(document.apply_changes({}, meshes={"b": motion}))
     pose = {
         key: pose
-        for key, pose, e in read_document(path).frames_of("b")
+        for key, pose, e in read_document(path).list_frames("b")
         if e.find("attached_geometry") is not None
     }
     assert sorted(pose) == ["b/b_meshes", "b/f/f_meshes"]
-    was = {key: place for key, place, _ in document.frames_of("b")}
+    was = {key: place for key, place, _ in document.list_frames("b")}
     for key in was:
         now = pose[f"{key}/{key.rpartition('/')[2]}_meshes"]
         assert now.isApprox(motion * was[key], 1e-12)
@@ -152,8 +171,8 @@ def test_meshes_in_offset_frames_follow(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_bones_of_joints_that_stay_are_the_same_bytes(data_dir: Path, name: str) -> None:
-    done = into_osim(person_of(read_osim(data_dir / name)), data_dir / name, follow=True)
-    assert done.content == (data_dir / name).read_bytes() and not done.carried
+    done = transfer_joints(person_of(read_osim(data_dir / name)), data_dir / name, follow=True)
+    assert done.content == (data_dir / name).read_bytes() and not done.moved_points
 
 
 @pytest.mark.slow
@@ -169,19 +188,21 @@ def test_muscles_keep_their_arms_where_bones_follow(
     model, wrong = person_of(read_osim(path)), shifted(path, tmp_path / "wrong.osim")
     files = {"wrong": wrong, "right": path}
     for follow in (False, True):
-        done = into_osim(model, wrong, follow=follow)
+        done = transfer_joints(model, wrong, follow=follow)
         files[f"follow {follow}"] = tmp_path / f"{follow}.osim"
         files[f"follow {follow}"].write_bytes(done.content)
-        assert bool(done.carried) == follow
-    assert {m.points for m in done.carried} > {2} and 0.005 < done.carried[0].farthest < 0.06
-    rows = carried_csv(done.carried).splitlines()
-    assert rows[0] == CARRIED_HEADER and len(rows) == 1 + len(done.carried)
+        assert bool(done.moved_points) == follow
+    assert {m.points for m in done.moved_points} > {2} and 0.005 < done.moved_points[
+        0
+    ].farthest < 0.06
+    rows = format_moved_points_csv(done.moved_points).splitlines()
+    assert rows[0] == MOVED_POINTS_HEADER and len(rows) == 1 + len(done.moved_points)
     ranges = {
         k: v[3:10:3]
-        for k, v in leg_ranges(done.legs).items()
+        for k, v in list_leg_ranges(done.legs).items()
         if k in ("hip_flexion_r", "knee_angle_r")
     }
-    arms = {key: muscle_paths(file, ranges) for key, file in files.items()}
+    arms = {key: compute_muscle_paths(file, ranges) for key, file in files.items()}
     for of, like, unlike in (("follow True", "wrong", "right"), ("follow False", "right", "wrong")):
         gaps = [
             [np.abs(p.arm - arms[to][key].arm).max() for key, p in arms[of].items()]

@@ -13,12 +13,12 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.errors import Code
-from gaitcal.export.opensim.model_comparison import ComparisonRow, compare
+from gaitcal.export.opensim.model_comparison import ComparisonRow, compare_with_osim
 from gaitcal.export.opensim.osim_reader import read_osim
 from gaitcal.export.opensim.osim_writer import (
-    body_fixed_xyz,
-    from_body_fixed_xyz,
-    numbers,
+    convert_from_body_fixed_xyz,
+    convert_to_body_fixed_xyz,
+    format_numbers,
     write_osim,
 )
 from gaitcal.model.linkage import LEGS
@@ -61,14 +61,14 @@ def assert_same(rows: list[ComparisonRow]) -> None:
 def test_our_own_model(published: SubjectModel, tmp_path: Path, seed: int) -> None:
     model = perturbed(published, seed)
     write_osim(model, tmp_path / "m.osim")
-    rows = compare(model, tmp_path / "m.osim")
+    rows = compare_with_osim(model, tmp_path / "m.osim")
     assert_same(rows)
     named = as_dict(rows)
     assert named["total mass"].ours == pytest.approx(model.parameters.mass)
 
 
 def test_values_are_the_joint_parameters(published: SubjectModel, own: Path) -> None:
-    named = as_dict(compare(published, own))
+    named = as_dict(compare_with_osim(published, own))
     expected = {
         "hip_r centre in pelvis, ant": -47.3,
         "hip_l centre in pelvis, lat": -88.0,
@@ -96,7 +96,7 @@ def test_a_moved_axis_shows(published: SubjectModel, tmp_path: Path) -> None:
         published.with_parameters(p.with_joint(i, np.array([0.007, np.deg2rad(4)]))),
         tmp_path / "m.osim",
     )
-    named = as_dict(compare(published, tmp_path / "m.osim"))
+    named = as_dict(compare_with_osim(published, tmp_path / "m.osim"))
     assert named["knee_r axis in thigh_r, ant"].difference == pytest.approx(7.0)
     assert named["knee_r axis in thigh_r, trans"].difference == pytest.approx(4.0)
     assert named["knee_l axis in thigh_l, ant"].difference == pytest.approx(0.0, abs=ROUNDING)
@@ -108,7 +108,7 @@ def vector(element: ET.Element, tag: str) -> np.ndarray:
 
 def put(element: ET.Element, tag: str, values: np.ndarray) -> None:
     child = element.find(tag)
-    child.text = numbers(values)
+    child.text = format_numbers(values)
 
 
 def in_other_frames(tree: ET.ElementTree) -> None:
@@ -116,7 +116,7 @@ def in_other_frames(tree: ET.ElementTree) -> None:
     rng = np.random.default_rng(11)
     place = {
         b.get("name"): pin.SE3(
-            from_body_fixed_xyz(rng.normal(size=3) * 0.1), rng.normal(size=3) * 0.1
+            convert_from_body_fixed_xyz(rng.normal(size=3) * 0.1), rng.normal(size=3) * 0.1
         )
         for b in tree.iter("Body")
     }
@@ -128,11 +128,11 @@ def in_other_frames(tree: ET.ElementTree) -> None:
         if body == "ground":
             continue
         old = pin.SE3(
-            from_body_fixed_xyz(vector(frame, "orientation")), vector(frame, "translation")
+            convert_from_body_fixed_xyz(vector(frame, "orientation")), vector(frame, "translation")
         )
         new = place[body] * old
         put(frame, "translation", new.translation)
-        put(frame, "orientation", body_fixed_xyz(new.rotation))
+        put(frame, "orientation", convert_to_body_fixed_xyz(new.rotation))
 
 
 def in_old_format(tree: ET.ElementTree) -> None:
@@ -186,7 +186,7 @@ def test_a_rolling_knee_is_swept_the_way_it_bends(
         slide.remove(slide.find("Constant"))
         function = ET.SubElement(slide, "PiecewiseLinearFunction")
         ET.SubElement(function, "x").text, ET.SubElement(function, "y").text = "-2 0 2", "0.02 0 0"
-    named = as_dict(compare(published, own))
+    named = as_dict(compare_with_osim(published, own))
     sup = named["knee_r axis in thigh_r, sup"].difference
     assert (abs(sup) > 1.0) is moved, "mm"
 
@@ -233,7 +233,7 @@ def test_other_frames_and_formats(
     write_osim(model, tmp_path / "m.osim")
     with edited(tmp_path / "m.osim") as tree:
         change(tree)
-    assert_same(compare(model, tmp_path / "m.osim"))
+    assert_same(compare_with_osim(model, tmp_path / "m.osim"))
 
 
 def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, own: Path) -> None:
@@ -252,7 +252,7 @@ def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, ow
                 x, y, z = vector(marker, "location")
                 socket.text = "/bodyset/thigh_r/f"
                 put(marker, "location", np.array([y, 0.1 - x, z]))
-    assert_same(compare(published, own))
+    assert_same(compare_with_osim(published, own))
 
 
 def test_without_shared_markers_lengths_and_masses_remain(
@@ -262,7 +262,7 @@ def test_without_shared_markers_lengths_and_masses_remain(
         own.read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other '),
         encoding="utf-8",
     )
-    named = as_dict(compare(published, own))
+    named = as_dict(compare_with_osim(published, own))
     assert named["thigh_r length, hip centre to knee centre"].theirs == pytest.approx(419.8)
     assert named["thigh_r markers, and how many the peer shares"].theirs == 0
     assert not [q for q in named if "axis in" in q]
@@ -290,7 +290,7 @@ def test_what_is_no_model(
     if content is not None:
         (tmp_path / "m.osim").write_text(content, encoding="utf-8")
     with refused(message):
-        compare(published, tmp_path / "m.osim")
+        compare_with_osim(published, tmp_path / "m.osim")
 
 
 REAL = (
@@ -302,7 +302,7 @@ REAL = (
 
 def test_real_models(published: SubjectModel, data_dir: Path) -> None:
     """Figures a reader can check by hand in the files."""
-    gait2354 = as_dict(compare(published, data_dir / REAL[0]))
+    gait2354 = as_dict(compare_with_osim(published, data_dir / REAL[0]))
     assert gait2354["total mass"].theirs == pytest.approx(72.6, abs=0.01)
     assert gait2354["shank_r mass"].theirs == pytest.approx(3.581, abs=1e-3)
     beyond_the_ankle = sum(
@@ -313,7 +313,7 @@ def test_real_models(published: SubjectModel, data_dir: Path) -> None:
         425, abs=20
     )
     check_text(gait2354, "head_trunk")
-    before, after = (as_dict(compare(published, data_dir / name)) for name in REAL[1:])
+    before, after = (as_dict(compare_with_osim(published, data_dir / name)) for name in REAL[1:])
     thigh = "thigh_r length, hip centre to knee centre"
     assert 380 < before[thigh].theirs < 420
     assert before[thigh].theirs != after[thigh].theirs
@@ -328,7 +328,7 @@ def test_a_function_nobody_knows_is_told_where_it_is_needed(
             tree.iterfind(".//CustomJoint[@name='knee_r']//LinearFunction")
         ).tag = "ExpressionBasedFunction"
     with refuses(Code.OTHER_MODEL, field="joint knee_r", source="m.osim"):
-        compare(published, own)
+        compare_with_osim(published, own)
 
 
 def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path: Path) -> None:
@@ -352,7 +352,7 @@ def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path:
                 state, osim.Vec3(0.1, 0.2, 0.3), model.getBodySet().get(joint.parent)
             )
         )
-        ours = peer.joint_pose(joint, values).act(np.array([0.1, 0.2, 0.3]))
+        ours = peer.compute_joint_pose(joint, values).act(np.array([0.1, 0.2, 0.3]))
         np.testing.assert_allclose(ours, theirs.to_numpy(), atol=PEER_POSE)
 
 
@@ -382,7 +382,7 @@ def test_poses_are_those_of_opensim(osim: Any, data_dir: Path, name: str) -> Non
                 if joint.parent == "ground"
                 else model.getBodySet().get(joint.parent)
             )
-            ours = peer.joint_pose(joint, values)
+            ours = peer.compute_joint_pose(joint, values)
             for point in np.vstack([np.zeros(3), np.eye(3)]):
                 theirs = frame.findStationLocationInAnotherFrame(state, osim.Vec3(*point), base)
                 np.testing.assert_allclose(ours.act(point), theirs.to_numpy(), atol=PEER_POSE)

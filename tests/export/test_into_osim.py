@@ -18,20 +18,20 @@ from gaitcal.analysis.calibrate import calibrate
 from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
 from gaitcal.calibration.joint_prior import get_prior_deviations
 from gaitcal.errors import Code
-from gaitcal.export.opensim.joint_moves import JOINTS_HEADER, MoveOutcome, joints_csv
-from gaitcal.export.opensim.joint_transfer import into_osim
-from gaitcal.export.opensim.osim_correspondence import hinge_of, leg_joints
-from gaitcal.export.opensim.osim_reader import peer_of, read_document, read_osim
+from gaitcal.export.opensim.joint_moves import JOINTS_HEADER, MoveOutcome, format_joints_csv
+from gaitcal.export.opensim.joint_transfer import transfer_joints
+from gaitcal.export.opensim.osim_correspondence import find_leg_joints, fit_hinge
+from gaitcal.export.opensim.osim_reader import build_peer_model, read_document, read_osim
 from gaitcal.export.opensim.osim_writer import write_osim
-from gaitcal.export.opensim.peer_model import PeerModel, our_leg, read_numbers
+from gaitcal.export.opensim.peer_model import PeerModel, measure_our_leg, read_numbers
 from gaitcal.export.opensim.transfer_account import (
     MusclePath,
-    joint_tables,
-    leg_ranges,
-    muscle_changes,
-    muscle_paths,
-    muscle_table,
-    muscles_csv,
+    compare_muscles,
+    compute_muscle_paths,
+    format_muscles_csv,
+    list_leg_ranges,
+    make_joint_tables,
+    make_muscle_table,
 )
 from gaitcal.model.linkage import COORDINATES, JOINTS, LEG_SEGMENTS, LEGS, NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
@@ -158,7 +158,7 @@ def with_joints(model: SubjectModel, **moved: float) -> SubjectModel:
 def assert_moves_alike(a: PeerModel, b: PeerModel, within: float) -> None:
     """The legs of both models in random postures."""
     rng = np.random.default_rng(5)
-    legs = leg_joints(a)
+    legs = find_leg_joints(a)
     top = legs[0].theirs.parent
     for _ in range(20):
         free = [
@@ -169,7 +169,9 @@ def assert_moves_alike(a: PeerModel, b: PeerModel, within: float) -> None:
         ]
         q = {c.name: rng.uniform(-0.5, 0.5) for c in free}
         for leg in legs:
-            poses = [peer.body_pose(leg.theirs.child, top, q).homogeneous for peer in (a, b)]
+            poses = [
+                peer.compute_body_pose(leg.theirs.child, top, q).homogeneous for peer in (a, b)
+            ]
             # the talus is seen by nobody: it may lie elsewhere between shank and foot
             if not leg.ours.startswith("talocrural"):
                 assert np.abs(poses[0] - poses[1]).max() < within, leg.ours
@@ -180,9 +182,9 @@ def test_joints_that_are_in_place_leave_every_byte(
     published: SubjectModel, tmp_path: Path, variant: str
 ) -> None:
     path = written(published, tmp_path / "m.osim", variant)
-    done = into_osim(published, path)
+    done = transfer_joints(published, path)
     assert done.content == path.read_bytes()
-    assert [m.verdict for m in done.joints] == [MoveOutcome.MOVED] * 2 * len(NEEDED_JOINTS)
+    assert [m.outcome for m in done.joints] == [MoveOutcome.MOVED] * 2 * len(NEEDED_JOINTS)
     by = {leg.found_by for leg in done.legs}
     assert by == ({"topology"} if variant == "other names" else {"name"})
 
@@ -192,7 +194,7 @@ def test_opensim_reads_them_as_we_do(osim: Any, published: SubjectModel, tmp_pat
     for variant in VARIANTS:
         path = written(published, tmp_path / "m.osim", variant)
         peer, model = read_osim(path), osim.Model(str(path))
-        state, legs = model.initSystem(), leg_joints(peer)
+        state, legs = model.initSystem(), find_leg_joints(peer)
         q = {c.name: rng.uniform(-0.5, 0.5) for j in peer.joints.values() for c in j.coordinates}
         for name, value in q.items():
             model.getCoordinateSet().get(name).setValue(state, value, False)
@@ -200,7 +202,7 @@ def test_opensim_reads_them_as_we_do(osim: Any, published: SubjectModel, tmp_pat
         top = model.getBodySet().get(legs[0].theirs.parent)
         for leg in legs:
             at = model.getBodySet().get(leg.theirs.child).findTransformBetween(state, top).p()
-            ours = peer.body_pose(leg.theirs.child, legs[0].theirs.parent, q).translation
+            ours = peer.compute_body_pose(leg.theirs.child, legs[0].theirs.parent, q).translation
             assert np.abs(np.array([at.get(i) for i in range(3)]) - ours).max() < BACK, variant
 
 
@@ -211,13 +213,13 @@ def test_disturbed_joints_come_back(
 ) -> None:
     """Whatever was done to a joint, its bones move as before, with the same coordinates."""
     path = written(published, tmp_path / "m.osim", variant)
-    done = into_osim(published, disturbed(path, tmp_path / "wrong.osim", deg=deg))
+    done = transfer_joints(published, disturbed(path, tmp_path / "wrong.osim", deg=deg))
     was, now = read_osim(path), read_back(done.content, tmp_path)
     if deg == 0.0:
         assert_moves_alike(was, now, BACK)
     # a ball joint's own axes are the user's: with them turned, hips count from elsewhere, and the
     # rest still fits
-    for ours, theirs in zip(leg_joints(was), leg_joints(now), strict=True):
+    for ours, theirs in zip(find_leg_joints(was), find_leg_joints(now), strict=True):
         if ours.hinge is None:
             assert (
                 np.abs(
@@ -259,7 +261,7 @@ def test_nothing_else_changes(published: SubjectModel, tmp_path: Path) -> None:
         .replace(" />", "   />")
     )
     path.write_bytes(text.encode())
-    done = into_osim(published, disturbed(path, tmp_path / "wrong.osim", deg=2.0))
+    done = transfer_joints(published, disturbed(path, tmp_path / "wrong.osim", deg=2.0))
     places = re.compile(r"<(translation|orientation)>[^<]*<")
     assert places.sub("", done.content.decode()) == places.sub("", text)
     changed = [
@@ -285,7 +287,7 @@ def test_a_joint_without_offset_frames_gets_them(
         joint.find("frames").remove(joint.find("frames")[1])
         joint.find("socket_child_frame").text = "/bodyset/thigh_r"
     assert np.abs(read_osim(own).joints["thigh_r"].in_child.homogeneous - np.eye(4)).max() == 0.0
-    done = into_osim(with_joints(published, hip_r__thigh__ant=0.007), own)
+    done = transfer_joints(with_joints(published, hip_r__thigh__ant=0.007), own)
     found = read_back(done.content, tmp_path).joints["thigh_r"]
     assert found.in_child.translation[0] == pytest.approx(0.007, abs=1e-9)
     with pytest.MonkeyPatch.context() as patch:
@@ -303,10 +305,10 @@ def test_real_models(data_dir: Path, tmp_path: Path, name: str) -> None:
     """
     path = data_dir / name
     model = person_of(read_osim(path))
-    assert into_osim(model, path).content == path.read_bytes()
+    assert transfer_joints(model, path).content == path.read_bytes()
     back = tmp_path / "back.osim"
     back.write_bytes(
-        into_osim(model, disturbed(path, tmp_path / "wrong.osim", across=True)).content
+        transfer_joints(model, disturbed(path, tmp_path / "wrong.osim", across=True)).content
     )
     assert_moves_alike(read_osim(path), read_osim(back), 1e-4)
 
@@ -316,15 +318,15 @@ def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
     for.
     """
     peer = read_osim(data_dir / REAL_MODELS[0])
-    leg = next(leg for leg in leg_joints(peer) if leg.ours == "knee_r")
+    leg = next(leg for leg in find_leg_joints(peer) if leg.ours == "knee_r")
     postures = np.linspace(0.0, 1.0, 200)
-    hinge = hinge_of(peer, leg, {"knee_angle_r": postures})
+    hinge = fit_hinge(peer, leg, {"knee_angle_r": postures})
     tips = [leg.theirs.in_child.act(0.2 * s * e) for e in np.eye(3) for s in (1.0, -1.0)]
-    poses = [peer.joint_pose(leg.theirs, {"knee_angle_r": float(v)}) for v in postures]
+    poses = [peer.compute_joint_pose(leg.theirs, {"knee_angle_r": float(v)}) for v in postures]
 
     def misfit(off: pin.SE3) -> float:
         near = replace(hinge, in_parent=hinge.in_parent * off)
-        told = [near.pose(near.angle(p)) for p in poses]
+        told = [near.compute_pose(near.measure_angle(p)) for p in poses]
         return sum(
             float(np.sum((t.act(x) - p.act(x)) ** 2))
             for t, p in zip(told, poses, strict=True)
@@ -333,10 +335,10 @@ def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
 
     least = misfit(pin.SE3.Identity())
     assert (
-        hinge.off == pytest.approx(np.sqrt(least / len(poses) / len(tips)), rel=0.02)
-        and 1e-4 < hinge.off < 2e-3
+        hinge.deviation == pytest.approx(np.sqrt(least / len(poses) / len(tips)), rel=0.02)
+        and 1e-4 < hinge.deviation < 2e-3
     )
-    notes = " ".join(into_osim(person_of(peer), data_dir / REAL_MODELS[0]).notes)
+    notes = " ".join(transfer_joints(person_of(peer), data_dir / REAL_MODELS[0]).notes)
     assert "ankle_r is no hinge" not in notes
     check_text(notes, "knee_r")
     for k in range(2):
@@ -361,11 +363,11 @@ def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path, 
     worn = replace(published, markers=markers)
     spread = make_nominal_errors(JP_NAMES)
     small = ErrorSources(spread.free, 0.2 * spread.parameters, spread.clusters)
-    done = into_osim(worn, own, errors=small)
+    done = transfer_joints(worn, own, errors=small)
     told = {m.joint: m for m in done.joints}
     drawn = []
     for k in range(40):
-        (tmp_path / "d.osim").write_bytes(done.drawn(np.random.default_rng(k)))
+        (tmp_path / "d.osim").write_bytes(done.draw(np.random.default_rng(k)))
         drawn.append(read_osim(tmp_path / "d.osim").joints)
     for side in SIDES:
         hip = np.array([j[f"thigh_{side}"].in_parent.translation for j in drawn])
@@ -382,14 +384,14 @@ def test_what_recordings_say_little_of_is_left(
     path = disturbed(own, tmp_path / "wrong.osim")
     sizes = np.diag(get_prior_deviations(JP_NAMES))
     sizes[[k for k, name in enumerate(JP_NAMES) if not name.startswith("knee_r")]] *= 0.1
-    done = into_osim(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
-    left = [m.joint for m in done.joints if m.verdict is MoveOutcome.UNDETERMINED]
-    assert left == ["knee_r"] == list(done.left)
+    done = transfer_joints(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
+    left = [m.joint for m in done.joints if m.outcome is MoveOutcome.UNDETERMINED]
+    assert left == ["knee_r"] == list(done.unchanged)
     was, now = (
         peer.joints["shank_r"] for peer in (read_osim(path), read_back(done.content, tmp_path))
     )
     assert was.in_parent == now.in_parent and was.in_child == now.in_child
-    rows = joints_csv(done.joints).splitlines()
+    rows = format_joints_csv(done.joints).splitlines()
     assert rows[0] == JOINTS_HEADER and all(
         row.count(",") == JOINTS_HEADER.count(",") for row in rows
     )
@@ -404,11 +406,11 @@ def test_draws_have_left_joints_about_their_place(
     before any trial.
     """
     path = disturbed(own, tmp_path / "wrong.osim")
-    done = into_osim(published, path, errors=UNKNOWN)
-    assert len(done.left) == 2 * len(NEEDED_JOINTS) and done.content == path.read_bytes()
+    done = transfer_joints(published, path, errors=UNKNOWN)
+    assert len(done.unchanged) == 2 * len(NEEDED_JOINTS) and done.content == path.read_bytes()
     drawn = []
     for k in range(30):
-        (tmp_path / "d.osim").write_bytes(done.drawn(np.random.default_rng(k)))
+        (tmp_path / "d.osim").write_bytes(done.draw(np.random.default_rng(k)))
         drawn.append(read_osim(tmp_path / "d.osim").joints)
     was, sizes = read_osim(path).joints, UNKNOWN.standard_errors
     for joint, body, end, segment in (
@@ -441,13 +443,13 @@ def test_the_users_own_names(tmp_path: Path, own: Path) -> None:
     names.write_text(
         '[joints]\ntalocrural_r = "subtalar_r"\n[coordinates]\nhip_r = "hip_rotation_r"\n'
     )
-    legs = {leg.ours: leg for leg in leg_joints(read_osim(own), names)}
+    legs = {leg.ours: leg for leg in find_leg_joints(read_osim(own), names)}
     assert legs["talocrural_r"].theirs.name == "subtalar_r"
     check_text(legs["talocrural_r"].found_by)
     assert legs["hip_r"].coordinate == "hip_rotation_r"
     names.write_text('[joints]\nhip_r = "hipr"\n')
     with refuses(Code.UNKNOWN_FIELD, "hipr", "hip_r", field="joints", source="names.toml"):
-        leg_joints(read_osim(own), names)
+        find_leg_joints(read_osim(own), names)
 
 
 def test_a_joint_of_three_turns_flexes_about_the_axis_across(tmp_path: Path, own: Path) -> None:
@@ -455,7 +457,7 @@ def test_a_joint_of_three_turns_flexes_about_the_axis_across(tmp_path: Path, own
     may lie otherwise.
     """
     peer = read_osim(own)
-    ankle = next(leg.theirs for leg in leg_joints(peer) if leg.ours == "talocrural_r")
+    ankle = next(leg.theirs for leg in find_leg_joints(peer) if leg.ours == "talocrural_r")
     turned = pin.SE3(pin.exp3(np.array([0.0, 1.4, 0.0])), ankle.in_parent.translation)
     across = turned.rotation.T @ [0.0, 0.0, 1.0]
     axes = [across, np.array([0.0, 1.0, 0.0]), np.cross(across, [0.0, 1.0, 0.0])]
@@ -472,7 +474,9 @@ def test_a_joint_of_three_turns_flexes_about_the_axis_across(tmp_path: Path, own
     names = tmp_path / "names.toml"
     names.write_text(f'[joints]\ntalocrural_r = "{ankle.name}"\n')
     found = next(
-        leg for leg in leg_joints(peer.with_joints([free]), names) if leg.ours == "talocrural_r"
+        leg
+        for leg in find_leg_joints(peer.replace_joints([free]), names)
+        if leg.ours == "talocrural_r"
     )
     assert found.coordinate == "q0"
 
@@ -485,12 +489,14 @@ def test_the_account_of_joints_and_muscles(
     """
     wrong = disturbed(own, tmp_path / "wrong.osim")
     done = (
-        into_osim(published, wrong),
-        into_osim(published, own),
-        into_osim(published, wrong, errors=UNKNOWN),
+        transfer_joints(published, wrong),
+        transfer_joints(published, own),
+        transfer_joints(published, wrong, errors=UNKNOWN),
     )
     for export, verdict in zip(done, ("moved", "in place", "left"), strict=True):
-        (joints,) = (table for table in joint_tables(export) if table.words[0] == "joint")
+        (joints,) = (
+            table for table in make_joint_tables(export) if table.text_columns[0] == "joint"
+        )
         assert [row[2] for row in joints.rows] == [verdict] * (4 - 2 * (verdict == "left")) * len(
             NEEDED_JOINTS
         )
@@ -507,7 +513,9 @@ def test_the_account_of_joints_and_muscles(
         for by in (0.0, 0.005, 0.007)
     ]
     draws = [{("m", "knee_angle_r"): own} for own in paths[1:]]
-    (row,) = muscle_table(muscle_changes({("m", "knee_angle_r"): paths[0]}, draws[0]), draws).rows
+    (row,) = make_muscle_table(
+        compare_muscles({("m", "knee_angle_r"): paths[0]}, draws[0]), draws
+    ).rows
     assert row == ("m", "knee_angle_r", "10.0", "15.0", "1.4", "45", "-5.0", "68")
 
 
@@ -519,8 +527,8 @@ def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, own: P
         )
         marker.find("socket_parent_frame").text = "/jointset/hip_r/thigh_r_offset"
     told = f"{marker.get('name')}: fixed to a frame of joint hip_r, and moved with it"
-    assert told not in into_osim(published, own).notes
-    assert told in into_osim(with_joints(published, hip_r__thigh__ant=0.007), own).notes
+    assert told not in transfer_joints(published, own).notes
+    assert told in transfer_joints(with_joints(published, hip_r__thigh__ant=0.007), own).notes
 
 
 def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(
@@ -542,7 +550,8 @@ def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(
     )
     model = with_joints(published, **dict.fromkeys(names, 0.04))
     told = {
-        follow: " ".join(into_osim(model, own, follow=follow).notes) for follow in (False, True)
+        follow: " ".join(transfer_joints(model, own, follow=follow).notes)
+        for follow in (False, True)
     }
     assert "do not follow" not in told[False]
     check_text(told[True], "condyle_r", "thigh_r")
@@ -557,9 +566,9 @@ def test_a_model_of_one_leg(published: SubjectModel, own: Path) -> None:
             objects = tree.find(f".//{tag}/objects")
             for element in [e for e in objects if e.get("name") in names]:
                 objects.remove(element)
-    done = into_osim(published, own)
+    done = transfer_joints(published, own)
     assert done.content == own.read_bytes()
-    assert [m.joint for m in done.joints if m.verdict is MoveOutcome.ABSENT] == [
+    assert [m.joint for m in done.joints if m.outcome is MoveOutcome.ABSENT] == [
         f"{j}_l" for j in NEEDED_JOINTS
     ]
 
@@ -582,11 +591,11 @@ def test_markers_of_the_static_trial_count(published: SubjectModel, own: Path) -
     person = replace(published, markers=fewer, landmarks=landmarks)
     (told,) = [
         r
-        for r in into_osim(person, own, marker_set=marker_set).registrations
+        for r in transfer_joints(person, own, marker_set=marker_set).registrations
         if r.segment == "thigh_r"
     ]
     assert (told.markers, told.common) == (3, 3) and told.rms < BACK
-    (bare,) = [r for r in into_osim(person, own).registrations if r.segment == "thigh_r"]
+    (bare,) = [r for r in transfer_joints(person, own).registrations if r.segment == "thigh_r"]
     assert bare.common == 0
 
 
@@ -600,31 +609,31 @@ def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant
     heavier[:, 0] *= np.linspace(0.8, 1.3, len(heavier))
     heavier[:, 1:4] += 0.01
     p = published.parameters.with_inertial(heavier.ravel())
-    done = into_osim(replace(published, parameters=p), path, masses=True)
+    done = transfer_joints(replace(published, parameters=p), path, masses=True)
     (tmp_path / "out.osim").write_bytes(done.content)
     was, now = read_document(path), read_document(tmp_path / "out.osim")
-    weights = peer_of(now).masses
+    weights = build_peer_model(now).masses
     for k, segment in enumerate(MASSIVE_SEGMENTS):
         assert weights[segment] == pytest.approx(heavier[k, 0], rel=1e-12)
         if segment in (*LEG_SEGMENTS, "pelvis"):
-            shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
+            shift = np.linalg.norm(now.read_mass_centre(segment) - was.read_mass_centre(segment))
             expected = np.linalg.norm(
                 heavier[k, 1:4] - view_as_table(published.parameters.inertial)[k, 1:4]
             )
             if variant == "other frames":  # whose mass centres were not taken along
                 continue
             assert shift == pytest.approx(expected, abs=BACK)
-    assert peer_of(now).joints.keys() == peer_of(was).joints.keys()
+    assert build_peer_model(now).joints.keys() == build_peer_model(was).joints.keys()
     numbers = re.compile(rb"<(mass|mass_center|inertia\w*)>[^<]*<")
     assert numbers.sub(b"", now.content) == numbers.sub(b"", was.content)
     spread = np.zeros((heavier.size, 1))
     spread[0] = 0.5  # kg, of the first segment alone
-    drawn = into_osim(replace(published, parameters=p), path, masses=True, inertial=spread)
-    (tmp_path / "out.osim").write_bytes(drawn.drawn(np.random.default_rng(2)))
+    drawn = transfer_joints(replace(published, parameters=p), path, masses=True, inertial=spread)
+    (tmp_path / "out.osim").write_bytes(drawn.draw(np.random.default_rng(2)))
     apart = read_osim(tmp_path / "out.osim").masses[MASSIVE_SEGMENTS[0]] - heavier[0, 0]
     assert apart == pytest.approx(0.5 * np.random.default_rng(2).normal(), rel=1e-9)
-    ratio = heavier[0, 0] / peer_of(was).masses[MASSIVE_SEGMENTS[0]]
-    moments = [read_numbers(d.body(MASSIVE_SEGMENTS[0]), "inertia", path) for d in (was, now)]
+    ratio = heavier[0, 0] / build_peer_model(was).masses[MASSIVE_SEGMENTS[0]]
+    moments = [read_numbers(d.find_body(MASSIVE_SEGMENTS[0]), "inertia", path) for d in (was, now)]
     assert moments[1] == pytest.approx(ratio * moments[0], rel=1e-12)
 
 
@@ -672,7 +681,7 @@ def test_a_model_of_something_else(
     with edited(own) as tree:
         spoil(tree)
     with refuses(Code.OTHER_MODEL, source="m.osim") as caught:
-        into_osim(published, own)
+        transfer_joints(published, own)
     assert "\n" not in str(caught.value)
 
 
@@ -681,7 +690,7 @@ def test_what_is_laid_on_by_axes_says_so(published: SubjectModel, own: Path) -> 
     with edited(own) as tree:
         of_a_child(tree, 0.94)
     (said,) = [
-        note for note in into_osim(published, own).notes if note.startswith("pelvis, thigh_r")
+        note for note in transfer_joints(published, own).notes if note.startswith("pelvis, thigh_r")
     ]
     check_text(said)
 
@@ -696,13 +705,13 @@ def test_one_walk_brings_hips_and_knees_back(data_dir: Path, tmp_path: Path, per
     calibration = calibrate(Study.load(path.parent / "study.toml"))
     recorded = dict(zip(COORDINATES, calibration.trials[0].calibrated.q.T, strict=True))
     wrong = disturbed(path, tmp_path / "wrong.osim")
-    done = into_osim(
+    done = transfer_joints(
         calibration.model, wrong, errors=calibration.uncertainty.joint, recorded=recorded
     )
     (tmp_path / "back.osim").write_bytes(done.content)
     told = {move.joint: move.child for move in done.joints}
     truth, found = (
-        leg_joints(read_osim(p), recorded=recorded) for p in (path, tmp_path / "back.osim")
+        find_leg_joints(read_osim(p), recorded=recorded) for p in (path, tmp_path / "back.osim")
     )
     for a, b in zip(truth, found, strict=True):
         apart = b.theirs.in_child.translation - a.theirs.in_child.translation
@@ -726,22 +735,24 @@ def test_muscles_pull_as_before(osim: Any, data_dir: Path, tmp_path: Path) -> No
     model = person_of(read_osim(path))
     back = tmp_path / "back.osim"
     wrong = disturbed(path, tmp_path / "wrong.osim", across=True)
-    done = into_osim(model, wrong)
+    done = transfer_joints(model, wrong)
     back.write_bytes(done.content)
     ranges = {
-        name: values for name, values in leg_ranges(done.legs).items() if name == "knee_angle_r"
+        name: values
+        for name, values in list_leg_ranges(done.legs).items()
+        if name == "knee_angle_r"
     }
-    before, spoilt, after = (muscle_paths(p, ranges) for p in (path, wrong, back))
+    before, spoilt, after = (compute_muscle_paths(p, ranges) for p in (path, wrong, back))
     largest = {key: np.abs(p.arm).max() for key, p in before.items()}
     assert (
         max(np.abs(p.arm - spoilt[key].arm).max() / largest[key] for key, p in before.items()) > 0.2
     )
-    changes = muscle_changes(before, after)
+    changes = compare_muscles(before, after)
     for change in changes:
         key = change.before.muscle, change.before.coordinate
         assert np.abs(change.after.arm - change.before.arm).max() < 0.01 * largest[key], key
         assert np.isfinite(change.after.length).all() and not change.new_jumps
-    rows = muscles_csv(changes, [before, after]).splitlines()
+    rows = format_muscles_csv(changes, [before, after]).splitlines()
     assert len(rows) == 1 + len(changes) * len(ranges["knee_angle_r"])
 
 
@@ -749,7 +760,9 @@ def test_standing_hinges_need_no_recording(own: Path) -> None:
     """A hinge is the same hinge whatever it was recorded over."""
     peer = read_osim(own)
     recorded = {"knee_angle_r": np.array([0.2, 0.3, 0.5])}
-    for one, other in zip(leg_joints(peer, recorded=recorded), leg_joints(peer), strict=True):
+    for one, other in zip(
+        find_leg_joints(peer, recorded=recorded), find_leg_joints(peer), strict=True
+    ):
         assert (one.ours, one.hinge is None) == (other.ours, one.ours.startswith("hip"))
         if one.hinge is not None:
             assert_same_line(one.hinge.in_child, other.hinge.in_child)
@@ -776,9 +789,9 @@ def test_the_command(
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "2") == 0
     printed = capsys.readouterr().out
     check_text(printed, 2)
-    found, ours = read_osim(out).joints, our_leg(model.parameters, "r")
+    found, ours = read_osim(out).joints, measure_our_leg(model.parameters, "r")
     assert np.abs(found["thigh_r"].in_parent.translation - ours.hip_in_pelvis).max() < 1e-4
-    assert ours.knee_in_thigh.distance(found["shank_r"].in_parent.translation) < 1e-4
+    assert ours.knee_in_thigh.measure_distance(found["shank_r"].in_parent.translation) < 1e-4
     names = sorted(p.name for p in tmp_path.iterdir())
     assert names == ["mine.html", "mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
     page = (tmp_path / "mine.html").read_text(encoding="utf-8")

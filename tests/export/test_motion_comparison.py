@@ -8,8 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.export.opensim.motion_comparison import BothCurves, _explained, compare_motion
-from gaitcal.export.opensim.osim_correspondence import leg_joints
+from gaitcal.export.opensim.motion_comparison import (
+    BothCurves,
+    _explain_differences,
+    compare_motion,
+)
+from gaitcal.export.opensim.osim_correspondence import find_leg_joints
 from gaitcal.export.opensim.osim_reader import read_osim
 from gaitcal.model.linkage import is_translation
 from gaitcal.results.opensim_motions import load_compared_trials
@@ -42,10 +46,10 @@ def test_our_own_model_moves_and_pulls_as_ours(
     for joint in ("hip_flexion", "hip_adduction", "knee_angle", "ankle_angle"):
         for side in "rl":
             angle, moment = (curves[f"{joint}_{side}", unit] for unit in ("deg", "N·m"))
-            assert max(abs(angle.offset), angle.rest) < SAME_DEG, angle
-            assert max(abs(moment.offset), moment.rest) < SAME_NM < np.ptp(moment.ours), moment
+            assert max(abs(angle.offset), angle.residual) < SAME_DEG, angle
+            assert max(abs(moment.offset), moment.residual) < SAME_NM < np.ptp(moment.ours), moment
     assert not any(is_translation(name) for name, _ in curves)
-    assert max(found.missed) < MISSED and not found.notes
+    assert max(found.marker_errors) < MISSED and not found.notes
 
 
 def test_what_is_another_zero_or_a_knee_that_rolls_is_said(data_dir: Path) -> None:
@@ -56,12 +60,14 @@ def test_what_is_another_zero_or_a_knee_that_rolls_is_said(data_dir: Path) -> No
     )
     assert (
         curve.offset == pytest.approx(6.0, abs=0.05)
-        and 0.0 < curve.rest < 0.1
+        and 0.0 < curve.residual < 0.1
         and curve.correlation > 0.99
     )
-    rolls, zero = _explained(peer, leg_joints(peer), [curve])
+    rolls, zero = _explain_differences(peer, find_leg_joints(peer), [curve])
     check_text(rolls, "knee_r")
     check_text(zero, "knee_angle_r", 6.0)
     locked = replace(curve, coordinate="subtalar_angle_r", theirs=np.zeros(50))
-    check_text([*_explained(peer, leg_joints(peer), [locked])][-1], "subtalar_angle_r")
+    check_text(
+        [*_explain_differences(peer, find_leg_joints(peer), [locked])][-1], "subtalar_angle_r"
+    )
     assert np.isnan(locked.correlation)

@@ -14,7 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.export.opensim.osim_reader import read_osim
-from gaitcal.export.opensim.osim_writer import original_name, plain_text, safe_name, write_osim
+from gaitcal.export.opensim.osim_writer import (
+    decode_name,
+    encode_name,
+    strip_control_characters,
+    write_osim,
+)
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
@@ -28,8 +33,8 @@ NASTY = (
 
 @given(st.text(st.characters(codec=None)))
 def test_reversible(name: str) -> None:
-    safe = safe_name(name)
-    assert original_name(safe) == name
+    safe = encode_name(name)
+    assert decode_name(safe) == name
     assert safe
     assert not set(safe) & set("\\/*+ \t\n<>&\"'")
     assert safe.isprintable()
@@ -37,14 +42,14 @@ def test_reversible(name: str) -> None:
 
 @given(st.text())
 def test_foreign_names_are_never_an_error(name: str) -> None:
-    assert isinstance(original_name(name), str)
-    assert isinstance(original_name("%FF" + name), str)
+    assert isinstance(decode_name(name), str)
+    assert isinstance(decode_name("%FF" + name), str)
 
 
 @given(st.text(st.characters(codec=None)))
 def test_any_text_makes_well_formed_xml(text: str) -> None:
     element = ET.Element("credits")
-    element.text = plain_text(text)
+    element.text = strip_control_characters(text)
     ET.fromstring(ET.tostring(element, encoding="utf-8"))
 
 
@@ -75,7 +80,7 @@ def test_files_are_well_formed_and_hold_no_markup(nasty: SubjectModel, tmp_path:
 def test_urdf_reader_finds_every_marker(nasty: SubjectModel, tmp_path: Path) -> None:
     write_urdf(nasty, tmp_path / "m.urdf")
     peer = pin.buildModelFromUrdf(str(tmp_path / "m.urdf"))
-    assert all(peer.existFrame(f"marker_{safe_name(name)}", pin.FrameType.BODY) for name in NASTY)
+    assert all(peer.existFrame(f"marker_{encode_name(name)}", pin.FrameType.BODY) for name in NASTY)
 
 
 def test_opensim_finds_every_marker(osim: Any, nasty: SubjectModel, tmp_path: Path) -> None:
@@ -83,10 +88,10 @@ def test_opensim_finds_every_marker(osim: Any, nasty: SubjectModel, tmp_path: Pa
     model = osim.Model(str(tmp_path / "m.osim"))
     model.initSystem()
     found = [model.getMarkerSet().get(i).getName() for i in range(model.getNumMarkers())]
-    assert tuple(original_name(name) for name in found) == NASTY
+    assert tuple(decode_name(name) for name in found) == NASTY
 
 
 def test_mujoco_finds_every_marker(mujoco: Any, nasty: SubjectModel, tmp_path: Path) -> None:
     write_mjcf(nasty, tmp_path / "m.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "m.xml"))
-    assert {original_name(model.site(i).name) for i in range(model.nsite)} == set(NASTY)
+    assert {decode_name(model.site(i).name) for i in range(model.nsite)} == set(NASTY)

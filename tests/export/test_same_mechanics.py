@@ -127,7 +127,7 @@ def test_osim_places_every_marker_and_mass(
         poses = {"ground": pin.SE3.Identity()}
         for joint in peer.joints.values():
             values = dict(zip(COORDINATES, state.q, strict=True))
-            poses[joint.child] = poses[joint.parent] * peer.joint_pose(joint, values)
+            poses[joint.child] = poses[joint.parent] * peer.compute_joint_pose(joint, values)
         markers = [poses[body].act(place) for body, place in peer.markers.values()]
         np.testing.assert_allclose(
             markers, our_markers(model, state.q), rtol=0, atol=POSITION_TOLERANCE

@@ -15,22 +15,22 @@ from gaitcal.gait.cycles import (
     EventSource,
     FootEvents,
     GaitCycle,
-    best_cycle,
-    gait_cycles,
-    known_variables,
+    find_gait_cycles,
+    list_variables,
     normalise,
+    remove_flicker,
     resample,
-    steady,
+    select_best_cycle,
 )
-from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble, spread
+from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, compute_statistics, ensemble
 from gaitcal.gait.peaks import (
     PEAKS,
     PHASE_PEAKS,
     PHASES,
-    peak_columns,
-    peak_means,
-    phase_peaks,
-    stride_peaks,
+    average_peaks,
+    find_phase_peaks,
+    find_stride_peaks,
+    make_peak_columns,
 )
 from tests.gait.walks import vendor_strides
 from tests.messages import refuses
@@ -52,12 +52,12 @@ FEET = FootEvents(
 
 
 def test_cycles_run_from_strike_to_next_strike_of_the_same_foot_and_say_what_told_these() -> None:
-    cycles = gait_cycles(FEET)
+    cycles = find_gait_cycles(FEET)
     assert cycles == (
         GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]), GaitCycle(1.3, 2.4, 1.96, sources=FEET.sources[1:]),
     )  # fmt: skip
     assert [c.stance for c in cycles] == pytest.approx([60.0, 60.0])
-    assert gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == (), (
+    assert find_gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == (), (
         "a flicker and a stop"
     )
 
@@ -66,13 +66,13 @@ def test_flickers_of_the_threshold_are_no_steps() -> None:
     loaded = contact(TIME, 0.2)
     loaded[50:54] = False
     loaded[100:103] = True
-    assert np.array_equal(steady(TIME, loaded), contact(TIME, 0.2))
+    assert np.array_equal(remove_flicker(TIME, loaded), contact(TIME, 0.2))
 
 
 def test_the_drawn_cycle_is_the_one_with_most_valid_frames() -> None:
     cycles = (GaitCycle(0.0, 1.0, 0.6), GaitCycle(1.0, 2.0, 1.6))
-    assert best_cycle(cycles, TIME, TIME > 0.9) == cycles[1]
-    assert best_cycle(cycles, TIME, TIME >= 0.0) == cycles[0]
+    assert select_best_cycle(cycles, TIME, TIME > 0.9) == cycles[1]
+    assert select_best_cycle(cycles, TIME, TIME >= 0.0) == cycles[0]
 
 
 cycle_times = st.tuples(st.floats(0.0, 1.0), st.floats(0.5, 1.5)).map(
@@ -173,7 +173,7 @@ def test_statistics_are_those_of_plain_loops_over_what_is_valid(
     trials = np.repeat(np.arange(len(sizes)), sizes)
     values = rng.normal(size=(len(trials), 6))
     values[rng.uniform(size=values.shape) < 0.3] = np.nan
-    found = spread(values, trials)
+    found = compute_statistics(values, trials)
     for point in range(6):
         there = np.isfinite(values[:, point])
         y, of = values[there, point], trials[there]
@@ -214,7 +214,7 @@ def test_variances_that_were_put_in_come_out() -> None:
         np.full((len(labels), points), OWN),
         np.full((len(labels), points), np.hypot(OWN, SHARED)),
     )
-    found = spread(values.reshape(-1, points), labels, own, total)
+    found = compute_statistics(values.reshape(-1, points), labels, own, total)
     rms = {
         name: float(np.sqrt(np.mean(getattr(found, name) ** 2)))
         for name in ("sd_within", "sd_between", "sd_error")
@@ -298,7 +298,7 @@ def bump(*at: tuple[float, float]) -> np.ndarray:
 
 
 def test_variables_are_those_of_the_table_and_windows_lie_within_the_stride() -> None:
-    assert {peak.variable for peak in PEAKS.values()} <= set(known_variables())
+    assert {peak.variable for peak in PEAKS.values()} <= set(list_variables())
     assert all(0.0 <= peak.window[0] <= peak.window[1] <= 2.0 for peak in PEAKS.values())
     loads = [
         peak
@@ -348,7 +348,9 @@ def ankle_and_knee(push: float, swing: float) -> dict[str, np.ndarray]:
 def test_a_peak_is_where_its_curve_turns_within_the_window_of_its_phase(
     curves: dict[str, np.ndarray], toe_off: float | None, places: dict[str, float]
 ) -> None:
-    found = stride_peaks({name: (curve, NONE, NONE) for name, curve in curves.items()}, toe_off)
+    found = find_stride_peaks(
+        {name: (curve, NONE, NONE) for name, curve in curves.items()}, toe_off
+    )
     assert {name: at for name, (*_, at) in found.items()} == places
     assert {found[name][0] for name in places} <= {
         value for curve in curves.values() for value in curve
@@ -362,13 +364,13 @@ def test_a_range_shares_what_its_ends_share() -> None:
         np.full(POINTS, np.sqrt(26.0)),
         np.ones(POINTS),
     )
-    value, total, alone, _ = stride_peaks({"pelvis_list": (curve, error, own)}, 62.0)[
+    value, total, alone, _ = find_stride_peaks({"pelvis_list": (curve, error, own)}, 62.0)[
         "pelvis_list_range"
     ]
     assert value == pytest.approx(np.ptp(curve)) and total == pytest.approx(alone) == pytest.approx(
         np.sqrt(2.0)
     )
-    assert stride_peaks({"pelvis_tilt": (curve, error, own)}, 62.0)["pelvis_tilt_mean"][
+    assert find_stride_peaks({"pelvis_tilt": (curve, error, own)}, 62.0)["pelvis_tilt_mean"][
         :2
     ] == pytest.approx((curve.mean(), np.sqrt(26.0)))
 
@@ -378,7 +380,7 @@ def test_peaks_of_phases_count_at_their_ends_but_not_beside_a_seat() -> None:
     curve, lost = bump((50.0, -60.0)), np.where(PERCENT < 20, np.nan, -PERCENT)
 
     def of(variable: str, values: np.ndarray) -> dict[str, tuple[float, float, float, float]]:
-        return phase_peaks({variable: (values, NONE, NONE)}, phases)
+        return find_phase_peaks({variable: (values, NONE, NONE)}, phases)
 
     found = of("knee_angle_moment", curve)
     assert {name: value[3] for name, value in found.items()} == {
@@ -392,7 +394,7 @@ def test_peaks_of_phases_count_at_their_ends_but_not_beside_a_seat() -> None:
         "highest where it leaves the seat"
     )
     strides = [(activity, activity, "r", {**found}) for activity in ("squat", "rise")]
-    assert [(m.activity, m.n) for m in peak_means(strides)] == [("squat", 1)] * 2 + [
+    assert [(m.activity, m.n) for m in average_peaks(strides)] == [("squat", 1)] * 2 + [
         ("rise", 1)
     ] * 2
     assert {peak.phase for peak in PHASE_PEAKS.values()} == set(PHASES)
@@ -402,18 +404,20 @@ def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
     """Peaks of 10 and 14 at other percents; c = 2 shared, 1 own: se^2 = 8 / 2 + 2^2."""
     shared = np.sqrt(5.0)
     strides = [
-        ("gait", "walk", "r", stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)}, 62.0) | {
+        ("gait", "walk", "r", find_stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)}, 62.0) | {
             "knee_flexion_swing": (high, shared, 1.0, at)})
         for at, high in ((72.0, 10.0), (76.0, 14.0))
     ]  # fmt: skip
     (of,) = [
         m
-        for m in peak_means([*strides, ("gait", "walk", "r", {})])
+        for m in average_peaks([*strides, ("gait", "walk", "r", {})])
         if m.peak.name == "knee_flexion_swing"
     ]
     assert (of.n, of.strides, of.mean, of.percent) == (2, 3, 12.0, 74.0)
     assert of.sd == pytest.approx(np.sqrt(8.0)) and of.se == pytest.approx(np.sqrt(8.0 / 2 + 4.0))
-    assert "62" not in of.peak.words and peak_columns([of])["window"] == ["0 to 100 % of swing"]
+    assert "62" not in of.peak.window_label and make_peak_columns([of])["window"] == [
+        "0 to 100 % of swing"
+    ]
 
 
 @pytest.mark.parametrize("person", ["HC002D", "HC032A"])
@@ -426,7 +430,9 @@ def test_peaks_of_a_childs_vendor_curves_are_where_clinics_look_for_them(
     (of_legs,) = [
         {
             m.peak.name: m.percent
-            for m in peak_means(("gait", "straight", "r", stride_peaks(*s)) for s in strides)
+            for m in average_peaks(
+                ("gait", "straight", "r", find_stride_peaks(*s)) for s in strides
+            )
         }
         for strides in [vendor_strides(data_dir / "children" / person / "straight.c3d")]
     ]

@@ -10,9 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.errors import Code, Severity
-from gaitcal.gait.cycles import EventSource, source_words
-from gaitcal.gait.event_clock import checked_events
-from gaitcal.gait.events import OFF, STRIKE, corrected, joined_events, plate_events, swing_events
+from gaitcal.gait.cycles import EventSource, describe_sources
+from gaitcal.gait.event_clock import check_file_events
+from gaitcal.gait.events import (
+    OFF,
+    STRIKE,
+    combine_events,
+    find_plate_events,
+    find_swing_events,
+    use_corrected_events,
+)
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 from tests.gait.walks import TIME, exchanged, moved, walk
@@ -24,7 +31,7 @@ SAMPLE = 1e-3
 
 def test_the_file_comes_first_then_plates_then_motion() -> None:
     file, plates = walk(2.0, 3.0), moved(walk(2.8, 4.0), 0.01)
-    found = joined_events(TIME, file, plates, moved(walk(), -0.02))
+    found = combine_events(TIME, file, plates, moved(walk(), -0.02))
     assert found.findings == ()
     assert [(e.side, e.moment) for e in found.events] == [(e.side, e.moment) for e in walk()]
     sources = [e.source for e in found.events]
@@ -45,29 +52,29 @@ def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
         *rest[:2],
         far,
     ]
-    found = corrected(TIME, set_by_hand, walk())
+    found = use_corrected_events(TIME, set_by_hand, walk())
     assert [e.time for e in found.events] == [e.time for e in set_by_hand[:-1]]
     assert {e.source for e in found.events} == {EventSource.PERSON}
     [apart] = [
         f for f in found.findings if f.cause == "corrected events lie apart from forces and motion"
     ]
     check_finding(apart, Code.FILE_EVENTS, Severity.INFO, f"{set_by_hand[0].time:.2f}", 100)
-    assert not corrected(TIME, walk(), walk()).findings
+    assert not use_corrected_events(TIME, walk(), walk()).findings
 
 
 def test_what_corrected_events_leave_out_is_told_and_a_foot_without_a_kind_is_warned_of() -> None:
     """Both sources have each event once; one that is moved is apart, not left out."""
     shown = [*walk(3.0, 4.5), *moved(walk(), 0.05)]
     one_off = next(e for e in walk() if e.time > 3.0 and e.moment is FootMoment.OFF)
-    [left_out] = corrected(TIME, [e for e in walk() if e != one_off], shown).findings[:1]
+    [left_out] = use_corrected_events(TIME, [e for e in walk() if e != one_off], shown).findings[:1]
     check_finding(left_out, Code.FILE_EVENTS, f"{one_off.time:.2f}")
     assert left_out.severity is Severity.INFO
-    [none] = corrected(TIME, [e for e in walk() if e.side == "r"], shown).findings
+    [none] = use_corrected_events(TIME, [e for e in walk() if e.side == "r"], shown).findings
     check_finding(none, Code.FILE_EVENTS, Severity.WARNING, 3, 4)
     strikes = [e for e in walk() if e.side == "r" or e.moment is FootMoment.STRIKE]
-    [offs] = corrected(TIME, strikes, []).findings
+    [offs] = use_corrected_events(TIME, strikes, []).findings
     check_finding(offs, Code.FILE_EVENTS, Severity.WARNING)
-    assert not corrected(TIME, [e for e in walk() if e.side == "r"], []).findings
+    assert not use_corrected_events(TIME, [e for e in walk() if e.side == "r"], []).findings
 
 
 def test_events_of_the_motion_are_moved_to_mean_the_same_as_those_known_better() -> None:
@@ -76,9 +83,9 @@ def test_events_of_the_motion_are_moved_to_mean_the_same_as_those_known_better()
         FootEvent(e.moment, e.side, e.time + (-0.03 if e.moment is FootMoment.STRIKE else 0.02))
         for e in walk()
     ]
-    found = joined_events(TIME, [], walk(3.0, 4.2), motion)
+    found = combine_events(TIME, [], walk(3.0, 4.2), motion)
     assert [e.time for e in found.events] == pytest.approx([e.time for e in walk()])
-    alone = joined_events(TIME, [], [], motion)
+    alone = combine_events(TIME, [], [], motion)
     assert [e.time for e in alone.events] == pytest.approx(sorted(e.time for e in motion))
 
 
@@ -86,7 +93,7 @@ def test_a_plate_that_is_entered_or_left_during_stance_makes_no_event() -> None:
     """The foot rolls over the plate's edge 0.2 s before it leaves the ground."""
     whole = [e for e in walk() if e.side == "r"][2:4]
     left_early = [whole[0], FootEvent(whole[1].moment, "r", whole[1].time - 0.2)]
-    found = joined_events(TIME, [], left_early, walk())
+    found = combine_events(TIME, [], left_early, walk())
     at = {(e.side, e.moment, round(e.time, 2)): e.source for e in found.events}
     assert at["r", whole[0].moment, round(whole[0].time, 2)] is EventSource.PLATES
     assert at["r", whole[1].moment, round(whole[1].time, 2)] is EventSource.MOTION
@@ -97,7 +104,9 @@ def test_an_event_of_a_plate_near_an_end_of_the_trial_needs_no_swing() -> None:
     """There the motion cannot show one; in the middle a foot came onto the plate otherwise."""
     for time in (TIME[0] + 0.1, TIME[-1] - 0.1):
         on_plate = FootEvent(FootMoment.STRIKE, "r", float(time))
-        found = joined_events(TIME, [], [on_plate], [e for e in walk() if abs(e.time - time) > 0.3])
+        found = combine_events(
+            TIME, [], [on_plate], [e for e in walk() if abs(e.time - time) > 0.3]
+        )
         assert [e.time for e in found.events if e.source is EventSource.PLATES] == [time]
 
 
@@ -107,8 +116,8 @@ def test_a_plate_whose_record_begins_and_ends_under_load_tells_no_event_there() 
     force = np.column_stack([0 * samples, np.full(len(samples), 700.0), 0 * samples])
     plate = ForcePlate(name="1", time=samples, force=force, point=0 * force, moment=0 * force)
     loaded = ((frames > 0.5) & (frames < 1.5))[:, None] & np.array([True, False])
-    assert plate_events(frames, loaded, [plate]) == []
-    assert len(plate_events(frames, loaded, [])) == 2
+    assert find_plate_events(frames, loaded, [plate]) == []
+    assert len(find_plate_events(frames, loaded, [])) == 2
 
 
 def test_plates_tell_the_moment_between_frames() -> None:
@@ -117,7 +126,7 @@ def test_plates_tell_the_moment_between_frames() -> None:
     force[:, 1] = np.where((samples > 0.4514) & (samples < 1.1237), 700.0, 0.0)
     plate = ForcePlate(name="1", time=samples, force=force, point=0 * force, moment=0 * force)
     loaded = np.interp(frames, samples, force[:, 1])[:, None] > 20.0
-    found = plate_events(frames, np.hstack([loaded, 0 * loaded > 1]), [plate])
+    found = find_plate_events(frames, np.hstack([loaded, 0 * loaded > 1]), [plate])
     assert [(e.moment, e.side) for e in found] == [(FootMoment.STRIKE, "r"), (FootMoment.OFF, "r")]
     assert [e.time for e in found] == pytest.approx([0.4514, 1.1237], abs=1.01 * SAMPLE)
 
@@ -125,19 +134,19 @@ def test_plates_tell_the_moment_between_frames() -> None:
 def test_a_contact_that_the_trial_begins_or_ends_with_is_no_event() -> None:
     frames = np.arange(0.0, 2.0, 0.02)
     loaded = np.stack([(frames < 0.5) | (frames > 1.5), frames > 9.0], axis=1)
-    found = [(e.moment, round(e.time, 6)) for e in plate_events(frames, loaded, [])]
+    found = [(e.moment, round(e.time, 6)) for e in find_plate_events(frames, loaded, [])]
     assert found == [(FootMoment.OFF, 0.48), (FootMoment.STRIKE, 1.52)]
 
 
 def test_strikes_of_one_foot_carry_their_sources() -> None:
-    found = joined_events(TIME, [], walk(3.0, 4.2), walk())
-    foot = found.of("r")
+    found = combine_events(TIME, [], walk(3.0, 4.2), walk())
+    foot = found.select_foot("r")
     assert len(foot.sources) == len(foot.strikes) and set(foot.sources) == {
         EventSource.PLATES,
         EventSource.MOTION,
     }
-    check_text(source_words(foot.sources))
-    assert source_words(()) == ""
+    check_text(describe_sources(foot.sources))
+    assert describe_sources(()) == ""
     assert foot.strikes.tolist() == sorted(
         e.time for e in walk() if e.side == "r" and e.moment is FootMoment.STRIKE
     )
@@ -162,14 +171,14 @@ def part_of_swing(share: float) -> float:
 
 
 FRAMES = np.arange(0.0, 3.0, 0.01)
-RESTED = swing_events(FRAMES, speed(FRAMES))
+RESTED = find_swing_events(FRAMES, speed(FRAMES))
 """Strikes and offs of that foot."""
 
 
 @pytest.mark.parametrize("rate", [60.0, 100.0, 250.0])
 def test_events_are_where_the_speed_passes_its_thresholds(rate: float) -> None:
     time = np.arange(0.0, 3.0, 1.0 / rate)
-    strikes, offs = swing_events(time, speed(time))
+    strikes, offs = find_swing_events(time, speed(time))
     assert strikes == pytest.approx(
         np.array(STRIKES) - part_of_swing(STRIKE), abs=BETWEEN_FRAMES / rate
     )
@@ -180,17 +189,17 @@ def test_events_are_where_the_speed_passes_its_thresholds(rate: float) -> None:
 def test_speed_of_walking_and_begin_of_the_clock_do_not_matter(
     slower: float, stretch: float, shift: float
 ) -> None:
-    there = swing_events(shift + stretch * FRAMES, speed(FRAMES, peak=slower * 3.0))
+    there = find_swing_events(shift + stretch * FRAMES, speed(FRAMES, peak=slower * 3.0))
     for a, b in zip(RESTED, there, strict=True):
         assert b == pytest.approx(shift + stretch * a, abs=1e-9 * (1.0 + abs(shift)))
 
 
 def test_a_dip_within_a_swing_is_no_contact_and_a_short_step_among_long_ones_is_a_step() -> None:
     dipped = speed(FRAMES) * (1.0 - 0.4 * np.exp(-(((FRAMES - 1.15) / 0.03) ** 2)))
-    for a, b in zip(RESTED, swing_events(FRAMES, dipped), strict=True):
+    for a, b in zip(RESTED, find_swing_events(FRAMES, dipped), strict=True):
         assert b == pytest.approx(a, abs=0.005)
     uneven = np.where((FRAMES > 0.9) & (FRAMES < 1.5), 0.35, 1.0) * speed(FRAMES)
-    assert [len(found) for found in swing_events(FRAMES, uneven)] == [3, 2]
+    assert [len(found) for found in find_swing_events(FRAMES, uneven)] == [3, 2]
 
 
 def test_a_foot_that_sways_or_shuffles_on_the_spot_makes_no_step() -> None:
@@ -199,13 +208,13 @@ def test_a_foot_that_sways_or_shuffles_on_the_spot_makes_no_step() -> None:
     shuffle = steps + np.where(steps > 0, 0.0, 0.2 * np.abs(np.sin(25 * FRAMES)))
     knock = np.maximum(steps, np.where((FRAMES > 0.7) & (FRAMES < 0.75), 1.0, 0.0))
     for standing in (sway, shuffle):
-        assert len(swing_events(FRAMES, standing)[0]) in (0, 3)
-    assert [len(found) for found in swing_events(FRAMES, knock)] == [3, 2]
+        assert len(find_swing_events(FRAMES, standing)[0]) in (0, 3)
+    assert [len(found) for found in find_swing_events(FRAMES, knock)] == [3, 2]
 
 
 def test_a_swing_that_the_trial_cuts_tells_the_end_that_it_shows() -> None:
     def of(frames: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return swing_events(FRAMES[frames], values[frames])
+        return find_swing_events(FRAMES[frames], values[frames])
 
     strikes, offs = RESTED
     assert of(FRAMES > 0.15, speed(FRAMES))[0] == pytest.approx(strikes, abs=1e-9)
@@ -219,7 +228,9 @@ def test_a_swing_that_the_trial_cuts_tells_the_end_that_it_shows() -> None:
 
 @pytest.mark.parametrize("values", [np.zeros(300), np.full(300, np.nan), np.ones(2)])
 def test_nothing_is_made_of_nothing(values: np.ndarray) -> None:
-    assert all(len(found) == 0 for found in swing_events(0.01 * np.arange(len(values)), values))
+    assert all(
+        len(found) == 0 for found in find_swing_events(0.01 * np.arange(len(values)), values)
+    )
 
 
 BY_EYE = 0.012
@@ -231,7 +242,7 @@ seeds = st.integers(0, 10_000)
 
 
 def causes(file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent]) -> list[str]:
-    return [f.cause for f in checked_events(file, plates, motion, TIME)[1]]
+    return [f.cause for f in check_file_events(file, plates, motion, TIME)[1]]
 
 
 @few
@@ -239,7 +250,7 @@ def causes(file: list[FootEvent], plates: list[FootEvent], motion: list[FootEven
 def test_events_set_by_eye_are_used_and_nothing_is_said(seed: int) -> None:
     file = moved(walk(), 0.0, BY_EYE, seed)
     inside = [e for e in file if TIME[0] - 0.005 <= e.time <= TIME[-1] + 0.005]
-    assert checked_events(file, walk(3.0, 4.5), moved(walk(), 0.01, BY_EYE, seed + 1), TIME) == (
+    assert check_file_events(file, walk(3.0, 4.5), moved(walk(), 0.01, BY_EYE, seed + 1), TIME) == (
         inside,
         (),
     )
@@ -264,7 +275,7 @@ def test_a_foot_that_drags_is_no_wrong_clock(seed: int) -> None:
 @few
 @given(seeds)
 def test_one_offset_of_all_events_is_told_with_its_size(offset: float, seed: int) -> None:
-    used, (finding,) = checked_events(
+    used, (finding,) = check_file_events(
         moved(walk(), offset, BY_EYE, seed), [], moved(walk(), 0.0, BY_EYE, seed + 1), TIME
     )
     assert used == [] and finding.severity is Severity.WARNING
@@ -335,7 +346,7 @@ def test_what_is_wrong_with_events_is_told_and_the_others_stay(
     file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent], cause: str,
     found: str, severity: str,
 ) -> None:  # fmt: skip
-    kept, (finding,) = checked_events(file, plates, motion, TIME)
+    kept, (finding,) = check_file_events(file, plates, motion, TIME)
     assert kept == used
     assert (
         cause in finding.cause and found in finding.found and finding.severity is Severity[severity]
@@ -369,11 +380,11 @@ def test_what_is_wrong_with_events_is_told_and_the_others_stay(
 def test_events_that_fit_are_believed(
     file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent]
 ) -> None:
-    assert checked_events(file, plates, motion, TIME) == (used, ())
+    assert check_file_events(file, plates, motion, TIME) == (used, ())
 
 
 def test_events_that_stand_twice_are_used_once_with_nothing_to_check_them_by() -> None:
-    alone, told = checked_events([*walk(), *moved(walk(), 0.06)], [], [], TIME)
+    alone, told = check_file_events([*walk(), *moved(walk(), 0.06)], [], [], TIME)
     assert len(alone) == len(walk()) and told
 
 
@@ -382,7 +393,7 @@ def test_events_that_stand_twice_are_used_once_with_nothing_to_check_them_by() -
 @given(seeds)
 def test_exchanged_sides_are_told(step: float, seed: int) -> None:
     file = exchanged(moved(walk(step=step), 0.0, BY_EYE, seed))
-    used, (finding,) = checked_events(file, [], walk(step=step), TIME)
+    used, (finding,) = check_file_events(file, [], walk(step=step), TIME)
     assert used == []
     assert (finding.code, finding.severity) == (Code.FILE_EVENTS, Severity.WARNING)
 
@@ -395,6 +406,6 @@ def test_times_from_the_first_frame_are_used_as_they_are_meant(seed: int) -> Non
         (-float(TIME[0]), "from its first frame"),
         (float(TIME[0]), "from frame 0 twice over"),
     ):
-        used, (finding,) = checked_events(moved(right, offset), [], walk(), TIME)
+        used, (finding,) = check_file_events(moved(right, offset), [], walk(), TIME)
         assert [e.time for e in used] == pytest.approx([e.time for e in right])
         assert words in finding.cause and finding.severity is Severity.INFO

@@ -13,21 +13,21 @@ from gaitcal.analysis.result import Calibration
 from gaitcal.dynamics.joint_kinetics import COMPONENTS, MomentFrame
 from gaitcal.errors import Code
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import known_variables
+from gaitcal.gait.cycles import list_variables
 from gaitcal.gait.normal_bands import (
     BAND_SIGNS,
     SHIPPED,
     SLOWEST,
     SPEEDS,
-    bands_file,
-    free_steps,
-    leg_length,
-    norm_for,
-    own_norm,
+    compute_free_steps,
+    estimate_leg_length,
+    find_bands_file,
+    make_user_norm,
     read_normal_bands,
+    select_norm,
 )
 from gaitcal.gait.normal_bands import FREE as FREE_SPEEDS
-from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, profile_scores
+from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, compute_profile_scores
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES, REACTIONS
 from gaitcal.model.subject_model import GRAVITY, Subject
@@ -54,7 +54,7 @@ def test_values_lie_on_straight_lines_between_percents_and_nowhere_else(tmp_path
     assert (band.variable, band.source, band.signs) == (
         "hip_flexion", "Somebody 2020, 50 adults", BAND_SIGNS["gaitcal"],
     )  # fmt: skip
-    mean, sd = band.for_person(PERSON)
+    mean, sd = band.scale_to_person(PERSON)
     assert mean[[10, 15, 20]].tolist() == [30.0, 35.0, 40.0] and sd[15] == 6.0
     assert np.isnan(mean[[0, 9, 21, 100]]).all()
 
@@ -79,7 +79,7 @@ def test_units_become_those_of_the_table_of_strides(
     tmp_path: Path, variable: str, unit: str, one: float
 ) -> None:
     rows = f"{variable},{unit},0,1,0.5\n{variable},{unit},100,1,0.5\n"
-    mean, sd = read_normal_bands(written(tmp_path, rows))[variable].for_person(PERSON)
+    mean, sd = read_normal_bands(written(tmp_path, rows))[variable].scale_to_person(PERSON)
     assert mean[50] == pytest.approx(one, rel=1e-3) and sd[50] == pytest.approx(0.5 * one, rel=1e-3)
 
 
@@ -104,7 +104,7 @@ def test_signs_become_those_of_the_table_of_strides(
     path = written(tmp_path, f"{variable},{unit},0,2,1\n{variable},{unit},100,2,1\n", signs)
     band = read_normal_bands(path)[variable]
     for side, sign in (("r", right), ("l", left)):
-        mean, sd = band.for_person(PERSON, side)
+        mean, sd = band.scale_to_person(PERSON, side)
         assert mean[0] == 2.0 * sign and sd[0] == 1.0
 
 
@@ -154,13 +154,13 @@ def test_a_file_that_a_spreadsheet_program_saved_is_the_same_file(tmp_path: Path
 
 def test_bands_that_come_with_the_program_have_names() -> None:
     assert "hip_flexion_moment" in read_normal_bands("schwartz2008")
-    assert all(bands_file(name).is_file() for name in SHIPPED)
+    assert all(find_bands_file(name).is_file() for name in SHIPPED)
     with refuses(Code.NORMAL_BANDS, "schwartz2008", source="schwartz"):
         read_normal_bands("schwartz")
 
 
 def test_every_variable_of_the_table_of_strides_may_have_a_band(whole: Calibration) -> None:
-    assert set(build_cycle_table(whole.model, whole.trials)["variable"]) <= set(known_variables())
+    assert set(build_cycle_table(whole.model, whole.trials)["variable"]) <= set(list_variables())
 
 
 CHILD = Subject("c", 30.0, 1.34, "female", age=9.0, leg_length={"r": 0.70, "l": 0.70})
@@ -176,18 +176,18 @@ def at(relative: float, leg: float = 0.70) -> float:
     [(0.2, "very slow"), (0.3, "slow"), (0.43, "free"), (0.55, "fast"), (0.7, "very fast")],
 )
 def test_a_child_is_held_against_children_of_its_speed(relative: float, words: str) -> None:
-    norm = norm_for(CHILD, at(relative))
-    check_text(norm.words, words, 4, 17, 83, 2008)
+    norm = select_norm(CHILD, at(relative))
+    check_text(norm.label, words, 4, 17, 83, 2008)
     assert set(ANGLES) < set(norm.bands)
     check_text(norm.remark, f"{relative:.2f}", words, 0.7)
 
 
 def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
     tall = Subject("t", 60.0, 1.75, "male", age=16.0)
-    check_text(norm_for(tall, at(0.37)).words)
-    check_text(norm_for(CHILD, at(0.37)).words)
-    assert leg_length(tall)[0] == pytest.approx(0.91)
-    check_text(leg_length(tall)[1])
+    check_text(select_norm(tall, at(0.37)).label)
+    check_text(select_norm(CHILD, at(0.37)).label)
+    assert estimate_leg_length(tall)[0] == pytest.approx(0.91)
+    check_text(estimate_leg_length(tall)[1])
 
 
 @pytest.mark.parametrize(
@@ -204,19 +204,19 @@ def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
     ],
 )
 def test_nobody_else_is_held_against_children_without_a_word(subject: Subject, why: str) -> None:
-    norm = norm_for(subject, 1.2)
+    norm = select_norm(subject, 1.2)
     assert not norm.bands and not norm.steps and why in norm.remark
-    asked = own_norm(read_normal_bands(FREE), FREE, subject)
+    asked = make_user_norm(read_normal_bands(FREE), FREE, subject)
     assert asked.bands
     check_text(asked.remark, 4, 17)
 
 
 @pytest.mark.parametrize("speed", [0.05, 4.0])
 def test_no_curves_for_who_walks_slower_or_faster_than_they_did(speed: float) -> None:
-    norm = norm_for(CHILD, speed)
+    norm = select_norm(CHILD, speed)
     assert not norm.bands and norm.steps and f"{speed:.2f} m/s" in norm.remark
     check_text(norm.remark, 0.158, 0.705)
-    check_text(norm_for(CHILD, None).remark)
+    check_text(select_norm(CHILD, None).remark)
 
 
 def test_speeds_are_in_order_with_outer_limits_one_sd_beyond_those_of_the_paper() -> None:
@@ -229,7 +229,7 @@ def test_steps_scale_with_the_leg() -> None:
     """Speed is cadence times step length, non-dimensional or not, within what means over people
     leave.
     """
-    short, long = free_steps(0.6), free_steps(0.9)
+    short, long = compute_free_steps(0.6), compute_free_steps(0.9)
     assert long["step_length"][0] / short["step_length"][0] == pytest.approx(1.5)
     assert long["speed"][0] / short["speed"][0] == pytest.approx(np.sqrt(1.5))
     for steps in (short, long):
@@ -246,7 +246,7 @@ def strides(
     """
     rows, bands = [], read_normal_bands(FREE)
     for side, number, name in itertools.product("rl", (1, 2), ANGLES):
-        mean, _ = bands[name].for_person(CHILD, side)
+        mean, _ = bands[name].scale_to_person(CHILD, side)
         value = mean + offset.get(f"{name}_{side}", 0.0) + (number == 2) * alternate
         columns = {"side": side, "variable": name, "value": value, "se": error, "se_stride": 0.0}
         rows.append(pd.DataFrame({**columns, "valid": 1, "turn": 0.0, "activity": "gait"}))
@@ -256,12 +256,13 @@ def strides(
 
 def scores(table: dict[str, np.ndarray]) -> dict[tuple[str, str], float]:
     return {
-        (s.side, s.variable): s.score for s in profile_scores(table, read_normal_bands(FREE), CHILD)
+        (s.side, s.variable): s.score
+        for s in compute_profile_scores(table, read_normal_bands(FREE), CHILD)
     }
 
 
 def test_the_score_of_the_norm_itself_is_zero_and_healthy_people_have_their_spread() -> None:
-    found = profile_scores(strides({}), read_normal_bands(FREE), CHILD)
+    found = compute_profile_scores(strides({}), read_normal_bands(FREE), CHILD)
     assert len(found) == 21 and all(s.score == pytest.approx(0.0, abs=1e-12) for s in found)
     healthy = next(s.norm for s in found if s.variable == GPS and s.side == BOTH)
     assert 5.0 < healthy < 7.0, "Baker's healthy children: a median of 5.2"
@@ -291,11 +292,13 @@ def test_errors_of_scores() -> None:
     sqrt(n).
     """
     offset = {f"{name}_{side}": 20.0 for name in ANGLES for side in "rl"}
-    shared = profile_scores(strides(offset, error=3.0), read_normal_bands(FREE), CHILD)[0]
+    shared = compute_profile_scores(strides(offset, error=3.0), read_normal_bands(FREE), CHILD)[0]
     assert shared.error == pytest.approx(3.0, rel=1e-3)
-    moving = profile_scores(strides(offset, alternate=2.0), read_normal_bands(FREE), CHILD)[0]
+    moving = compute_profile_scores(strides(offset, alternate=2.0), read_normal_bands(FREE), CHILD)[
+        0
+    ]
     assert (moving.score, moving.error) == (pytest.approx(21.0), pytest.approx(1.0))
-    near = profile_scores(strides({}, error=3.0), read_normal_bands(FREE), CHILD)[0]
+    near = compute_profile_scores(strides({}, error=3.0), read_normal_bands(FREE), CHILD)[0]
     draws = np.abs(3.0 * np.random.default_rng(1).standard_normal(100_000))
     assert near.error == pytest.approx(draws.std(), rel=0.15), (
         "near 0 a score is no linear function of the error"
@@ -305,14 +308,14 @@ def test_errors_of_scores() -> None:
 def test_nothing_is_scored_without_an_angle(tmp_path: Path) -> None:
     bands = read_normal_bands(FREE)
     assert (
-        profile_scores(
+        compute_profile_scores(
             strides({}), {n: b for n, b in bands.items() if n not in PELVIS_ANGLES}, CHILD
         )
         == ()
     )
     lost = strides({})
     lost["valid"] = np.where((lost["variable"] == "foot_progression") & (lost["side"] == "l"), 0, 1)
-    assert {s.side for s in profile_scores(lost, bands, CHILD)} == {"r"}, (
+    assert {s.side for s in compute_profile_scores(lost, bands, CHILD)} == {"r"}, (
         "the other side has its score, both have none"
     )
 
@@ -330,10 +333,10 @@ NAMES = (
 def test_the_files_of_a_result_have_the_convention_unless_said_otherwise() -> None:
     plain = Convention()
     for name in NAMES:
-        np.testing.assert_array_equal(plain.moment(name, STANCE, SUBJECT), STANCE)
-    assert plain.senses("ankle_angle_l_moment", "r")[0] == "dorsiflexion"
-    np.testing.assert_array_equal(plain.power(STANCE, SUBJECT), STANCE)
-    np.testing.assert_array_equal(plain.angle("pelvis_tilt", STANCE, "r"), STANCE)
+        np.testing.assert_array_equal(plain.convert_moment(name, STANCE, SUBJECT), STANCE)
+    assert plain.describe_senses("ankle_angle_l_moment", "r")[0] == "dorsiflexion"
+    np.testing.assert_array_equal(plain.convert_power(STANCE, SUBJECT), STANCE)
+    np.testing.assert_array_equal(plain.convert_angle("pelvis_tilt", STANCE, "r"), STANCE)
 
 
 def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_act() -> None:
@@ -342,9 +345,9 @@ def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_
         "ankle_angle_r": "plantarflexion", "knee_angle_l": "extension", "hip_adduction_r": "abduction",
         "lumbar_extension": "extension",
     }  # fmt: skip
-    assert {name: clinical.senses(f"{name}_moment", "r")[0] for name in senses} == senses
-    assert clinical.moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
-    assert clinical.moment("lumbar_extension", STANCE, SUBJECT) == -120.0, (
+    assert {name: clinical.describe_senses(f"{name}_moment", "r")[0] for name in senses} == senses
+    assert clinical.convert_moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
+    assert clinical.convert_moment("lumbar_extension", STANCE, SUBJECT) == -120.0, (
         "extension is positive already"
     )
 
@@ -357,9 +360,10 @@ def test_an_external_moment_is_the_opposite_of_the_internal_one(signs: Signs) ->
     internal, external = (Convention(signs=signs, acting=acting) for acting in Acting)
     for name in NAMES:
         same = np.array_equal(
-            external.moment(name, STANCE, SUBJECT), internal.moment(name, STANCE, SUBJECT)
+            external.convert_moment(name, STANCE, SUBJECT),
+            internal.convert_moment(name, STANCE, SUBJECT),
         )
-        one, other = (c.senses(f"{name}_moment", "r") for c in (internal, external))
+        one, other = (c.describe_senses(f"{name}_moment", "r") for c in (internal, external))
         assert (same, other) == ((True, one[::-1]) if signs is Signs.CLINICAL else (False, one))
 
 
@@ -375,7 +379,7 @@ def test_titles_are_named_by_what_is_positive() -> None:
         (clinical, "hip_rotation_moment", "Hip external rotation moment"),
         (clinical, "hip_power", "Hip power"),
     ):
-        assert convention.title(variable) == title
+        assert convention.make_title(variable) == title
 
 
 @pytest.mark.parametrize("variable", [*COORDINATE_TABLE, *GROUND_FORCES])
@@ -384,7 +388,7 @@ def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
     it turns over.
     """
     clinical = Convention(signs=Signs.CLINICAL)
-    right, left = (clinical.values(variable, np.ones(1), side, SUBJECT) for side in "rl")
+    right, left = (clinical.convert_values(variable, np.ones(1), side, SUBJECT) for side in "rl")
     middle = (
         COORDINATE_TABLE[variable].group in ("pelvis", "trunk")
         if variable in COORDINATE_TABLE
@@ -394,18 +398,18 @@ def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
         middle and variable.endswith("rotation")
     )
     assert (right == (-left if mirrors else left)).all()
-    assert clinical.senses(variable, "r") == clinical.senses(variable, "l")
+    assert clinical.describe_senses(variable, "r") == clinical.describe_senses(variable, "l")
 
 
 def test_units_are_per_mass_or_per_weight_times_height() -> None:
     per_kg, bwh = (Convention(unit=unit) for unit in (MomentUnit.NM_PER_KG, MomentUnit.PERCENT_BWH))
-    assert per_kg.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
-    assert bwh.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(
+    assert per_kg.convert_moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
+    assert bwh.convert_moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(
         -100 * 120.0 / (80.0 * 9.81 * 1.75)
     )
     for convention in (per_kg, bwh):
         assert (
-            convention.power(STANCE, SUBJECT) == pytest.approx(-1.5)
+            convention.convert_power(STANCE, SUBJECT) == pytest.approx(-1.5)
             and convention.keys["power_unit"] == "W/kg"
         )
 
@@ -414,24 +418,24 @@ def test_pelvis_angles_are_told_of_the_side_of_the_stride() -> None:
     """As Plug-in Gait has them; joint angles stay."""
     clinical, lean = Convention(signs=Signs.CLINICAL), np.array([5.0])
     for name, right, left in (("tilt", -1, -1), ("list", -1, 1), ("rotation", 1, -1)):
-        assert clinical.angle(f"pelvis_{name}", lean, "r") == 5.0 * right
-        assert clinical.angle(f"pelvis_{name}", lean, "l") == 5.0 * left
-    check_text(clinical.senses("pelvis_list", "l")[0])
-    check_text(Convention().senses("pelvis_list", "l")[0])
+        assert clinical.convert_angle(f"pelvis_{name}", lean, "r") == 5.0 * right
+        assert clinical.convert_angle(f"pelvis_{name}", lean, "l") == 5.0 * left
+    check_text(clinical.describe_senses("pelvis_list", "l")[0])
+    check_text(Convention().describe_senses("pelvis_list", "l")[0])
     for name in ("hip_flexion", "ankle_angle", "subtalar_angle"):
-        assert clinical.angle(name, lean, "r") == 5.0
-        assert clinical.senses(name, "r")[0] == Convention().senses(name, "l")[0]
+        assert clinical.convert_angle(name, lean, "r") == 5.0
+        assert clinical.describe_senses(name, "r")[0] == Convention().describe_senses(name, "l")[0]
 
 
 def test_every_variable_says_what_is_positive_and_every_convention_says_itself() -> None:
     for signs, acting, frame, unit in itertools.product(Signs, Acting, MomentFrame, MomentUnit):
         convention = Convention(signs=signs, acting=acting, frame=frame, unit=unit)
-        assert all(convention.senses(f"{name}_moment", "r")[0] for name in NAMES)
+        assert all(convention.describe_senses(f"{name}_moment", "r")[0] for name in NAMES)
         text = "\n".join(convention.lines)
         assert (
-            acting.words in text
+            acting.label in text
             and frame.label in text
-            and unit.words in text
+            and unit.label in text
             and unit.power in text
         )
         assert list(convention.keys.values())[:4] == [signs.value, acting.key, frame.key, unit.key]

@@ -13,7 +13,7 @@ import pytest
 from gaitcal.analysis.trial_result import _check_crouches
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.events import GaitEvents, alternate, crouches, repetitions
+from gaitcal.gait.events import GaitEvents, find_crouches, find_repetitions, is_alternating
 from gaitcal.synthetic.walk import compute_ramp
 
 RATE = 100.0
@@ -62,10 +62,10 @@ RISING = [(0, SIT), (1, SIT), (2, STAND), (3, STAND), (4, SIT), (5, SIT)]
 def test_from_rest_to_rest(
     stops: list[tuple[float, float]], wanted: list[tuple[float, float]]
 ) -> None:
-    found = [(c.start, c.stop) for c in repetitions(*path(*stops))]
+    found = [(c.start, c.stop) for c in find_repetitions(*path(*stops))]
     assert len(found) == len(wanted)
     phases = {(1, 2): "rising", (1, 4): "rising lowering"}
-    for cycle, whole in zip(repetitions(*path(*stops)), wanted, strict=True):
+    for cycle, whole in zip(find_repetitions(*path(*stops)), wanted, strict=True):
         assert " ".join(name for name, _ in cycle.parts) == phases.get(whole, "lowering rising")
         assert cycle.parts[-1][1] == cycle.stop
     np.testing.assert_allclose(found, np.reshape(wanted, (-1, 2)) if wanted else [], atol=BOUNDS_S)
@@ -77,9 +77,9 @@ def test_squats_among_steps_are_where_no_foot_steps() -> None:
     right, left = (
         FootEvents(np.array(t), np.array(t) + 0.6) for t in ([0.5, 1.6, 6.0], [1.0, 2.1, 6.5])
     )
-    assert crouches(time, height, (right, left)) == [(pytest.approx(2.7), pytest.approx(6.0))]
-    assert crouches(*path((0, STAND), (3, STAND), (4, SQUAT), (9, SQUAT)), (right, left)) == []
-    assert crouches(time, STAND - 0.04 * (1.0 - np.cos(12.0 * time)), (right, left)) == []
+    assert find_crouches(time, height, (right, left)) == [(pytest.approx(2.7), pytest.approx(6.0))]
+    assert find_crouches(*path((0, STAND), (3, STAND), (4, SQUAT), (9, SQUAT)), (right, left)) == []
+    assert find_crouches(time, STAND - 0.04 * (1.0 - np.cos(12.0 * time)), (right, left)) == []
 
 
 @pytest.mark.parametrize("hz", [1.0, 2.5])
@@ -87,7 +87,7 @@ def test_who_goes_on_at_once_has_as_many(hz: float) -> None:
     """However fast: at the top there may be no frame that is slow enough for a rest."""
     time = np.arange(0.0, 8.0, 1.0 / 50.0)
     turns = 2.0 * np.pi * np.clip(hz * (time - 1.013), 0.0, 5.0)
-    assert len(repetitions(time, STAND - 0.03 * (1.0 - np.cos(turns)))) == 5
+    assert len(find_repetitions(time, STAND - 0.03 * (1.0 - np.cos(turns)))) == 5
 
 
 def test_the_top_of_a_jump_is_no_rest() -> None:
@@ -103,7 +103,7 @@ def test_the_top_of_a_jump_is_no_rest() -> None:
         FootEvents(np.array([0.9, 2.1]), np.array([1.61])),
         FootEvents(np.array([2.12]), np.array([1.62])),
     )
-    (found,) = repetitions(time, height, feet)
+    (found,) = find_repetitions(time, height, feet)
     names, ends = zip(*found.parts, strict=True)
     assert names[1:5] == ("flight", "landing", "push-off", "flight")
     assert ends[3:5] == (1.62, 2.1), "the last foot off, the first one down"
@@ -117,11 +117,11 @@ def test_feet_that_strike_in_turn_make_strides() -> None:
         return FootEvents(np.array(times), np.array(offs))
 
     right = strikes(0.2, 1.2, 2.2)
-    assert alternate(right, strikes(0.7, 1.7))
-    assert alternate(right, strikes(0.45))  # a limp, and a single strike
-    assert not alternate(right, strikes(0.23, 1.23, 2.23))  # jumps
-    assert not alternate(right, strikes())  # hops
-    assert not alternate(
+    assert is_alternating(right, strikes(0.7, 1.7))
+    assert is_alternating(right, strikes(0.45))  # a limp, and a single strike
+    assert not is_alternating(right, strikes(0.23, 1.23, 2.23))  # jumps
+    assert not is_alternating(right, strikes())  # hops
+    assert not is_alternating(
         strikes(1.53, offs=(1.17,)), strikes(1.67, offs=(1.17,))
     )  # a jump, one of whose feet slides
 
@@ -138,7 +138,7 @@ def test_a_repetition_that_is_too_shallow_to_count_is_told(second: float) -> Non
         (6, STAND),
         (7, STAND),
     )
-    found = repetitions(time, height)
+    found = find_repetitions(time, height)
     body = SimpleNamespace(time=time, coordinates=("pelvis_ty",), q=height[:, None])
     told = _check_crouches("squat", body, GaitEvents(repeats=found))
     assert len(found) == 1
@@ -146,6 +146,6 @@ def test_a_repetition_that_is_too_shallow_to_count_is_told(second: float) -> Non
     assert all(f.found.startswith(f"{found[0].stop:.2f}-7.00 s") for f in told)
     cut = slice(150, 260)  # the lower part of the first squat
     late = SimpleNamespace(time=time[cut], coordinates=("pelvis_ty",), q=height[cut, None])
-    assert not repetitions(late.time, late.q[:, 0])
+    assert not find_repetitions(late.time, late.q[:, 0])
     assert len(_check_crouches("squat", late, GaitEvents(), activity=True)) == 1
     assert not _check_crouches("knee", late, GaitEvents())

@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from gaitcal.dynamics.foot_contact import FootPoints, estimate_belt_velocities
 from gaitcal.errors import Code
 from gaitcal.gait.cycles import EventSource, GaitEvent
-from gaitcal.gait.events import GaitEvents, joined_events
+from gaitcal.gait.events import GaitEvents, combine_events
 from gaitcal.gait.spatiotemporal import (
     LEAST_SD,
     MEASURES,
     Stride,
-    counting,
-    measure_means,
-    stride_findings,
-    strides_measured,
+    average_measures,
+    check_strides,
+    measure_strides,
+    select_straight_strides,
 )
-from gaitcal.gait.strides import strides_of
+from gaitcal.gait.strides import list_strides
 from gaitcal.io.labels import FootMoment
 from tests.gait.walks import hand_count, recorded_strides, vendor_figures
 from tests.messages import check_finding, numbers
@@ -72,7 +72,7 @@ def whole(strides: tuple[Stride, ...], side: str = "r") -> list[Stride]:
 
 def test_a_walk_measures_what_it_was_made_of() -> None:
     time, feet, events = steps(6)
-    found = strides_measured(events, time, feet)
+    found = measure_strides(events, time, feet)
     assert [s.number for s in whole(found)] == [1, 2] and [s.number for s in whole(found, "l")] == [
         1,
         2,
@@ -100,12 +100,12 @@ def test_nothing_depends_on_the_direction_in_the_room_nor_on_a_belt(
     same.
     """
     time, feet, events = steps(6, width=width)
-    plain = strides_measured(events, time, feet)
+    plain = measure_strides(events, time, feet)
     c, s = np.cos(turn), np.sin(turn)
     about = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     velocity = about @ np.array([-belt, 0.0, 0.0])
     carried = feet.heel @ about.T + (time - time[0])[:, None, None] * velocity
-    turned = strides_measured(
+    turned = measure_strides(
         events, time, replace(feet, heel=carried, ground=np.tile(velocity, (2, 1)))
     )
     for one, other in zip(plain, turned, strict=True):
@@ -124,7 +124,7 @@ def test_on_split_belts_strides_are_each_belts_and_steps_are_in_the_room() -> No
     time, feet, events = steps(8)
     fast, slow, heel = 1.2, 0.6, np.zeros_like(feet.heel)
     for foot, belt in enumerate((fast, slow)):
-        own = events.of("rl"[foot])
+        own = events.select_foot("rl"[foot])
         at = np.sort(np.concatenate([own.strikes, own.strikes + 0.66]))
         x = np.where(np.isin(at, own.strikes), 0.3, 0.3 - 0.66 * belt)
         heel[:, foot, 0], heel[:, foot, 1] = (
@@ -134,7 +134,7 @@ def test_on_split_belts_strides_are_each_belts_and_steps_are_in_the_room() -> No
     points = np.concatenate([heel, heel + [0.2, 0.0, 0.0]], axis=1)
     ground = estimate_belt_velocities(points, np.gradient(points, time, axis=0))
     np.testing.assert_allclose(ground, [[-fast, 0.0, 0.0], [-slow, 0.0, 0.0]], atol=1e-6)
-    found = strides_measured(events, time, replace(feet, heel=heel, ground=ground))
+    found = measure_strides(events, time, replace(feet, heel=heel, ground=ground))
     right, left = whole(found)[1].measures, whole(found, "l")[1].measures
     assert right["stride_length"] == pytest.approx(fast * 2 * STEP_S) and right[
         "speed"
@@ -165,7 +165,7 @@ def test_in_a_turn_lengths_follow_each_stride_and_the_outer_foot_steps_longer() 
             radius[foot] * np.sin(turned),
             radius[foot] * np.cos(turned),
         )
-    found = strides_measured(events, time, replace(feet, heel=heel))
+    found = measure_strides(events, time, replace(feet, heel=heel))
     right, left = whole(found)[0].measures, whole(found, "l")[0].measures
     assert right["stride_length"] == pytest.approx(2 * 2.05 * np.sin(angle))
     assert left["stride_length"] == pytest.approx(2 * 1.95 * np.sin(angle))
@@ -178,7 +178,7 @@ def test_in_a_turn_lengths_follow_each_stride_and_the_outer_foot_steps_longer() 
 
 def test_strides_that_the_recording_cuts_count_for_what_they_show() -> None:
     time, feet, events = steps(4)  # strikes of the right foot: 1st and 3rd step
-    found = strides_measured(events, time, feet)
+    found = measure_strides(events, time, feet)
     parts = [s for s in found if s.number is None]
     assert [(s.side, s.start is None, s.stop is None) for s in parts] == [
         ("r", False, True), ("l", True, False), ("l", False, True),
@@ -203,12 +203,12 @@ def test_a_gap_between_strikes_that_is_no_stride_is_none() -> None:
             for e in kept.events
         )
     )
-    assert not whole(strides_measured(late, np.arange(0.0, 9.0, 0.01), None))
+    assert not whole(measure_strides(late, np.arange(0.0, 9.0, 0.01), None))
 
 
 def test_running_has_no_double_support() -> None:
     time, feet, events = steps(6, length=1.2, stance=0.25, step=0.35)
-    first, second = (s.measures for s in whole(strides_measured(events, time, feet)))
+    first, second = (s.measures for s in whole(measure_strides(events, time, feet)))
     assert second["double_support"] == 0.0 and second["single_support"] == pytest.approx(0.25)
     assert second["speed"] == pytest.approx(1.2 / 0.35)
     assert not any("double" in name for name in first), (
@@ -226,12 +226,12 @@ def without(events: GaitEvents, side: str, moment: FootMoment, *which: int) -> G
 def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
     time, feet, events = steps(10)
     one, all_of_them = (
-        strides_measured(without(events, "l", FootMoment.OFF, *which), time, feet)
+        measure_strides(without(events, "l", FootMoment.OFF, *which), time, feet)
         for which in ((1,), ())
     )
     for stride in (*one, *all_of_them):
         assert all(v > 0.05 for n, v in stride.measures.items() if n.endswith("support")), stride
-    plain = strides_measured(events, time, feet)
+    plain = measure_strides(events, time, feet)
     assert len(whole(one, "l")) == len(whole(plain, "l"))
     known = [s for s in whole(one) if "double_support" in s.measures]
     assert 0 < len(known) < len(whole(plain))
@@ -239,7 +239,7 @@ def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
     cut = GaitEvents(
         tuple(e for e in without(events, "r", FootMoment.OFF, 0).events if e.time > 0.5)
     )
-    left = whole(strides_measured(cut, time, feet), "l")[0].measures
+    left = whole(measure_strides(cut, time, feet), "l")[0].measures
     assert "first_double_support" not in left and left["second_double_support"] == pytest.approx(
         0.11
     )
@@ -252,13 +252,13 @@ def test_a_missing_strike_makes_no_stride_of_double_length(with_off: bool) -> No
     told = without(events, "l", FootMoment.STRIKE, 2)
     told = without(told, "l", FootMoment.OFF, 2) if with_off else told
     for side in "rl":
-        strides = strides_measured(told, time, feet)
+        strides = measure_strides(told, time, feet)
         assert [s.number for s in whole(strides, side)] == [1, 2, 3, 4][: 4 if side == "r" else 2]
         for stride in strides:
             assert stride.measures.get("stride_length", 1.2) == pytest.approx(1.2)
             assert stride.measures.get("stance", STANCE_S) == pytest.approx(STANCE_S)
             assert stride.measures.get("swing", 0.44) == pytest.approx(0.44)
-        cycles = strides_of(told)[side]
+        cycles = list_strides(told)[side]
         assert [(c.start, c.stop) for c in cycles] == [
             (s.start, s.stop) for s in whole(strides, side)
         ]
@@ -266,16 +266,16 @@ def test_a_missing_strike_makes_no_stride_of_double_length(with_off: bool) -> No
 
 def test_events_that_do_not_take_turns_are_told() -> None:
     *_, events = steps(8)
-    assert not joined_events(np.arange(0.0, 5.4, 0.01), events.events, [], []).findings
+    assert not combine_events(np.arange(0.0, 5.4, 0.01), events.events, [], []).findings
     told = without(events, "l", FootMoment.OFF, 1).events
-    (found,) = joined_events(np.arange(0.0, 5.4, 0.01), told, [], []).findings
+    (found,) = combine_events(np.arange(0.0, 5.4, 0.01), told, [], []).findings
     check_finding(found, Code.MISSING_EVENTS, 1.85, 2.95)
 
 
 def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
     time, feet, events = steps(6)
     lost = np.abs(time - (0.2 + 2 * STEP_S)) < 0.05  # about the right foot's second strike
-    found = strides_measured(events, time, feet, {"foot_r": lost})
+    found = measure_strides(events, time, feet, {"foot_r": lost})
     first, second = whole(found)
     for stride in (first, second):
         assert (
@@ -283,21 +283,21 @@ def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
         )
     assert "step_length" not in first.measures
     assert "stride_length" in whole(found, "l")[0].measures
-    assert "stride_length" not in whole(strides_measured(events, time, None))[0].measures
+    assert "stride_length" not in whole(measure_strides(events, time, None))[0].measures
 
 
 def test_feet_that_swing_and_get_no_further_have_no_lengths_and_are_told() -> None:
     time, feet, events = steps(6)
     still = replace(feet, heel=feet.heel * [0.02, 1.0, 1.0])
-    strides = strides_measured(events, time, still)
+    strides = measure_strides(events, time, still)
     assert not any(
         {"speed", "stride_length", "step_length", "step_width"} & set(s.measures) for s in strides
     )
     assert all(s.on_the_spot and s.measures["stance"] > 0 for s in whole(strides))
-    (found,) = stride_findings("walk", strides)
+    (found,) = check_strides("walk", strides)
     check_finding(found, Code.ON_THE_SPOT)
     assert numbers(found.found)[:4] == [1, 2, 1, 2]
-    assert not stride_findings("walk", strides_measured(events, time, feet))
+    assert not check_strides("walk", measure_strides(events, time, feet))
 
 
 def test_strides_that_turn_are_in_no_mean_and_are_named() -> None:
@@ -305,25 +305,29 @@ def test_strides_that_turn_are_in_no_mean_and_are_named() -> None:
     faced = np.radians(np.interp(time, [2.4, 3.5], [0.0, 50.0])) + 0.1 * np.sin(
         2 * np.pi * time / 1.1
     )
-    strides = strides_measured(events, time, feet, None, faced)
+    strides = measure_strides(events, time, feet, None, faced)
     assert [round(s.turn or 0.0) for s in whole(strides)] == [0, 0, 50]
-    kept = counting(strides)
+    kept = select_straight_strides(strides)
     assert [s.number for s in whole(kept)] == [1, 2] and [s.number for s in whole(kept, "l")] == [1]
-    (found,) = stride_findings("walk", strides)
+    (found,) = check_strides("walk", strides)
     check_finding(found, Code.TURNING_STRIDES, 3, 2, 50)
-    width = next(m for m in measure_means({"walk": counting(strides)}) if m.name == "step_width")
+    width = next(
+        m
+        for m in average_measures({"walk": select_straight_strides(strides)})
+        if m.name == "step_width"
+    )
     assert width.symmetry is None and width.right is not None and width.left is not None
 
 
 def test_what_needs_a_refused_leg_counts_for_nothing() -> None:
     time, feet, events = steps(6)
-    strides = counting(strides_measured(events, time, feet), ("l",))
+    strides = select_straight_strides(measure_strides(events, time, feet), ("l",))
     assert not any(s.measures for s in strides if s.side == "l")
     left = {name for s in strides for name in s.measures}
     assert {"stance", "cadence", "stride_length"} <= left and not any(
         "step" in n or "support" in n for n in left
     )
-    assert not any(s.measures for s in counting(strides, ("r", "l")))
+    assert not any(s.measures for s in select_straight_strides(strides, ("r", "l")))
 
 
 def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:
@@ -333,7 +337,7 @@ def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:
         )
 
     trials = {"a": [stride("r", 0.6), stride("r", 0.7), stride("l", 0.5)], "b": [stride("r", 0.8)]}
-    (found,) = measure_means(trials)
+    (found,) = average_measures(trials)
     assert (found.right.n, found.right.trials, found.left.n) == (3, 2, 1) and found.unit == "m"
     assert (
         found.right.mean == pytest.approx(0.7)

@@ -19,19 +19,19 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.gait.cycles import GaitCycle
-from gaitcal.gait.moments import MomentNumbers, moment_numbers
-from gaitcal.gait.spatiotemporal import Stride, stride_lines
+from gaitcal.gait.moments import MomentSummary, summarise_moments
+from gaitcal.gait.spatiotemporal import Stride, assign_stride_lines
 from gaitcal.gait.strides import (
     AXES,
     TURNING,
     FootAxes,
     Layout,
-    along_line,
-    facing,
-    foot_axes,
-    out_of_plane,
-    turn_between,
-    turns,
+    compute_facing,
+    compute_foot_axes,
+    express_along_line,
+    is_turning,
+    measure_out_of_plane,
+    measure_turn,
 )
 from gaitcal.io.labels import FootMoment
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
@@ -65,13 +65,19 @@ def test_each_leg_has_its_own_main_and_complete_strides() -> None:
     """
     legs = np.stack([TIME > 1.995, np.zeros_like(TIME, dtype=bool)], axis=1)
     drawn = replace(layout(), valid_legs=legs)
-    assert drawn.main("r") == CYCLES["r"][2] == drawn.main("") and drawn.main("l") == CYCLES["l"][0]
-    assert (drawn.complete("r"), drawn.complete("l")) == (1, 0)
-    assert layout().complete("r") == 1
-    assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
+    assert (
+        drawn.select_main_cycle("r") == CYCLES["r"][2] == drawn.select_main_cycle("")
+        and drawn.select_main_cycle("l") == CYCLES["l"][0]
+    )
+    assert (drawn.count_complete("r"), drawn.count_complete("l")) == (1, 0)
+    assert layout().count_complete("r") == 1
+    assert (
+        layout().select_drawn_frames("r").sum() == 101
+        and layout(by_cycle=False).select_drawn_frames("r").all()
+    )
 
 
-def numbers(by_cycle: bool) -> MomentNumbers:
+def numbers(by_cycle: bool) -> MomentSummary:
     """Of the right knee: 80 sin(2 pi t) N·m with the final model, 8 N·m less with the nominal one."""
     tau, none = np.zeros((len(TIME), len(COORDINATES))), np.zeros((len(TIME), 2))
     tau[:, KNEE] = MASS * np.sin(2 * np.pi * TIME)
@@ -85,7 +91,7 @@ def numbers(by_cycle: bool) -> MomentNumbers:
         for moments in (tau, before)
     )  # fmt: skip
     errors = TorqueErrors(np.full_like(tau, 4.0), none)
-    of_all = moment_numbers(model, layout(by_cycle), final, nominal, errors)
+    of_all = summarise_moments(model, layout(by_cycle), final, nominal, errors)
     return next(n for n in of_all if n.name == "knee_angle_r")
 
 
@@ -119,10 +125,12 @@ def turned(angles: np.ndarray, by: np.ndarray | float) -> np.ndarray:
 @given(st.floats(-np.pi, np.pi))
 def test_angles_along_the_line_know_no_direction_of_the_room(by: float) -> None:
     inside = np.ones(len(WALK_TIME), dtype=bool)
-    np.testing.assert_allclose(along_line(turned(ANGLES, by), by, inside), ANGLES, atol=EXACT)
+    np.testing.assert_allclose(
+        express_along_line(turned(ANGLES, by), by, inside), ANGLES, atol=EXACT
+    )
     # walking backwards: the feet go the other way, the pelvis is the same
     np.testing.assert_allclose(
-        along_line(turned(ANGLES, by), by + np.pi, inside), ANGLES, atol=EXACT
+        express_along_line(turned(ANGLES, by), by + np.pi, inside), ANGLES, atol=EXACT
     )
 
 
@@ -136,13 +144,13 @@ def test_a_line_across_the_room_makes_a_tilt_a_list() -> None:
 
 
 def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
-    straight = facing(ANGLES)
-    assert turn_between(WALK_TIME, straight, 0.3, 1.3) == pytest.approx(0.0, abs=0.01)
+    straight = compute_facing(ANGLES)
+    assert measure_turn(WALK_TIME, straight, 0.3, 1.3) == pytest.approx(0.0, abs=0.01)
     for sign in (-1.0, 1.0):
-        faced = facing(turned(ANGLES, sign * np.radians(200.0) * WALK_TIME))
-        assert turn_between(WALK_TIME, faced, 0.3, 1.3) == pytest.approx(sign * 200.0, abs=0.5)
-        assert turns(turn_between(WALK_TIME, faced, 0.3, 1.3))
-    assert not turns(None) and not turns(TURNING) and turns(-TURNING - 0.1)
+        faced = compute_facing(turned(ANGLES, sign * np.radians(200.0) * WALK_TIME))
+        assert measure_turn(WALK_TIME, faced, 0.3, 1.3) == pytest.approx(sign * 200.0, abs=0.5)
+        assert is_turning(measure_turn(WALK_TIME, faced, 0.3, 1.3))
+    assert not is_turning(None) and not is_turning(TURNING) and is_turning(-TURNING - 0.1)
 
 
 def test_progression_follows_coordinates_as_finite_differences_do() -> None:
@@ -155,8 +163,8 @@ def test_progression_follows_coordinates_as_finite_differences_do() -> None:
 
     def progression(at: Array) -> tuple[Array, Array]:
         motion = cast(Motion, SimpleNamespace(q=at, coordinates=COORDINATES))
-        axes, moved = foot_axes(motion, model.parameters, lines)
-        return out_of_plane(axes, lines)[0], moved
+        axes, moved = compute_foot_axes(motion, model.parameters, lines)
+        return measure_out_of_plane(axes, lines)[0], moved
 
     _, moved = progression(q)
     for k, name in enumerate(COORDINATES):
@@ -183,7 +191,7 @@ def test_toes_in_is_positive_on_both_sides_whatever_the_direction() -> None:
         for along in (line, line + np.pi):
             for side in "rl":
                 np.testing.assert_allclose(
-                    np.degrees(feet.progression(side, along)), 10.0, atol=1e-9
+                    np.degrees(feet.compute_progression(side, along)), 10.0, atol=1e-9
                 )
 
 
@@ -193,7 +201,7 @@ def test_a_raised_heel_does_not_blow_progression_up_nor_its_error() -> None:
     """
     heading = np.arcsin(np.sin(np.radians(5.0)) / np.cos(np.radians(60.0)))
     u = axis_to(heading, -np.radians(60.0))
-    off, about = out_of_plane(u, 0.0)
+    off, about = measure_out_of_plane(u, 0.0)
     assert np.degrees(heading) > 10.0 and np.degrees(off) == pytest.approx(5.0)
     assert np.linalg.norm(about) == pytest.approx(1.0) and abs(about @ u) < EXACT
 
@@ -206,7 +214,7 @@ def test_axes_of_the_foot_err_about_what_moves_progression() -> None:
     turned = {"foot_r": np.radians([[[0.0, 3.0, 0.0]]]), "foot_l": np.radians([[[3.0, 0.0, 0.0]]])}
     feet = _estimate_foot_axes(flat, lines, (np.full((1, 2), np.radians(4.0) ** 2),) * 2, turned)
     np.testing.assert_allclose(np.degrees(feet.error), [[5.0, 4.0]])
-    np.testing.assert_allclose(np.degrees(feet.own), 4.0)
+    np.testing.assert_allclose(np.degrees(feet.marker_error), 4.0)
 
 
 def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
@@ -214,7 +222,9 @@ def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
     forth, back = axis_to(np.radians(10.0)), axis_to(np.pi + np.radians(10.0))
     feet = FootAxes(np.stack([[forth, forth]] * 3 + [[back, back]] * 2))
     returning = np.arange(5) >= 3
-    np.testing.assert_allclose(np.degrees(feet.progression("r", np.pi, returning))[returning], 10.0)
+    np.testing.assert_allclose(
+        np.degrees(feet.compute_progression("r", np.pi, returning))[returning], 10.0
+    )
 
 
 def test_each_frame_of_a_foot_has_the_line_of_its_stride() -> None:
@@ -223,9 +233,9 @@ def test_each_frame_of_a_foot_has_the_line_of_its_stride() -> None:
         Stride(side="r", number=n, start=n, stop=n + 1.0, sources=(), measures={}, line=0.5 * n)
         for n in (0, 1)
     ]
-    lines = stride_lines(strides, np.array([-1.0, 0.9, 1.1, 5.0]))
+    lines = assign_stride_lines(strides, np.array([-1.0, 0.9, 1.1, 5.0]))
     np.testing.assert_array_equal(lines, np.array([[0.0, 0.0, 0.5, 0.5]] * 2).T)
-    assert not stride_lines([], WALK_TIME).any()
+    assert not assign_stride_lines([], WALK_TIME).any()
 
 
 FROM_VENDOR_DEG = 4.0
@@ -241,11 +251,11 @@ def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data
     trial = next(t for t in study.trials if t.name == "straight")
     prepared = prepare_trial(trial, model, study.settings)
     motion = track_motion(prepared.body, model.parameters)
-    feet = FootAxes(foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
+    feet = FootAxes(compute_foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
     points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
     for side in "rl":
         ours, theirs = (
-            np.degrees(feet.progression(side, 0.0)),
+            np.degrees(feet.compute_progression(side, 0.0)),
             points[f"{side.upper()}FootProgressAngles"][:, 2],
         )
         strikes = [

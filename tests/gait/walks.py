@@ -14,8 +14,8 @@ from gaitcal.dynamics.ground_reactions import (
     find_unobserved_frames,
     ground_reactions,
 )
-from gaitcal.gait.events import trial_events
-from gaitcal.gait.spatiotemporal import Stride, strides_measured
+from gaitcal.gait.events import find_trial_events
+from gaitcal.gait.spatiotemporal import Stride, measure_strides
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.tracking.motion import track_motion
@@ -37,11 +37,9 @@ def recorded_strides(data: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
                 prepared = prepare_trial(trial, model, study.settings)
                 motion = track_motion(prepared.body, model.parameters)
                 reactions = ground_reactions(model, motion, prepared.recording)
-                events = trial_events(model, motion, reactions, prepared.recording)
+                events = find_trial_events(model, motion, reactions, prepared.recording)
                 feet = compute_foot_points(model, motion, model.parameters)
-                strides = strides_measured(
-                    events, motion.time, feet, find_unobserved_frames(motion)
-                )
+                strides = measure_strides(events, motion.time, feet, find_unobserved_frames(motion))
                 out[f"{person}/{trial.name}"] = strides, data / folder / f"{trial.name}.c3d"
     return out
 

@@ -17,9 +17,15 @@ from scipy.spatial.transform import Rotation
 from gaitcal.analysis.result import Calibration
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.errors import Code
-from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, typed, unit_of
+from gaitcal.gait.cycles import (
+    CYCLE_COLUMNS,
+    GROUND_REACTION,
+    POINTS,
+    get_unit,
+    validate_stride_table,
+)
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
-from gaitcal.gait.strides import AXES, strides_of
+from gaitcal.gait.strides import AXES, list_strides
 from gaitcal.io.opensim_files import read_table
 from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES
@@ -61,7 +67,7 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
     table = build_cycle_table(whole.model, whole.trials)
     assert tuple(table.columns) == CYCLE_COLUMNS
     trial = whole.trial("walk")
-    strides = strides_of(trial.events)
+    strides = list_strides(trial.events)
     for side, found in strides.items():
         own = table[(table["trial"] == "walk") & (table["side"] == side)]
         assert sorted(own["stride"].unique()) == list(range(1, len(found) + 1))
@@ -82,7 +88,7 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     """The left leg is not valid in the middle of its stride; the right leg knows nothing of that."""
     trial = whole.trial("walk")
     reactions = trial.loads.reactions
-    stride = {side: cycles[0] for side, cycles in strides_of(trial.events).items()}
+    stride = {side: cycles[0] for side, cycles in list_strides(trial.events).items()}
     time, left = trial.body.time, np.ones(len(trial.body.time), dtype=bool)
     middle = 0.5 * (stride["l"].start + stride["l"].stop)
     left[np.abs(time - middle) < 0.05] = False
@@ -224,7 +230,7 @@ def test_an_angle_counts_only_where_markers_show_its_segments(whole: Calibration
     there, not its hip.
     """
     trial = whole.trial("walk")
-    stride, errors = strides_of(trial.events)["l"][0], trial.body.errors
+    stride, errors = list_strides(trial.events)["l"][0], trial.body.errors
     middle = np.abs(trial.body.time - 0.5 * (stride.start + stride.stop)) < 0.05
     distance, shank = errors.distance.copy(), np.array(errors.segments) == "shank_l"
     distance[np.ix_(middle, shank)] = np.nan
@@ -355,7 +361,7 @@ def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(
 
 
 def in_other_units(table: pd.DataFrame) -> pd.DataFrame:
-    told = table["variable"].map(unit_of).replace("N m", "N m/kg")
+    told = table["variable"].map(get_unit).replace("N m", "N m/kg")
     return table.assign(unit=told, positive="flexion")
 
 
@@ -395,7 +401,7 @@ def test_what_is_no_table_of_strides_is_one_clear_line(folder: Path) -> None:
 def test_rows_that_were_cut_at_a_sign_in_a_name_are_refused(whole: Calibration) -> None:
     cut = cycles(whole).assign(percent=np.nan, value=np.nan, valid=np.nan)
     with refuses(Code.STRIDE_TABLE, field="percent"):
-        typed(cut)
+        validate_stride_table(cut)
 
 
 WRITTEN_DEG = 1e-4

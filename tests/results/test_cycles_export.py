@@ -58,7 +58,7 @@ def kept_strides(kept: Path) -> Path:
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("gaitcal.analysis.trial_result.trial_events", strides)
+            patch.setattr("gaitcal.analysis.trial_result.find_trial_events", strides)
             done = run(
                 "calibrate",
                 write_synthetic_study(folder / "study"),
@@ -202,7 +202,7 @@ def test_powers_of_a_result_are_torques_times_velocities(made: Path) -> None:
 def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     """Told where the model has changed since."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.analysis.trial_result.trial_events", strides)
+        patch.setattr("gaitcal.analysis.trial_result.find_trial_events", strides)
         study = result.parent / "study"
         done = run(
             "dynamics", result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q"
@@ -312,7 +312,7 @@ def test_scores_stand_on_paper_as_in_a_second_computation(
         ]
         away = (
             rows["value"].to_numpy().reshape(-1, 101)[:, ::2]
-            - bands[name].for_person(model.subject)[0][::2]
+            - bands[name].scale_to_person(model.subject)[0][::2]
         )
         squares.append(np.mean(np.sqrt(np.mean(away**2, axis=1))) ** 2)
     shown = {(s.side, s.variable): s for s in content.profile}

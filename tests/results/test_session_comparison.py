@@ -9,7 +9,7 @@ from scipy.stats import t as student
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import factor_prior, make_study_prior, select_prior
 from gaitcal.errors import Code
-from gaitcal.export.opensim.model_comparison import ComparisonRow, osim_words
+from gaitcal.export.opensim.model_comparison import ComparisonRow, describe_osim_differences
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.results.session_comparison import compare_curve_figures, compare_sessions
 from gaitcal.results.session_difference import (
@@ -228,7 +228,7 @@ def test_hips_are_told_before_the_rows() -> None:
     rows = [row("hip_r centre in pelvis, ant", -41.0), row("hip_l centre in pelvis, ant", -43.0)]
     rows += [row("hip_r centre in pelvis, lat", 6.0), row("hip_l centre in pelvis, lat", -8.0)]
     rows += [row("total mass", 3.0, "kg"), row("knee_r axis in thigh_r, front", 1.0, "deg")]
-    words = osim_words(rows)
+    words = describe_osim_differences(rows)
     check_text(words[0], 42, 41, 43)
     check_text(words, 7, 6, 8)
     check_text(words, 3.0)
@@ -236,7 +236,9 @@ def test_hips_are_told_before_the_rows() -> None:
 
 
 def test_nothing_to_tell_is_said() -> None:
-    (words,) = osim_words([row("hip_r centre in pelvis, ant", 1.0), row("total mass", 0.1, "kg")])
+    (words,) = describe_osim_differences(
+        [row("hip_r centre in pelvis, ant", 1.0), row("total mass", 0.1, "kg")]
+    )
     check_text(words, 5)
 
 

@@ -14,7 +14,7 @@ from gaitcal.analysis.result import Calibration
 from gaitcal.cli.calibrate_command import _format_residuals
 from gaitcal.errors import Severity
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
-from gaitcal.gait.events import joined_events
+from gaitcal.gait.events import combine_events
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.coordinates import LEG_COORDINATES
@@ -253,7 +253,7 @@ def test_events_are_told_with_side_time_and_source(whole: Calibration) -> None:
 def test_what_is_wrong_with_a_files_events_is_said_of_its_trial(whole: Calibration) -> None:
     walk = whole.trial("walk")
     late = [FootEvent(e.moment, e.side, e.time + 0.3) for e in walk.events.events]
-    wrong = replace(walk, events=joined_events(walk.body.time, late, walk.events.events, ()))
+    wrong = replace(walk, events=combine_events(walk.body.time, late, walk.events.events, ()))
     said = [f for f in wrong.findings if f.topic == "events"]
     assert [(f.where, f.severity) for f in said] == [
         ("walk", Severity.WARNING)

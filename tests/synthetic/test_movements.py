@@ -11,8 +11,8 @@ import pytest
 
 from gaitcal.dynamics.ground_reactions import ground_reactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual, inverse_dynamics
-from gaitcal.gait.events import activity_events, trial_events
-from gaitcal.gait.strides import strides_of
+from gaitcal.gait.events import find_activity_events, find_trial_events
+from gaitcal.gait.strides import list_strides
 from gaitcal.intake.trial_movement import MovementKind, classify_movement, detect_standing
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
@@ -128,8 +128,8 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     ]
     assert np.sqrt(np.mean(np.concatenate(wrong) ** 2)) < TORQUE_NM.get(activity, 1.0)
 
-    events = activity_events(tracked, trial_events(model, tracked, reactions, recording))
-    cycles = strides_of(events)
+    events = find_activity_events(tracked, find_trial_events(model, tracked, reactions, recording))
+    cycles = list_strides(events)
     if activity in REPEATS:
         assert [len(cycles[side]) for side in SIDES] == [
             REPEATS[activity]

@@ -5,7 +5,7 @@ source.
 import numpy as np
 import pytest
 
-from gaitcal.gait.normal_bands import SPEEDS, bands_file, read_normal_bands
+from gaitcal.gait.normal_bands import SPEEDS, find_bands_file, read_normal_bands
 from scripts.tools import walking_person as walking
 
 SHARE = 0.75
@@ -31,7 +31,7 @@ def walk() -> walking.Walk:
 
 @pytest.mark.parametrize("speed", [speed.name for speed in SPEEDS])
 def test_every_table_says_source_licence_and_signs_and_spans_the_stride(speed: str) -> None:
-    text = bands_file(speed).read_text(encoding="utf-8")
+    text = find_bands_file(speed).read_text(encoding="utf-8")
     said = (
         "# source: children 4 to 17 years, ",
         "n = 83 (Schwartz",

@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study, calibrate, parameter_table
-from gaitcal.export.opensim.peer_model import Axis, displacement_axis
+from gaitcal.export.opensim.peer_model import Axis, find_displacement_axis
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import COORDINATES, NEEDED_JOINTS
 from gaitcal.model.nominal import published_model
@@ -48,9 +48,9 @@ def test_a_displacement_turns_about_the_line_that_it_was_turned_about() -> None:
         point, turn = rng.normal(size=3), pin.exp3(rng.uniform(0.05, 2.5) * n)
         before = pin.SE3(Rotation.random(random_state=1).as_matrix(), rng.normal(size=3))
         slid = pin.SE3(turn, point - turn @ point + rng.normal() * n)
-        found = displacement_axis(before, slid * before)
+        found = find_displacement_axis(before, slid * before)
         np.testing.assert_allclose(found.direction, n, atol=ROUNDING)
-        assert found.distance(point) < ROUNDING
+        assert found.measure_distance(point) < ROUNDING
 
 
 def _moving(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -77,7 +77,7 @@ def test_sara_finds_a_hinge() -> None:
         check.angle(proximal.direction, n) < 1e-6
         and check.angle(distal.direction, rest.T @ n) < 1e-6
     )  # deg
-    assert proximal.distance(c) < ROUNDING and distal.distance(d) < ROUNDING
+    assert proximal.measure_distance(c) < ROUNDING and distal.measure_distance(d) < ROUNDING
 
 
 def test_true_parameters_of_a_known_linkage() -> None:

@@ -43,9 +43,9 @@ class JointEnd:
 
     body: str
     centre: Array  # (3,) m, in the body, as it was
-    place: pin.SE3  # Of the joint's frame in the body
-    shift: Array  # (3,) m, in the body's axes: of the centre, of a hinge across its axis
-    turn: float  # rad, of a hinge's axis; of a ball joint's frame
+    frame: pin.SE3  # Of the joint's frame in the body
+    displacement: Array  # (3,) m, in the body's axes: of the centre, of a hinge across its axis
+    rotation: float  # rad, of a hinge's axis; of a ball joint's frame
     errors: tuple[float, float]
     """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of
     a hinge's axis: the root of the sum of squares in all directions, of the joint parameters and of
@@ -59,7 +59,7 @@ class JointEnd:
     @property
     def moved(self) -> float:
         """Length of the shift, m."""
-        return float(np.linalg.norm(self.shift))
+        return float(np.linalg.norm(self.displacement))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,14 +68,14 @@ class JointMove:
 
     joint: str  # Ours: `hip_r`, ...
     theirs: str  # Name in the model; empty where it has none
-    verdict: MoveOutcome
+    outcome: MoveOutcome
     # Standard error of its parameters over that before any trial, the larger of positions and
     # directions
-    known: float
+    error_ratio: float
     standing: Mapping[
         str, float
     ]  # Coordinate of theirs -> rad (m) as the person stands, before and after
-    rolls: tuple[float, float] = (0.0, 0.0)
+    rolling: tuple[float, float] = (0.0, 0.0)
     """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
     parent: JointEnd | None = None
     child: JointEnd | None = None
@@ -85,46 +85,50 @@ class JointMove:
 class Bone:
     """How a bone follows its two joints, in the axes of its body."""
 
-    was: Array  # (3,) m, the middle between its joints
-    now: Array
-    turn: Array  # (3, 3)
-    along: Array  # (3,) unit vector, from joint to joint as they were
+    middle_before: Array  # (3,) m, the middle between its joints
+    middle_after: Array
+    rotation: Array  # (3, 3)
+    direction: Array  # (3,) unit vector, from joint to joint as they were
     stretch: float
 
-    def point(self, x: Array) -> Array:
+    def map_point(self, x: Array) -> Array:
         """(3,) m: where a point (3,) of the bone goes."""
-        from_middle = x - self.was
-        long = self.along * float(self.along @ from_middle)
-        out: Array = self.now + self.turn @ (from_middle + (self.stretch - 1.0) * long)
+        from_middle = x - self.middle_before
+        long = self.direction * float(self.direction @ from_middle)
+        out: Array = self.middle_after + self.rotation @ (from_middle + (self.stretch - 1.0) * long)
         return out
 
-    def seen_from(self, frame: pin.SE3) -> "Bone":
+    def express_in(self, frame: pin.SE3) -> "Bone":
         """The same in the axes of a frame in the body."""
         turn = frame.rotation.T
-        was, now = frame.actInv(self.was), frame.actInv(self.now)
+        was, now = frame.actInv(self.middle_before), frame.actInv(self.middle_after)
         return replace(
-            self, was=was, now=now, turn=turn @ self.turn @ turn.T, along=turn @ self.along
+            self,
+            middle_before=was,
+            middle_after=now,
+            rotation=turn @ self.rotation @ turn.T,
+            direction=turn @ self.direction,
         )
 
     @property
     def rigid(self) -> pin.SE3:
         """The same without the stretch."""
-        return pin.SE3(self.turn, self.now - self.turn @ self.was)
+        return pin.SE3(self.rotation, self.middle_after - self.rotation @ self.middle_before)
 
 
-def bones_of(
+def find_moved_bones(
     moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[osim_correspondence.LegJoint]
 ) -> dict[str, Bone]:
     """Body -> how it follows; of those between two joints of ours of which one at least was moved."""
     ends: dict[str, list[tuple[Array, Array]]] = {}
     for move, leg in ((m, leg) for m in moves for leg in legs if leg.ours == m.joint):
         joint = leg.theirs
-        at_rest = (peer.joint_pose(joint, move.standing) * joint.in_child).translation
+        at_rest = (peer.compute_joint_pose(joint, move.standing) * joint.in_child).translation
         for body, centre, end in (
             (joint.parent, at_rest, move.parent),
             (joint.child, joint.in_child.translation, move.child),
         ):
-            found = (centre, centre) if end is None else (end.centre, end.centre + end.shift)
+            found = (centre, centre) if end is None else (end.centre, end.centre + end.displacement)
             ends.setdefault(body, []).append(found)
     out = {}
     for body, pair in ends.items():
@@ -136,10 +140,10 @@ def bones_of(
         if length < SHORTEST:
             continue
         out[body] = Bone(
-            was=0.5 * (a + b),
-            now=0.5 * (a_now + b_now),
-            turn=pin.Quaternion.FromTwoVectors(before, after).toRotationMatrix(),
-            along=before / length,
+            middle_before=0.5 * (a + b),
+            middle_after=0.5 * (a_now + b_now),
+            rotation=pin.Quaternion.FromTwoVectors(before, after).toRotationMatrix(),
+            direction=before / length,
             stretch=float(np.linalg.norm(after)) / length,
         )
     return out
@@ -153,57 +157,61 @@ Change = tuple[
 ]  # Of an element the numbers of these children
 
 
-def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
+def move_attachments(
+    document: osim_reader.OsimDocument, bones: Mapping[str, Bone]
+) -> Iterator[Change]:
     """What changes in the document: points and wraps that are fixed to these bodies, markers
     excepted.
     """
-    source, bone_at = document.source, _by_frame(document, bones)
+    source, bone_at = document.source, _map_frames(document, bones)
     for element in document.model.iter() if bones else ():
-        bone = bone_at.get(_fixed_to(element))
+        bone = bone_at.get(_find_parent_path(element))
         if bone is None or element.tag == "Marker":
             continue
         if element.find("location") is not None:  # of a moving point, too, in OpenSim 3
             place = read_numbers(element, "location", source, count=3)
-            yield element, ("location",), (bone.point(place),)
+            yield element, ("location",), (bone.map_point(place),)
         if element.tag == "MovingPathPoint":
-            yield from _moving_point(element, bone, document)
+            yield from _move_path_point(element, bone, document)
     for body in bones:
-        for path, _, frame in document.frames_of(body):
+        for path, _, frame in document.list_frames(body):
             for wrap in frame.findall("WrapObjectSet/objects/*"):
                 at, angles = (
                     read_numbers(wrap, tag, source, count=3)
                     for tag in ("translation", "xyz_body_rotation")
                 )
-                turned = bone_at[path].turn @ osim_writer.from_body_fixed_xyz(angles)
+                turned = bone_at[path].rotation @ osim_writer.convert_from_body_fixed_xyz(angles)
                 yield (
                     wrap,
                     ("translation", "xyz_body_rotation"),
-                    (bone_at[path].point(at), osim_writer.body_fixed_xyz(turned)),
+                    (bone_at[path].map_point(at), osim_writer.convert_to_body_fixed_xyz(turned)),
                 )
 
 
-def _by_frame(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
+def _map_frames(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
     """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the
     axes of the frame.
     """
     return {
-        path: bone.seen_from(pose)
+        path: bone.express_in(pose)
         for body, bone in bones.items()
-        for path, pose, _ in document.frames_of(body)
+        for path, pose, _ in document.list_frames(body)
     }
 
 
-def _fixed_to(element: ET.Element) -> str:
+def _find_parent_path(element: ET.Element) -> str:
     """The path, from a body on, of what an element with a place is fixed to, of either generation
     of files; empty where it has none.
     """
-    found = (osim_reader.socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
+    found = (
+        osim_reader.find_socket(element, tag) for tag in ("socket_parent_frame", "socket_frame")
+    )
     named = next((e for e in (*found, element.find("body")) if e is not None), None)
     text = "" if named is None else (named.text or "").strip()
     return text.rpartition("bodyset/")[2].rpartition("../")[2]
 
 
-def _moving_point(
+def _move_path_point(
     element: ET.Element, bone: Bone, document: osim_reader.OsimDocument
 ) -> Iterator[Change]:
     found = []
@@ -225,12 +233,12 @@ def _moving_point(
         scale = next((float(e.text or 1.0) for e in function.iter("scale")), 1.0)
         found.append((holder, tag, read_numbers(holder, tag, document.source), scale))
     mean = np.array([scale * numbers.mean() for _, _, numbers, scale in found])
-    for (holder, tag, numbers, scale), by in zip(found, bone.point(mean) - mean, strict=True):
+    for (holder, tag, numbers, scale), by in zip(found, bone.map_point(mean) - mean, strict=True):
         yield holder, (tag,), (numbers + by / scale,)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CarriedPoints:
+class MovedPoints:
     """The points of one muscle that went with their bones."""
 
     muscle: str
@@ -238,21 +246,21 @@ class CarriedPoints:
     farthest: float  # m
 
 
-def carried_by_muscles(
+def summarise_muscle_points(
     document: osim_reader.OsimDocument, bones: Mapping[str, Bone]
-) -> tuple[CarriedPoints, ...]:
+) -> tuple[MovedPoints, ...]:
     """Every muscle with such points, the one with the farthest first."""
-    out, bone_at = [], _by_frame(document, bones)
+    out, bone_at = [], _map_frames(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():
         moves = []
         for point in force.iter():
-            bone = bone_at.get(_fixed_to(point))
+            bone = bone_at.get(_find_parent_path(point))
             if bone is not None and point.find("location") is not None:
                 place = read_numbers(point, "location", document.source, count=3)
-                moves.append(float(np.linalg.norm(bone.point(place) - place)))
+                moves.append(float(np.linalg.norm(bone.map_point(place) - place)))
         if moves:
             out.append(
-                CarriedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves))
+                MovedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves))
             )
     return tuple(sorted(out, key=lambda m: -m.farthest))
 
@@ -263,21 +271,21 @@ JOINTS_HEADER = (
 )
 
 
-def joints_csv(moves: Sequence[JointMove]) -> str:
+def format_joints_csv(moves: Sequence[JointMove]) -> str:
     """A row for either end of every joint; a figure that does not exist is left out."""
     lines = [JOINTS_HEADER]
     for move in moves:
-        known = f"{move.known:.3f}" if np.isfinite(move.known) else ""
-        start = f'{move.joint},"{move.theirs}",{move.verdict.name.lower()},{known}'
+        known = f"{move.error_ratio:.3f}" if np.isfinite(move.error_ratio) else ""
+        start = f'{move.joint},"{move.theirs}",{move.outcome.name.lower()},{known}'
         for name, end in (("parent", move.parent), ("child", move.child)):
             if end is None:
                 continue
-            numbers = [*(1e3 * end.shift), 1e3 * end.moved, 1e3 * end.errors[0]]
+            numbers = [*(1e3 * end.displacement), 1e3 * end.moved, 1e3 * end.errors[0]]
             numbers += [
-                np.degrees(end.turn),
+                np.degrees(end.rotation),
                 np.degrees(end.errors[1]),
-                1e3 * move.rolls[0],
-                np.degrees(move.rolls[1]),
+                1e3 * move.rolling[0],
+                np.degrees(move.rolling[1]),
             ]
             numbers += [1e3 * end.landmarks]
             words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
@@ -287,10 +295,10 @@ def joints_csv(moves: Sequence[JointMove]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def carried_csv(points: Sequence[CarriedPoints]) -> str:
+def format_moved_points_csv(points: Sequence[MovedPoints]) -> str:
     """A row for every muscle."""
     rows = [f'"{m.muscle}",{m.points},{1e3 * m.farthest:.4f}' for m in points]
-    return "\n".join([CARRIED_HEADER, *rows]) + "\n"
+    return "\n".join([MOVED_POINTS_HEADER, *rows]) + "\n"
 
 
-CARRIED_HEADER = "muscle,points,farthest_mm"
+MOVED_POINTS_HEADER = "muscle,points,farthest_mm"

@@ -46,19 +46,19 @@ from gaitcal.calibration.error_sources import ErrorSources, compute_posterior_ra
 from gaitcal.export.opensim import joint_moves, osim_registration
 from gaitcal.export.opensim.osim_correspondence import (
     LegJoint,
-    leg_joints,
-    put_ball,
-    put_hinge,
-    shift_between,
-    smallest_motion,
-    standing_coordinates,
-    turn_between,
+    compute_smallest_motion,
+    find_leg_joints,
+    measure_distance,
+    measure_rotation,
+    move_ball_joint,
+    move_hinge,
+    solve_standing_coordinates,
 )
 from gaitcal.export.opensim.osim_reader import (
+    BodyMass,
     FramePlacement,
     OsimDocument,
-    Weight,
-    peer_of,
+    build_peer_model,
     read_document,
 )
 from gaitcal.export.opensim.peer_model import PeerModel
@@ -70,7 +70,7 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import JointPrior
 
 UNDETERMINED_SHARE = 0.9  # Of the standard error before; nine tenths are a fifth of the variance
-APART = 0.010
+MISFIT_M = 0.010
 """m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to
 some millimetres.
 """
@@ -78,7 +78,7 @@ FAR_M = 0.020
 """m; twice what the best regressions miss a hip by, in three directions together
 (`calibration/joint_prior.py`).
 """
-ROLLING = 1e-4  # m RMS, from a hinge, from which a joint rolls
+ROLLING_M = 1e-4  # m RMS, from a hinge, from which a joint rolls
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,28 +92,28 @@ class CalibratedOsim:
     masses: tuple[
         osim_registration.SegmentMass, ...
     ]  # Of the segments whose bodies weigh what ours do; empty unless asked for
-    carried: tuple[
-        joint_moves.CarriedPoints, ...
+    moved_points: tuple[
+        joint_moves.MovedPoints, ...
     ]  # Of every muscle the points that went with a bone; empty unless asked for
     notes: tuple[str, ...]  # What the user should know, one sentence each
     transfer: "Transfer"  # What was read, of which draws are made
 
     @property
-    def left(self) -> tuple[str, ...]:
+    def unchanged(self) -> tuple[str, ...]:
         """Joints, ours, that stay as they are: the recordings say little of them."""
         return tuple(
             move.joint
             for move in self.joints
-            if move.verdict is joint_moves.MoveOutcome.UNDETERMINED
+            if move.outcome is joint_moves.MoveOutcome.UNDETERMINED
         )
 
-    def drawn(self, rng: np.random.Generator) -> bytes:
+    def draw(self, rng: np.random.Generator) -> bytes:
         """A file with parameters drawn from their errors and bodies registered with theirs."""
-        return self.transfer.drawn(rng)
+        return self.transfer.draw(rng)
 
 
 @with_one_blas_thread
-def into_osim(
+def transfer_joints(
     model: SubjectModel,
     osim: Path | str,
     *,
@@ -146,22 +146,22 @@ def into_osim(
     Raises InputError: The file is no model, or has no legs that can be told, or its markers do not
     fit this person.
     """
-    model = model if marker_set is None else osim_registration.with_landmarks(model, marker_set)
+    model = model if marker_set is None else osim_registration.add_landmarks(model, marker_set)
     document = read_document(osim)
-    peer = peer_of(document)
-    legs = leg_joints(peer, names, recorded)
+    peer = build_peer_model(document)
+    legs = find_leg_joints(peer, names, recorded)
     return Transfer(
         model=model,
         document=document,
         peer=peer,
         legs=legs,
-        bodies=osim_registration.registrations(model, peer, legs),
+        bodies=osim_registration.register_bodies(model, peer, legs),
         errors=errors,
-        known={leg.ours: compute_posterior_ratio(leg.ours, errors, prior) for leg in legs},
+        error_ratios={leg.ours: compute_posterior_ratio(leg.ours, errors, prior) for leg in legs},
         masses=masses,
         inertial=inertial,
         follow=follow,
-    ).result()
+    ).apply()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,26 +174,28 @@ class Transfer:
     legs: tuple[LegJoint, ...]
     bodies: Mapping[str, osim_registration.Registration]  # By our segment
     errors: ErrorSources | None
-    known: Mapping[str, float]  # Joint of ours -> how much of its standard error is left
+    error_ratios: Mapping[str, float]  # Joint of ours -> how much of its standard error is left
     masses: bool  # Whether bodies get the masses of our segments
     inertial: Array | None  # (84, n) R with covariance R R^T of the inertial parameters
     follow: bool  # Whether what is fixed to a bone goes with its joints
 
-    def result(self) -> CalibratedOsim:
+    def apply(self) -> CalibratedOsim:
         """With the calibrated parameters."""
-        moves, (weights, told) = self.moves(), self._weights()
+        moves, (weights, told) = self.compute_moves(), self._compute_masses()
         return CalibratedOsim(
-            content=self._content(moves, weights, self.legs),
+            content=self._write_content(moves, weights, self.legs),
             masses=told,
-            carried=joint_moves.carried_by_muscles(self.document, self._bones(moves)),
+            moved_points=joint_moves.summarise_muscle_points(
+                self.document, self._find_bones(moves)
+            ),
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
-            notes=tuple(self._notes(moves)),
+            notes=tuple(self._list_notes(moves)),
             transfer=self,
         )
 
-    def drawn(self, rng: np.random.Generator) -> bytes:
+    def draw(self, rng: np.random.Generator) -> bytes:
         """A file with joints (and masses, if they are transferred) drawn from their errors, bodies
         registered with theirs; joints that are left go about their place.
         """
@@ -212,9 +214,9 @@ class Transfer:
                     size=self.inertial.shape[1]
                 )
             parameters = parameters.with_inertial(inertial)
-        bodies = {s: replace(r, pose=r.drawn(rng)) for s, r in self.bodies.items()}
+        bodies = {s: replace(r, pose=r.draw_pose(rng)) for s, r in self.bodies.items()}
         left = {
-            leg.ours: osim_registration.about_its_place(
+            leg.ours: osim_registration.perturb_joint(
                 leg, self.peer, self.bodies, self.model.parameters, parameters
             )
             for leg in self.legs
@@ -224,26 +226,28 @@ class Transfer:
             self,
             model=replace(self.model, parameters=parameters),
             legs=tuple(left.get(leg.ours, leg) for leg in self.legs),
-            peer=self.peer.with_joints(leg.theirs for leg in left.values()),
+            peer=self.peer.replace_joints(leg.theirs for leg in left.values()),
             bodies=bodies,
             errors=None,
         )
-        return other._content(other.moves(), other._weights()[0], self.legs)
+        return other._write_content(other.compute_moves(), other._compute_masses()[0], self.legs)
 
     def _is_left(self, joint: str) -> bool:
-        return self.known[joint] > UNDETERMINED_SHARE
+        return self.error_ratios[joint] > UNDETERMINED_SHARE
 
-    def _weights(self) -> tuple[dict[str, Weight], tuple[osim_registration.SegmentMass, ...]]:
+    def _compute_masses(
+        self,
+    ) -> tuple[dict[str, BodyMass], tuple[osim_registration.SegmentMass, ...]]:
         if not self.masses:
             return {}, ()
-        return osim_registration.body_weights(
+        return osim_registration.compute_body_masses(
             self.model.parameters, self.document, self.peer, self.bodies
         )
 
-    def _content(
+    def _write_content(
         self,
         moves: Sequence[joint_moves.JointMove],
-        weights: Mapping[str, Weight],
+        weights: Mapping[str, BodyMass],
         legs: Sequence[LegJoint],
     ) -> bytes:
         """The file with these joints, and bodies of these weights; `legs`: as they were read."""
@@ -252,33 +256,33 @@ class Transfer:
         for was, now in zip(legs, self.legs, strict=True):
             for name, end in zip(("parent", "child"), ends[was.ours], strict=True):
                 before, after = (getattr(joint.theirs, f"in_{name}") for joint in (was, now))
-                after = after if end is None else end.place
+                after = after if end is None else end.frame
                 moved = (
-                    shift_between(before, after) > joint_moves.UNMOVED_M,
-                    turn_between(before, after) > joint_moves.UNMOVED_RAD,
+                    measure_distance(before, after) > joint_moves.UNMOVED_M,
+                    measure_rotation(before, after) > joint_moves.UNMOVED_RAD,
                 )
                 if any(moved):
                     places[was.theirs.name, name] = FramePlacement(
                         after.translation if moved[0] else None,
                         after.rotation if moved[1] else None,
                     )
-        bones, names = self._bones(moves), {leg.theirs.name for leg in legs}
+        bones, names = self._find_bones(moves), {leg.theirs.name for leg in legs}
         for joint in self.peer.joints.values():  # patella, back: what hangs on a bone elsewhere
             if joint.parent in bones and joint.name not in names:
                 places[joint.name, "parent"] = FramePlacement(
-                    bones[joint.parent].point(joint.in_parent.translation), None
+                    bones[joint.parent].map_point(joint.in_parent.translation), None
                 )
         meshes = {body: bone.rigid for body, bone in bones.items()}
-        return self.document.changed(
-            places, weights, joint_moves.carried(self.document, bones), meshes
+        return self.document.apply_changes(
+            places, weights, joint_moves.move_attachments(self.document, bones), meshes
         )
 
-    def _bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
-        return joint_moves.bones_of(moves, self.peer, self.legs) if self.follow else {}
+    def _find_bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
+        return joint_moves.find_moved_bones(moves, self.peer, self.legs) if self.follow else {}
 
-    def moves(self) -> tuple[joint_moves.JointMove, ...]:
+    def compute_moves(self) -> tuple[joint_moves.JointMove, ...]:
         """What becomes of every joint."""
-        segments = osim_registration.standing_segments(self.model, self.model.parameters)
+        segments = osim_registration.fit_standing_segments(self.model, self.model.parameters)
         stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
         found: dict[str, joint_moves.JointMove] = {}
         for side in SIDES:
@@ -287,21 +291,21 @@ class Transfer:
             for above, below in pairwise(ends):
                 if above in self.bodies and below in self.bodies:
                     pair = self.bodies[above].body, self.bodies[below].body
-                    for move in self._between(*pair, legs, segments, stand):
+                    for move in self._move_joints_between(*pair, legs, segments, stand):
                         found[move.joint] = move
         return tuple(
             found.get(name)
             or joint_moves.JointMove(
                 joint=name,
                 theirs="",
-                verdict=joint_moves.MoveOutcome.ABSENT,
-                known=float("nan"),
+                outcome=joint_moves.MoveOutcome.ABSENT,
+                error_ratio=float("nan"),
                 standing={},
             )
             for name in (f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS)
         )
 
-    def _between(
+    def _move_joints_between(
         self,
         top: str,
         bottom: str,
@@ -310,13 +314,13 @@ class Transfer:
         stand: Mapping[str, pin.SE3],
     ) -> Iterator[joint_moves.JointMove]:
         """The joints between two registered bodies, the upper one first."""
-        row = self.peer.joints_between(top, bottom)
+        row = self.peer.list_joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
-        q0 = standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
+        q0 = solve_standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
         moving = [j for j in row if j.name in ours and not self._is_left(ours[j.name].ours)]
         pose = stand[top]  # of the joint's parent
         for joint in row:
-            leg, was = ours.get(joint.name), self.peer.joint_pose(joint, q0)
+            leg, was = ours.get(joint.name), self.peer.compute_joint_pose(joint, q0)
             if leg is None:
                 pose = pose * was
                 continue
@@ -325,17 +329,17 @@ class Transfer:
                 joint_moves.JointMove,
                 joint=leg.ours,
                 theirs=joint.name,
-                known=self.known[leg.ours],
+                error_ratio=self.error_ratios[leg.ours],
                 standing=standing_at,
             )
             if joint not in moving:
-                yield move(verdict=joint_moves.MoveOutcome.UNDETERMINED)
+                yield move(outcome=joint_moves.MoveOutcome.UNDETERMINED)
                 pose = pose * was
                 continue
             standing = None
             if joint is moving[-1]:
                 standing = pose.actInv(
-                    stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse()
+                    stand[bottom] * self.peer.compute_body_pose(bottom, joint.child, q0).inverse()
                 )
             of_above = not leg.ours.startswith(
                 "subtalar"
@@ -345,10 +349,10 @@ class Transfer:
                 if of_above
                 else osim_registration.JOINT_OF[leg.ours].child
             )
-            target = osim_registration.axis_of_ours(
+            target = osim_registration.compute_joint_axis(
                 leg.ours, self.model.parameters, of_above
-            ).moved(pose.actInv(segments[segment]))
-            put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
+            ).transform(pose.actInv(segments[segment]))
+            put = (move_ball_joint if leg.hinge is None else move_hinge)(leg, was, target, standing)
             now = (
                 put.in_parent
                 * joint.in_parent.actInv(was * joint.in_child)
@@ -359,13 +363,13 @@ class Transfer:
                 joint_moves.JointEnd(
                     body=joint.parent if of_parent else joint.child,
                     centre=(was * joint.in_child if of_parent else joint.in_child).translation,
-                    place=place,
-                    shift=put.shifts[not of_parent],
-                    turn=put.turns[not of_parent],
-                    errors=self._errors(leg.ours, of_parent, centre, segments),
-                    changed=shift_between(before, place) > joint_moves.UNMOVED_M
-                    or turn_between(before, place) > joint_moves.UNMOVED_RAD,
-                    landmarks=self._by_landmarks(leg, of_parent),
+                    frame=place,
+                    displacement=put.displacements[not of_parent],
+                    rotation=put.rotations[not of_parent],
+                    errors=self._estimate_errors(leg.ours, of_parent, centre, segments),
+                    changed=measure_distance(before, place) > joint_moves.UNMOVED_M
+                    or measure_rotation(before, place) > joint_moves.UNMOVED_RAD,
+                    landmarks=self._measure_landmark_distance(leg, of_parent),
                 )
                 for of_parent, before, place in (
                     (True, joint.in_parent, put.in_parent),
@@ -373,16 +377,16 @@ class Transfer:
                 )
             ]
             yield move(
-                verdict=joint_moves.MoveOutcome.MOVED,
-                rolls=(0.0, 0.0)
+                outcome=joint_moves.MoveOutcome.MOVED,
+                rolling=(0.0, 0.0)
                 if standing is None
-                else (shift_between(standing, now), turn_between(standing, now)),
+                else (measure_distance(standing, now), measure_rotation(standing, now)),
                 parent=ends[0],
                 child=ends[1],
             )
             pose = pose * now
 
-    def _by_landmarks(self, leg: LegJoint, of_parent: bool) -> float:
+    def _measure_landmark_distance(self, leg: LegJoint, of_parent: bool) -> float:
         """m, from a joint as it was read to where the nominal model has it in that body."""
         ours, joint = osim_registration.JOINT_OF[leg.ours], leg.theirs
         segment, body, frame = (
@@ -393,15 +397,15 @@ class Transfer:
         registration = self.bodies.get(segment)
         if registration is None or registration.body != body:
             return float("nan")
-        target = osim_registration.axis_of_ours(leg.ours, self.model.nominal, of_parent).moved(
-            registration.pose.inverse()
-        )
+        target = osim_registration.compute_joint_axis(
+            leg.ours, self.model.nominal, of_parent
+        ).transform(registration.pose.inverse())
         if leg.hinge is None:
             return float(np.linalg.norm(target.point - frame.translation))
         line = leg.hinge.in_parent if of_parent else leg.hinge.in_child
-        return float(np.linalg.norm(smallest_motion(line, target, frame.translation)[1]))
+        return float(np.linalg.norm(compute_smallest_motion(line, target, frame.translation)[1]))
 
-    def _errors(
+    def _estimate_errors(
         self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
         """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,)
@@ -413,13 +417,13 @@ class Transfer:
         if registration is None:
             return float("nan"), float("nan")
         at = segments[segment].actInv(point)
-        axis = osim_registration.axis_of_ours(joint, parameters, of_parent)
+        axis = osim_registration.compute_joint_axis(joint, parameters, of_parent)
         across = (
             np.eye(3)
             if joint.startswith("hip")
             else np.eye(3) - np.outer(axis.direction, axis.direction)
         )
-        shift, turn = registration.point_covariance(at), registration.turn_covariance
+        shift, turn = registration.compute_point_covariance(at), registration.rotation_covariance
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.segment == segment]
         if self.errors is not None and (
             told := [name for name in names if name in self.errors.free]
@@ -428,18 +432,18 @@ class Transfer:
             for k, name in enumerate(told):
                 value = parameters.joint[JP_INDEX[name]]
                 more, less = (
-                    osim_registration.axis_of_ours(
+                    osim_registration.compute_joint_axis(
                         joint, parameters.with_joint((name,), np.array([value + d])), of_parent
                     )
-                    for d in (_STEP, -_STEP)
+                    for d in (_DIFFERENCE_STEP, -_DIFFERENCE_STEP)
                 )
                 ends = [
                     np.concatenate(
-                        [x.point if joint.startswith("hip") else x.nearest(at), x.direction]
+                        [x.point if joint.startswith("hip") else x.find_nearest(at), x.direction]
                     )
                     for x in (more, less)
                 ]
-                moves[:, k] = (ends[0] - ends[1]) / (2 * _STEP)
+                moves[:, k] = (ends[0] - ends[1]) / (2 * _DIFFERENCE_STEP)
             covariance = moves @ self.errors.select(told).covariance @ moves.T
             shift, turn = shift + covariance[:3, :3], across @ turn @ across + covariance[3:, 3:]
         size = float(np.sqrt(np.trace(across @ shift @ across)))
@@ -447,7 +451,7 @@ class Transfer:
             np.sqrt(np.trace(across @ turn @ across))
         )
 
-    def _notes(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
+    def _list_notes(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
         moved = {
             e.body
             for m in moves
@@ -458,27 +462,30 @@ class Transfer:
             leg.theirs.child for leg in self.legs if leg.ours.startswith(("talocrural", "subtalar"))
         }
         feet |= {leg.theirs.parent for leg in self.legs if leg.ours.startswith("subtalar")}
-        if self.follow and (stay := sorted(moved - feet - self._bones(moves).keys())):
+        if self.follow and (stay := sorted(moved - feet - self._find_bones(moves).keys())):
             yield (
                 f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee "
                 "and ankle), so that "
                 "muscle points, wraps and meshes there do not follow"
             )
-        off = {leg.ours: leg.hinge.off for leg in self.legs if leg.hinge is not None}
+        off = {leg.ours: leg.hinge.deviation for leg in self.legs if leg.hinge is not None}
         beside = (
             ""
             if self.follow
             else ": muscle points beside it stay on their bones, and may no longer suit it"
         )
         for move in moves:
-            if move.verdict is joint_moves.MoveOutcome.MOVED and off.get(move.joint, 0.0) > ROLLING:
+            if (
+                move.outcome is joint_moves.MoveOutcome.MOVED
+                and off.get(move.joint, 0.0) > ROLLING_M
+            ):
                 yield (
                     f"{move.theirs} is no hinge: over the postures of the recordings "
                     f"{1e3 * off[move.joint]:.1f} mm "
                     "RMS from the nearest one, which its standard errors and draws do not count"
                 )
             changed = any(end is not None and end.changed for end in (move.parent, move.child))
-            if changed and (names := self.document.hangs_on(move.theirs)):
+            if changed and (names := self.document.list_attached_elements(move.theirs)):
                 yield (
                     f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with "
                     "it"
@@ -503,7 +510,7 @@ class Transfer:
                 f"{osim_registration.NAME_OR_SCALE}"
             )
         for r in self.bodies.values():
-            if r.rms > APART and not r.by_axes:
+            if r.rms > MISFIT_M and not r.by_axes:
                 yield (
                     f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that "
                     "it may be of another "
@@ -512,4 +519,4 @@ class Transfer:
                 )
 
 
-_STEP = 1e-6  # m, rad, of central differences
+_DIFFERENCE_STEP = 1e-6  # m, rad, of central differences

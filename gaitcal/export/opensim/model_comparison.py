@@ -29,9 +29,9 @@ from gaitcal.export.opensim.peer_model import (
     Axis,
     LegGeometry,
     PeerModel,
-    leg_bodies,
-    our_leg,
-    peer_leg,
+    find_leg_bodies,
+    measure_our_leg,
+    measure_peer_leg,
 )
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, view_as_table
@@ -63,7 +63,7 @@ class _Registered:
     )  # None with fewer than three common markers, or all on one line
 
 
-def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
+def compare_with_osim(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     """Set `model` beside the OpenSim model in the file `osim` (3.x or 4.x).
 
     Rows come only for what both models have: masses always; lengths where the peer has the
@@ -76,14 +76,16 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     peer = osim_reader.read_osim(osim)
     rows: list[ComparisonRow] = []
     for side in SIDES:
-        bodies = leg_bodies(peer, side)
+        bodies = find_leg_bodies(peer, side)
         laid = [_register(model, peer, segment, body) for segment, body in bodies.items()]
         poses = {r.segment: r.found.pose for r in laid if r.found is not None}
-        rows += _leg_rows(side, our_leg(model.parameters, side), peer_leg(peer, side, poses))
+        rows += _compare_legs(
+            side, measure_our_leg(model.parameters, side), measure_peer_leg(peer, side, poses)
+        )
         for r in laid:
             if side == SIDES[0] or r.segment != "pelvis":
-                rows += _registration_rows(r)
-    rows += _mass_rows(model, peer)
+                rows += _list_registration_rows(r)
+    rows += _compare_masses(model, peer)
     if not rows:
         message = (
             "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a "
@@ -94,7 +96,7 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     return rows
 
 
-def _row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
+def _make_row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
     difference = float(theirs - ours) + 0.0  # no negative zeros
     return ComparisonRow(
         quantity=quantity,
@@ -105,17 +107,17 @@ def _row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
     )
 
 
-def _leg_rows(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
+def _compare_legs(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
     """What both legs have, in the order of ours."""
-    known = _leg_quantities(side, theirs)
+    known = _list_leg_quantities(side, theirs)
     return [
-        _row(*name, value, known[name])
-        for name, value in _leg_quantities(side, ours).items()
+        _make_row(*name, value, known[name])
+        for name, value in _list_leg_quantities(side, ours).items()
         if name in known
     ]
 
 
-def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:
+def _list_leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:
     """Quantity and its unit -> value, for what is known of a leg."""
     lengths = {
         f"thigh_{side} length, hip centre to knee centre": leg.thigh_length,
@@ -140,20 +142,20 @@ def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]
             }
     for name, axis in flexion_axes.items():
         if axis is not None:
-            crossing = axis.crossing(2)[:2]
+            crossing = axis.find_crossing(2)[:2]
             out |= {
                 (f"{name}, {d}", "mm"): 1e3 * x
                 for d, x in zip(DIRECTIONS[:2], crossing, strict=True)
             }
-            out |= _turns(name, axis, 2, ("front", "trans"))
+            out |= _measure_axis_angles(name, axis, 2, ("front", "trans"))
     if leg.subtalar_in_foot is not None:
-        out |= _turns(
+        out |= _measure_axis_angles(
             f"subtalar_{side} axis in foot_{side}", leg.subtalar_in_foot, 0, ("trans", "sag")
         )
     return out
 
 
-def _turns(
+def _measure_axis_angles(
     name: str, axis: Axis, along: int, planes: tuple[str, str]
 ) -> dict[tuple[str, str], float]:
     """Deg by which an axis is turned from coordinate axis `along`, about the two others in their
@@ -169,21 +171,23 @@ def _turns(
 
 def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registered:
     """Lay the peer's `body` on our `segment` by the markers that both have on it."""
-    theirs, ours = osim_registration.shared_markers(model, peer, segment, body)
+    theirs, ours = osim_registration.find_shared_markers(model, peer, segment, body)
     markers = model.markers.segments.count(segment)
     return _Registered(
         segment,
         markers,
         len(theirs),
-        osim_registration.registered(segment, body, markers, theirs, ours),
+        osim_registration.register_body(segment, body, markers, theirs, ours),
     )
 
 
-def _registration_rows(r: _Registered) -> list[ComparisonRow]:
-    rows = [_row(f"{r.segment} markers, and how many the peer shares", "1", r.markers, r.common)]
+def _list_registration_rows(r: _Registered) -> list[ComparisonRow]:
+    rows = [
+        _make_row(f"{r.segment} markers, and how many the peer shares", "1", r.markers, r.common)
+    ]
     if r.found is not None:
         rows.append(
-            _row(
+            _make_row(
                 f"{r.segment} shared markers, RMS distance after registration",
                 "mm",
                 0.0,
@@ -193,10 +197,10 @@ def _registration_rows(r: _Registered) -> list[ComparisonRow]:
     return rows
 
 
-def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
+def _compare_masses(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
     theirs: dict[str, float] = {}
     for body, mass in peer.masses.items():
-        if (segment := osim_correspondence.segment_of(body)) is not None:
+        if (segment := osim_correspondence.find_segment(body)) is not None:
             theirs[segment] = theirs.get(segment, 0.0) + mass
     if not theirs:
         return []
@@ -205,8 +209,8 @@ def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
     if "head_trunk" in theirs and not any(arm in theirs for arm in osim_correspondence.ARMS):
         titles["head_trunk"] = "head_trunk and arms mass"
         ours["head_trunk"] += sum(ours[arm] for arm in osim_correspondence.ARMS)
-    rows = [_row(titles[s], "kg", ours[s], theirs[s]) for s in MASSIVE_SEGMENTS if s in theirs]
-    return [*rows, _row("total mass", "kg", model.parameters.mass, sum(peer.masses.values()))]
+    rows = [_make_row(titles[s], "kg", ours[s], theirs[s]) for s in MASSIVE_SEGMENTS if s in theirs]
+    return [*rows, _make_row("total mass", "kg", model.parameters.mass, sum(peer.masses.values()))]
 
 
 LEAST_MM, LEAST_DEG, LEAST_SHARE = 5.0, 3.0, 0.02
@@ -240,9 +244,11 @@ _LENGTHS = {
 }
 
 
-def osim_words(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
+def describe_osim_differences(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
     """Sentences on what differs, the largest first; one that says so where nothing does."""
-    sentences = sorted(_told({row.quantity: row for row in rows}), key=lambda of: -of[0])
+    sentences = sorted(
+        _list_differences({row.quantity: row for row in rows}), key=lambda of: -of[0]
+    )
     if sentences:
         return tuple(text for _, text in sentences)
     return (
@@ -251,7 +257,7 @@ def osim_words(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
     )
 
 
-def _told(rows: Mapping[str, ComparisonRow]) -> Iterator[tuple[float, str]]:
+def _list_differences(rows: Mapping[str, ComparisonRow]) -> Iterator[tuple[float, str]]:
     """How much each difference matters, and its sentence."""
 
     def of_both(quantity: str, least: float, *, mirrored: bool = False) -> tuple[float, str] | None:

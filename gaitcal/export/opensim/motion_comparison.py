@@ -25,7 +25,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.osim_correspondence import LegJoint, leg_joints, same_label
+from gaitcal.export.opensim.osim_correspondence import LegJoint, find_leg_joints, match_label
 from gaitcal.export.opensim.osim_reader import read_osim
 from gaitcal.export.opensim.peer_model import PeerModel
 from gaitcal.io.opensim_files import StorageTable, read_table, write_trc
@@ -54,7 +54,7 @@ class OurMotion:
     valid: Mapping[str, BoolArray]  # Side -> (nf,)
     cutoff: float | None  # Hz, at which its motion is smoothed; None: by its coefficients alone
     loads: Path  # Of the forces under the feet, as `write_external_loads` writes them
-    missed: Mapping[str, float]  # Label -> m RMS, by which our model misses a marker
+    marker_errors: Mapping[str, float]  # Label -> m RMS, by which our model misses a marker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ class BothCurves:
         return float(np.mean(self.theirs - self.ours))
 
     @property
-    def rest(self) -> float:
+    def residual(self) -> float:
         """RMS of theirs - ours - offset."""
         return float(np.std(self.theirs - self.ours))
 
@@ -89,7 +89,7 @@ class MotionComparison:
     """What came of it."""
 
     curves: tuple[BothCurves, ...]
-    missed: tuple[float, float]  # m RMS over the markers that both have: ours, theirs
+    marker_errors: tuple[float, float]  # m RMS over the markers that both have: ours, theirs
     notes: tuple[str, ...]  # What explains differences, a sentence each
 
 
@@ -114,13 +114,13 @@ def compare_motion(
             "the result has no motion to be compared", field="--motion", code=Code.NOTHING_TO_SHOW
         )
     peer = read_osim(osim)
-    legs = leg_joints(peer)
+    legs = find_leg_joints(peer)
     found: dict[tuple[str, str], list[tuple[Array, Array]]] = {}
     missed = []
     for trial in trials:
         with tempfile.TemporaryDirectory() as folder:
             try:
-                theirs, moments, error = _of_opensim(
+                theirs, moments, error = _run_opensim(
                     opensim, osim, peer, legs, model, trial, Path(folder)
                 )
             except RuntimeError as fault:
@@ -130,15 +130,15 @@ def compare_motion(
                 ) from None
         both = [
             value
-            for label, value in trial.missed.items()
-            if same_label(label, tuple(peer.markers)) is not None
+            for label, value in trial.marker_errors.items()
+            if match_label(label, tuple(peer.markers)) is not None
         ]
         missed.append((float(np.sqrt(np.mean(np.square(both)))), error))
         q = trial.motion.basis.evaluate(trial.motion.coefficients)
         for k, name in enumerate(COORDINATES):
             if name not in theirs or is_translation(name):
                 continue
-            sign = _sign(peer, name)
+            sign = _get_knee_sign(peer, name)
             found.setdefault((name, "deg"), []).append(
                 (np.degrees(q[:, k]), sign * np.degrees(theirs[name]))
             )
@@ -163,20 +163,22 @@ def compare_motion(
     )
     ours, theirs_missed = (float(np.sqrt(np.mean(np.square(e)))) for e in zip(*missed, strict=True))
     return MotionComparison(
-        curves=curves, missed=(ours, theirs_missed), notes=tuple(_explained(peer, legs, curves))
+        curves=curves,
+        marker_errors=(ours, theirs_missed),
+        notes=tuple(_explain_differences(peer, legs, curves)),
     )
 
 
-def _sign(peer: PeerModel, name: str) -> float:
+def _get_knee_sign(peer: PeerModel, name: str) -> float:
     """-1 for a knee that is bent by negative angles."""
     if not name.startswith("knee_angle"):
         return 1.0
-    joint = peer.joint_of(name)
+    joint = peer.find_joint(name)
     c = next(c for c in joint.coordinates if c.name == name) if joint is not None else None
     return -1.0 if c is not None and c.high < -c.low else 1.0
 
 
-def _of_opensim(
+def _run_opensim(
     opensim: Any,
     osim: Path,
     peer: PeerModel,
@@ -189,7 +191,7 @@ def _of_opensim(
     are missed, m.
     """
     known, time = tuple(peer.markers), trial.motion.basis.time
-    names = {label: same_label(label, known) for label in trial.markers.labels}
+    names = {label: match_label(label, known) for label in trial.markers.labels}
     kept = [k for k, label in enumerate(trial.markers.labels) if names[label] is not None]
     shared = replace(
         trial.markers,
@@ -220,7 +222,7 @@ def _of_opensim(
         task.setWeight(weight)
         task.setApply(weight > 0)
         tool.getIKTaskSet().cloneAndAppend(task)
-    with _silent():
+    with _suppress_output():
         done = tool.run()
     if not done:
         raise RuntimeError("inverse kinematics failed")
@@ -239,10 +241,10 @@ def _of_opensim(
     angles = {name: np.radians(smooth.get_column(name)) for name in turning}
     if trial.torques is None or not trial.loads.is_file():
         return angles, {}, missed
-    return angles, _moments(opensim, loaded, legs, trial, folder, smooth), missed
+    return angles, _run_inverse_dynamics(opensim, loaded, legs, trial, folder, smooth), missed
 
 
-def _moments(
+def _run_inverse_dynamics(
     opensim: Any,
     loaded: Any,
     legs: Sequence[LegJoint],
@@ -275,7 +277,7 @@ def _moments(
     tool.setLowpassCutoffFrequency(-1.0)
     tool.setResultsDir(str(folder))
     tool.setOutputGenForceFileName("id.sto")
-    with _silent():
+    with _suppress_output():
         done = tool.run()
     if not done:
         raise RuntimeError("inverse dynamics failed")
@@ -292,7 +294,7 @@ def _moments(
 
 
 @contextmanager
-def _silent() -> Iterator[None]:
+def _suppress_output() -> Iterator[None]:
     """OpenSim's tools print what a model holds, whatever its log is told."""
     sys.stdout.flush()
     kept = os.dup(1)
@@ -305,7 +307,7 @@ def _silent() -> Iterator[None]:
             os.close(kept)
 
 
-def _explained(
+def _explain_differences(
     peer: PeerModel, legs: Sequence[LegJoint], curves: Sequence[BothCurves]
 ) -> Iterator[str]:
     """What a difference comes from, where the models tell."""
@@ -314,12 +316,14 @@ def _explained(
         found = known.get((leg.coordinate, "deg"))
         if leg.hinge is None or found is None:
             continue
-        values = _sign(peer, leg.coordinate) * np.radians(
+        values = _get_knee_sign(peer, leg.coordinate) * np.radians(
             np.quantile(found.theirs, np.linspace(0.0, 1.0, 25))
         )
-        poses = [peer.joint_pose(leg.theirs, {leg.coordinate: float(v)}) for v in values]
+        poses = [peer.compute_joint_pose(leg.theirs, {leg.coordinate: float(v)}) for v in values]
         off = [
-            pose.actInv(leg.hinge.pose(leg.hinge.angle(pose))).act(leg.theirs.in_child.translation)
+            pose.actInv(leg.hinge.compute_pose(leg.hinge.measure_angle(pose))).act(
+                leg.theirs.in_child.translation
+            )
             for pose in poses
         ]
         far = max(float(np.linalg.norm(x - leg.theirs.in_child.translation)) for x in off)
@@ -333,7 +337,7 @@ def _explained(
     for (name, unit), curve in known.items():
         if (
             unit == "deg"
-            and abs(curve.offset) > curve.rest
+            and abs(curve.offset) > curve.residual
             and abs(curve.offset) > LEAST_OFFSET_DEG
         ):
             yield (

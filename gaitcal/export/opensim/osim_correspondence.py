@@ -27,7 +27,7 @@ from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.peer_model import Axis, PeerJoint, PeerModel, displacement_axis
+from gaitcal.export.opensim.peer_model import Axis, PeerJoint, PeerModel, find_displacement_axis
 from gaitcal.io.toml import Table, read_validated, require_known
 from gaitcal.model.linkage import COORDINATE_INDEX, NEEDED_JOINTS, SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
@@ -56,18 +56,18 @@ class Hinge:
     in_parent: pin.SE3
     in_child: pin.SE3
     # m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them
-    off: float = 0.0
+    deviation: float = 0.0
 
-    def angle(self, pose: pin.SE3) -> float:
+    def measure_angle(self, pose: pin.SE3) -> float:
         """The hinge's angle, rad, that is nearest to a pose of the child in the parent."""
         r = (self.in_parent.rotation.T @ pose.rotation) @ self.in_child.rotation
         return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
 
-    def slide(self, pose: pin.SE3) -> float:
+    def measure_slide(self, pose: pin.SE3) -> float:
         """How far the child lies along the axis, m."""
         return float((self.in_parent.actInv(pose) * self.in_child).translation[2])
 
-    def pose(self, angle: float) -> pin.SE3:
+    def compute_pose(self, angle: float) -> pin.SE3:
         """Of the child in the parent."""
         return (
             self.in_parent
@@ -105,7 +105,7 @@ def read_names(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
     return file.joints, file.coordinates
 
 
-def leg_joints(
+def find_leg_joints(
     peer: PeerModel, names: Path | None = None, recorded: Mapping[str, Array] | None = None
 ) -> tuple[LegJoint, ...]:
     """The joints of both legs, as far as the model has them; each after the one above it.
@@ -121,12 +121,14 @@ def leg_joints(
         joints.values(), by_name, "joint of the model", source=names or Path(), field="joints"
     )
     with_usual_names = [
-        s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")
+        s
+        for s in SIDES
+        if peer.find_joint(f"hip_flexion_{s}") and peer.find_joint(f"knee_angle_{s}")
     ]
     shape = (
         None
         if with_usual_names or any(name.startswith("hip") for name in joints)
-        else _by_topology(peer)
+        else _find_legs_by_topology(peer)
     )
     out = []
     for side in SIDES:
@@ -138,7 +140,7 @@ def leg_joints(
         named = {
             k: j
             for k, c in COORDINATE_OF.items()
-            if (j := peer.joint_of(f"{c}_{side}")) is not None
+            if (j := peer.find_joint(f"{c}_{side}")) is not None
         }
         ours, found_by = {**named, **told}, "name"
         if shape is not None:
@@ -159,7 +161,7 @@ def leg_joints(
                     source=names or Path(),
                     field="coordinates",
                 )
-            name = own or (first if first in known else _main_coordinate(peer, ours, joint))
+            name = own or (first if first in known else _select_main_coordinate(peer, ours, joint))
             by = "your file" if joint in told else found_by
             leg = LegJoint(
                 ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None
@@ -169,12 +171,12 @@ def leg_joints(
     return tuple(
         leg
         if leg.ours.startswith("hip")
-        else replace(leg, hinge=hinge_of(peer, leg, recorded or {}))
+        else replace(leg, hinge=fit_hinge(peer, leg, recorded or {}))
         for leg in out
     )
 
 
-def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
+def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
     """The hinge that comes nearest to a joint's motion; InputError where the joint does not turn."""
     c = next(c for c in leg.theirs.coordinates if c.name == leg.coordinate)
     kind, side = leg.ours.split("_")
@@ -184,15 +186,15 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
     else:
         stride = compute_gait_curves(np.arange(POSTURES) / POSTURES)[0][:, COORDINATE_INDEX[name]]
     stride = stride if kind != "knee" or c.high >= -c.low else -stride
-    poses = [peer.joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
+    poses = [peer.compute_joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
     ends = poses[int(np.argmin(stride))], poses[int(np.argmax(stride))]
-    axis = displacement_axis(*ends)
+    axis = find_displacement_axis(*ends)
     if axis is None:
         message = f"does not turn with its coordinate {c.name}"
         raise InputError(
             message, source=peer.source, field=f"joint {leg.theirs.name}", code=Code.OTHER_MODEL
         )
-    centre = axis.nearest((ends[0] * leg.theirs.in_child).translation)
+    centre = axis.find_nearest((ends[0] * leg.theirs.in_child).translation)
     along = pin.Quaternion.FromTwoVectors(np.eye(3)[2], axis.direction).toRotationMatrix()
     first = pin.SE3(along, centre)
     hinge = Hinge(first, ends[0].actInv(first))
@@ -209,16 +211,16 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
 
     def residual(x: Array) -> Array:
         near = moved(x)
-        told = [near.pose(near.angle(pose)) for pose in poses]
+        told = [near.compute_pose(near.measure_angle(pose)) for pose in poses]
         return (np.array([[pose.act(p) for p in points] for pose in told]) - measured).ravel()
 
     if np.abs(residual(np.zeros(9))).max() > EXACT:
         best = least_squares(residual, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
-        hinge = replace(moved(best.x), off=float(np.sqrt(3.0 * np.mean(np.square(best.fun)))))
+        hinge = replace(moved(best.x), deviation=float(np.sqrt(3.0 * np.mean(np.square(best.fun)))))
     return hinge
 
 
-def _main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
+def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
     """The coordinate that turns most nearly about the pelvis' z, to the right, as hips, knees and
     ankles flex; of a subtalar joint, whose axis is oblique, that of the widest range. `leg`: kind
     of joint of ours -> theirs.
@@ -233,7 +235,7 @@ def _main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> 
         and hip is not None
         and peer.is_below(joint.parent, hip.parent)
     ):
-        z = (peer.body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
+        z = (peer.compute_body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
         return max(turning, key=lambda name: abs(float(z @ turning[name])))
     found = [c for c in joint.coordinates if c.name in turning] or list(joint.coordinates)
     return max(found, key=lambda c: c.high - c.low).name if found else ""
@@ -262,7 +264,7 @@ def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
         above = leg
 
 
-def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
+def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
     """`hip_r` and so on -> joint; InputError where no body has two legs."""
     below: dict[str, list[PeerJoint]] = {}
     for joint in peer.joints.values():
@@ -292,7 +294,9 @@ def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
                 out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
                 if (
                     len(row) > 3
-                    and np.linalg.norm(peer.body_pose(row[3].child, row[2].child).translation)
+                    and np.linalg.norm(
+                        peer.compute_body_pose(row[3].child, row[2].child).translation
+                    )
                     < TALUS
                 ):
                     out[f"subtalar_{side}"] = row[3]
@@ -307,7 +311,7 @@ def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PutJoint:
+class MovedJoint:
     """A joint's frames, parent's before child's, and how far centre and axis have gone in either
     body.
     """
@@ -315,11 +319,13 @@ class PutJoint:
     in_parent: pin.SE3
     in_child: pin.SE3
     centre: Array  # (3,) m, in the parent, now
-    shifts: tuple[Array, Array]
-    turns: tuple[float, float]
+    displacements: tuple[Array, Array]
+    rotations: tuple[float, float]
 
 
-def put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+def move_ball_joint(
+    leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None
+) -> MovedJoint:
     """The centre of a joint taken to the point of `target`.
 
     `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None
@@ -333,51 +339,57 @@ def put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None
     if standing is not None:
         in_child = standing.actInv(in_parent * joint.in_parent.actInv(was * joint.in_child))
     shifts = shift, in_child.translation - joint.in_child.translation
-    return PutJoint(
+    return MovedJoint(
         in_parent=in_parent,
         in_child=in_child,
         centre=target.point,
-        shifts=shifts,
-        turns=(0.0, turn_between(joint.in_child, in_child)),
+        displacements=shifts,
+        rotations=(0.0, measure_rotation(joint.in_child, in_child)),
     )
 
 
-def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> MovedJoint:
     """The axis of a joint taken to `target`; arguments as of `put_ball`."""
     joint, hinge = leg.theirs, leg.hinge
     if hinge is None:
         raise ValueError(f"{leg.ours} is no hinge")
-    step, shift, to = smallest_motion(hinge.in_parent, target, (was * joint.in_child).translation)
+    step, shift, to = compute_smallest_motion(
+        hinge.in_parent, target, (was * joint.in_child).translation
+    )
     in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
     if standing is not None:
-        other, shift_child, _ = smallest_motion(
-            hinge.in_child, target.moved(standing.inverse()), joint.in_child.translation
+        other, shift_child, _ = compute_smallest_motion(
+            hinge.in_child, target.transform(standing.inverse()), joint.in_child.translation
         )
         new = Hinge(step * hinge.in_parent, other * hinge.in_child)
-        turn = new.angle(standing) - hinge.angle(was)
-        back = pin.SE3(make_axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
+        turn = new.measure_angle(standing) - hinge.measure_angle(was)
+        back = pin.SE3(
+            make_axis_rotation(2, -turn), np.array([0.0, 0.0, -new.measure_slide(standing)])
+        )
         in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
         old_axis, new_axis = hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2]
         turn_child = float(
             np.arctan2(np.linalg.norm(np.cross(old_axis, new_axis)), old_axis @ new_axis)
         )
-    return PutJoint(
+    return MovedJoint(
         in_parent=step * joint.in_parent,
         in_child=in_child,
         centre=to,
-        shifts=(shift, shift_child),
-        turns=(turn_between(pin.SE3.Identity(), step), turn_child),
+        displacements=(shift, shift_child),
+        rotations=(measure_rotation(pin.SE3.Identity(), step), turn_child),
     )
 
 
-def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
+def compute_smallest_motion(
+    hinge: pin.SE3, target: Axis, centre: Array
+) -> tuple[pin.SE3, Array, Array]:
     """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts
     the point of the axis next to `centre`, and where that point is then.
     """
     axis = Axis(hinge.translation, hinge.rotation[:, 2])
     direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
-    at = axis.nearest(centre)
-    to = target.nearest(at)
+    at = axis.find_nearest(centre)
+    to = target.find_nearest(at)
     turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
     return (
         pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at),
@@ -386,17 +398,17 @@ def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE
     )
 
 
-def turn_between(a: pin.SE3, b: pin.SE3) -> float:
+def measure_rotation(a: pin.SE3, b: pin.SE3) -> float:
     """rad, from one frame to the other."""
     return float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
 
 
-def shift_between(a: pin.SE3, b: pin.SE3) -> float:
+def measure_distance(a: pin.SE3, b: pin.SE3) -> float:
     """m, between the origins of two frames."""
     return float(np.linalg.norm(a.translation - b.translation))
 
 
-def standing_coordinates(
+def solve_standing_coordinates(
     peer: PeerModel, row: Sequence[PeerJoint], target: pin.SE3, legs: Mapping[str, LegJoint]
 ) -> dict[str, float]:
     """Coordinates of the model as it was with which its bodies are turned against each other as
@@ -419,11 +431,14 @@ def standing_coordinates(
     def residual(q: Array) -> Array:
         if single is not None:
             return np.array(
-                [single.angle(peer.joint_pose(row[0], values(q))) - single.angle(target)]
+                [
+                    single.measure_angle(peer.compute_joint_pose(row[0], values(q)))
+                    - single.measure_angle(target)
+                ]
             )
         turned = np.eye(3)
         for joint in row:
-            turned = turned @ peer.joint_pose(joint, values(q)).rotation
+            turned = turned @ peer.compute_joint_pose(joint, values(q)).rotation
         return np.concatenate([pin.log3(turned.T @ target.rotation), 1e-9 * q])
 
     if not free:
@@ -452,14 +467,14 @@ _SIDED = {
 }
 
 
-def slides(body: str) -> bool:
+def is_sliding_body(body: str) -> bool:
     """Whether a peer's body slides on the segment it is counted with, so that its markers are no
     part of it.
     """
     return body.startswith("patella_")
 
 
-def segment_of(body: str) -> str | None:
+def find_segment(body: str) -> str | None:
     """Our segment for a peer's body (the talus counts with the foot), or None."""
     if body in MASSIVE_SEGMENTS:
         return body
@@ -471,16 +486,16 @@ def segment_of(body: str) -> str | None:
     return body if body in SEGMENTS else None
 
 
-def same_label(label: str, candidates: tuple[str, ...]) -> str | None:
+def match_label(label: str, candidates: tuple[str, ...]) -> str | None:
     """The candidate with this name; else the only one that is the same but for case and
     punctuation; else None.
     """
     if label in candidates:
         return label
-    plain = _plain(label)
-    alike = [c for c in candidates if _plain(c) == plain]
+    plain = _normalise_label(label)
+    alike = [c for c in candidates if _normalise_label(c) == plain]
     return alike[0] if len(alike) == 1 and plain else None
 
 
-def _plain(label: str) -> str:
+def _normalise_label(label: str) -> str:
     return "".join(c for c in label.casefold() if c.isalnum())

@@ -20,10 +20,10 @@ import pinocchio as pin
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.export.opensim.osim_writer import (
-    body_fixed_xyz,
-    from_body_fixed_xyz,
-    numbers,
-    original_name,
+    convert_from_body_fixed_xyz,
+    convert_to_body_fixed_xyz,
+    decode_name,
+    format_numbers,
 )
 from gaitcal.export.opensim.peer_model import (
     PeerAxis,
@@ -54,7 +54,7 @@ class _Span:
     inside: int  # After its first tag
     end: int  # Before its last tag; the same as `inside` where its only tag closes itself
 
-    def alone(self, content: bytes) -> bool:
+    def is_self_closing(self, content: bytes) -> bool:
         """Whether its only tag closes itself."""
         return content[self.inside - 2 : self.inside] == b"/>"
 
@@ -68,7 +68,7 @@ class FramePlacement:
 
 
 @dataclass(frozen=True)
-class Weight:
+class BodyMass:
     """What a body weighs now."""
 
     mass: float  # kg
@@ -85,46 +85,46 @@ class OsimDocument:
     model: ET.Element  # Its `<Model>`
     _spans: dict[ET.Element, _Span] = field(repr=False)
 
-    def joint(self, name: str) -> ET.Element:
+    def find_joint(self, name: str) -> ET.Element:
         """The element of a joint."""
-        return next(e for e in self.joints() if e.get("name", "") == name)
+        return next(e for e in self.list_joints() if e.get("name", "") == name)
 
-    def body(self, name: str) -> ET.Element:
+    def find_body(self, name: str) -> ET.Element:
         """The element of a body."""
         return next(
             e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name
         )
 
-    def frames_of(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
+    def list_frames(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
         """A body and the offset frames in it (OpenSim 4): path from the body on, pose in the body,
         element.
         """
-        held = [(name, pin.SE3.Identity(), self.body(name))]
+        held = [(name, pin.SE3.Identity(), self.find_body(name))]
         while held:
             path, pose, element = held.pop()
             yield path, pose, element
             for frame in element.findall("components/PhysicalOffsetFrame"):
-                if _named(frame, "socket_parent").rpartition("/")[2] in (
+                if _read_socket(frame, "socket_parent").rpartition("/")[2] in (
                     "..",
                     path.rpartition("/")[2],
                 ):
-                    place = pose * _place(frame, *TAGS_4, self.source)
+                    place = pose * _read_pose(frame, *TAGS_4, self.source)
                     held.append((f"{path}/{frame.get('name', '')}", place, frame))
 
-    def mass_centre(self, name: str) -> Array:
+    def read_mass_centre(self, name: str) -> Array:
         """(3,) m, of a body, in it."""
-        return read_numbers(self.body(name), "mass_center", self.source, count=3)
+        return read_numbers(self.find_body(name), "mass_center", self.source, count=3)
 
-    def joints(self) -> Iterator[ET.Element]:
+    def list_joints(self) -> Iterator[ET.Element]:
         """All joints, of either generation of files."""
         yield from self.model.findall("BodySet/objects/Body/Joint/*")
         yield from self.model.findall("JointSet/objects/*")
 
-    def hangs_on(self, joint: str) -> list[str]:
+    def list_attached_elements(self, joint: str) -> list[str]:
         """Names of elements elsewhere that are fixed to a frame of this joint, and so would move
         with it.
         """
-        frames = {f"{joint}/{f.get('name')}" for f in self.joint(joint).findall("frames/*")}
+        frames = {f"{joint}/{f.get('name')}" for f in self.find_joint(joint).findall("frames/*")}
         out = []
         for element in self.model.iter():
             for child in element:
@@ -136,10 +136,10 @@ class OsimDocument:
                     out.append(element.get("name", element.tag))
         return out
 
-    def changed(
+    def apply_changes(
         self,
         places: Mapping[tuple[str, str], FramePlacement],
-        weights: Mapping[str, Weight] | None = None,
+        weights: Mapping[str, BodyMass] | None = None,
         further: Iterable[tuple[ET.Element, Sequence[str], Sequence[Array]]] = (),
         meshes: Mapping[str, pin.SE3] | None = None,
     ) -> bytes:
@@ -151,15 +151,15 @@ class OsimDocument:
         """
         edits = _Edits(self)
         for (name, end), place in places.items():
-            edits.place(self.joint(name), end, place)
+            edits.place_joint(self.find_joint(name), end, place)
         for body, weight in (weights or {}).items():
-            edits.weigh(self.body(body), weight)
+            edits.replace_mass(self.find_body(body), weight)
         for element, tags, values in further:
-            edits.numbers(element, tags, values)
+            edits.replace_numbers(element, tags, values)
         for body, motion in (meshes or {}).items():
-            for _, frame, element in self.frames_of(body):
-                edits.draw(element, frame.actInv(motion * frame))
-        return edits.applied()
+            for _, frame, element in self.list_frames(body):
+                edits.move_meshes(element, frame.actInv(motion * frame))
+        return edits.apply()
 
 
 @dataclass
@@ -170,22 +170,22 @@ class _Edits:
     found: list[tuple[int, int, bytes]] = field(default_factory=list)
     new_frames: dict[ET.Element, list[str]] = field(default_factory=dict)
 
-    def place(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
+    def place_joint(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
         values = (
             place.translation,
-            None if place.rotation is None else body_fixed_xyz(place.rotation),
+            None if place.rotation is None else convert_to_body_fixed_xyz(place.rotation),
         )
         if joint.find("location_in_parent") is not None or joint.find("parent_body") is not None:
-            self.numbers(joint, TAGS_3[end], values)
+            self.replace_numbers(joint, TAGS_3[end], values)
             return
-        socket = socket_of(joint, f"socket_{end}_frame")
+        socket = find_socket(joint, f"socket_{end}_frame")
         connected = "" if socket is None else (socket.text or "").strip()
         frame = next(
             (f for f in joint.findall("frames/*") if f.get("name") == connected.rpartition("/")[2]),
             None,
         )
         if frame is not None:
-            self.numbers(frame, TAGS_4, values)
+            self.replace_numbers(frame, TAGS_4, values)
         elif socket is not None:
             name = f"{connected.rpartition('/')[2]}_{end}_offset"
             span = self.document._spans[socket]
@@ -193,54 +193,62 @@ class _Edits:
             body = connected if connected.startswith("/") else f"/bodyset/{connected}"
             inside = f"<socket_parent>{body}</socket_parent>"
             inside += "".join(
-                f"<{tag}>{numbers(v)}</{tag}>"
+                f"<{tag}>{format_numbers(v)}</{tag}>"
                 for tag, v in zip(TAGS_4, values, strict=True)
                 if v is not None
             )
             frame_text = f'<PhysicalOffsetFrame name="{name}">{inside}</PhysicalOffsetFrame>'
             self.new_frames.setdefault(joint, []).append(frame_text)
 
-    def weigh(self, body: ET.Element, weight: Weight) -> None:
+    def replace_mass(self, body: ET.Element, weight: BodyMass) -> None:
         source = self.document.source
-        self.numbers(body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre))
+        self.replace_numbers(
+            body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre)
+        )
         for tag in INERTIA_TAGS:
             if body.find(tag) is not None and weight.inertia != 1.0:
-                self.numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
+                self.replace_numbers(
+                    body, (tag,), (weight.inertia * read_numbers(body, tag, source),)
+                )
 
-    def draw(self, body: ET.Element, pose: pin.SE3) -> None:
+    def move_meshes(self, body: ET.Element, pose: pin.SE3) -> None:
         """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in
         OpenSim 3 they get a place of their own.
         """
         content, spans = self.document.content, self.document._spans
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
             old = read_numbers(mesh, "transform", self.document.source, count=6)
-            now = pose * pin.SE3(from_body_fixed_xyz(old[:3]), old[3:])
-            self.numbers(
+            now = pose * pin.SE3(convert_from_body_fixed_xyz(old[:3]), old[3:])
+            self.replace_numbers(
                 mesh,
                 ("transform",),
-                (np.concatenate([body_fixed_xyz(now.rotation), now.translation]),),
+                (np.concatenate([convert_to_body_fixed_xyz(now.rotation), now.translation]),),
             )
         drawn = body.find("attached_geometry")
         if drawn is None or not len(drawn):
             return
         span, holder = spans[drawn], body.find("components")
-        values = zip(TAGS_4, (pose.translation, body_fixed_xyz(pose.rotation)), strict=True)
-        places = "".join(f"<{tag}>{numbers(v)}</{tag}>" for tag, v in values)
+        values = zip(
+            TAGS_4, (pose.translation, convert_to_body_fixed_xyz(pose.rotation)), strict=True
+        )
+        places = "".join(f"<{tag}>{format_numbers(v)}</{tag}>" for tag, v in values)
         head = (
             "<PhysicalOffsetFrame "
             f'name="{body.get("name")}_meshes"><socket_parent>..</socket_parent>{places}'
         )
         end = content.index(b">", span.end) + 1
         frame = b"".join([head.encode(), content[span.start : end], b"</PhysicalOffsetFrame>"])
-        if holder is None or spans[holder].alone(content):
+        if holder is None or spans[holder].is_self_closing(content):
             frame = b"<components>" + frame + b"</components>"
         if holder is not None:
             at = spans[holder]
-            self.found.append((at.start if at.alone(content) else at.inside, at.inside, frame))
+            self.found.append(
+                (at.start if at.is_self_closing(content) else at.inside, at.inside, frame)
+            )
             frame = b""
         self.found.append((span.start, end, frame))
 
-    def numbers(
+    def replace_numbers(
         self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]
     ) -> None:
         for tag, values in zip(tags, all_values, strict=True):
@@ -252,23 +260,27 @@ class _Edits:
                 blank = _BLANK.match(content, span.inside)
                 lead = blank.group() if blank else b""
                 self.found.append(
-                    (span.inside, span.inside, lead + f"<{tag}>{numbers(values)}</{tag}>".encode())
+                    (
+                        span.inside,
+                        span.inside,
+                        lead + f"<{tag}>{format_numbers(values)}</{tag}>".encode(),
+                    )
                 )
-            elif span.alone(content):
+            elif span.is_self_closing(content):
                 self.found.append(
-                    (span.start, span.inside, f"<{tag}>{numbers(values)}</{tag}>".encode())
+                    (span.start, span.inside, f"<{tag}>{format_numbers(values)}</{tag}>".encode())
                 )
             else:
-                self.found.append((span.inside, span.end, numbers(values).encode()))
+                self.found.append((span.inside, span.end, format_numbers(values).encode()))
 
-    def applied(self) -> bytes:
+    def apply(self) -> bytes:
         content, spans = self.document.content, self.document._spans
         for joint, frames in self.new_frames.items():
             text, holder = "".join(frames), joint.find("frames")
             if holder is None:
                 at = spans[joint].inside
                 self.found.append((at, at, f"<frames>{text}</frames>".encode()))
-            elif spans[holder].alone(content):
+            elif spans[holder].is_self_closing(content):
                 self.found.append(
                     (spans[holder].start, spans[holder].inside, f"<frames>{text}</frames>".encode())
                 )
@@ -281,7 +293,7 @@ class _Edits:
         return b"".join([*out, content[last:]])
 
 
-def socket_of(element: ET.Element, socket: str) -> ET.Element | None:
+def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
     """The element that says what a socket is connected to; it is spelt otherwise in the betas of
     OpenSim 4.
     """
@@ -307,7 +319,7 @@ def read_document(path: Path | str) -> OsimDocument:
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise fault("found UTF-16 text; save the file as UTF-8", Code.NOT_TEXT)
     try:
-        root, spans = _parsed(content)
+        root, spans = _parse(content)
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise fault(f"is not well-formed XML: {error}") from None
     model = root.find("Model") if root.tag == "OpenSimDocument" else None
@@ -319,7 +331,7 @@ def read_document(path: Path | str) -> OsimDocument:
     return OsimDocument(path, content, model, spans)
 
 
-def _parsed(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
+def _parse(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
     """The root element, and where every element stands."""
     parser, builder = expat.ParserCreate(), ET.TreeBuilder()
     parser.buffer_text = True
@@ -367,10 +379,10 @@ def read_osim(path: Path | str) -> PeerModel:
     Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not
     understood.
     """
-    return peer_of(read_document(path))
+    return build_peer_model(read_document(path))
 
 
-def peer_of(document: OsimDocument) -> PeerModel:
+def build_peer_model(document: OsimDocument) -> PeerModel:
     """Bodies, joints and markers of a model file that was read; InputError where something is not
     understood.
     """
@@ -381,9 +393,9 @@ def peer_of(document: OsimDocument) -> PeerModel:
         name = body.get("name", "")
         masses[name] = float(read_numbers(body, "mass", path, count=1)[0])
         for element in body.findall("Joint/*"):
-            joints[name] = _joint(element, path, name)
+            joints[name] = _read_joint(element, path, name)
     for element in model.findall("JointSet/objects/*"):
-        joint = _joint(element, path)
+        joint = _read_joint(element, path)
         joints[joint.child] = joint
     for joint in joints.values():
         if missing := {joint.parent, joint.child} - masses.keys() - {"ground"}:
@@ -394,39 +406,43 @@ def peer_of(document: OsimDocument) -> PeerModel:
     masses.pop("ground", None)
     if not masses or not joints:
         raise InputError("found no bodies or no joints", source=path, code=Code.OTHER_MODEL)
-    return PeerModel(str(path), masses, joints, _markers(document, masses))
+    return PeerModel(str(path), masses, joints, _read_markers(document, masses))
 
 
-def _markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
+def _read_markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
     markers: dict[str, tuple[str, Array]] = {}
     offset = {
         path: (body, pose)
         for body in bodies
-        for path, pose, _ in document.frames_of(body)
+        for path, pose, _ in document.list_frames(body)
         if path != body
     }
     for marker in document.model.findall("MarkerSet/objects/Marker"):
-        frame = (_named(marker, "socket_parent_frame") or marker.findtext("body") or "").strip()
+        frame = (
+            _read_socket(marker, "socket_parent_frame") or marker.findtext("body") or ""
+        ).strip()
         body, pose = offset.get(
             frame.rpartition("bodyset/")[2], (frame.rpartition("/")[2], pin.SE3.Identity())
         )
         at = read_numbers(marker, "location", document.source, count=3)
-        markers[original_name(marker.get("name", ""))] = (body, pose.act(at))
+        markers[decode_name(marker.get("name", ""))] = (body, pose.act(at))
     return markers
 
 
-def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
+def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
     """A joint of OpenSim 4 with its frames; with `child` one of OpenSim 3, which stands inside that
     body.
     """
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
 
     def end(socket: str) -> tuple[str, pin.SE3]:
-        body = _named(element, socket).rpartition("/")[2]
+        body = _read_socket(element, socket).rpartition("/")[2]
         if body not in frames:
             return body, pin.SE3.Identity()
-        owner = _named(frames[body], "socket_parent")
-        return owner.rpartition("/")[2], _place(frames[body], "translation", "orientation", path)
+        owner = _read_socket(frames[body], "socket_parent")
+        return owner.rpartition("/")[2], _read_pose(
+            frames[body], "translation", "orientation", path
+        )
 
     if child is None:
         (parent, in_parent), (child, in_child) = (
@@ -435,9 +451,9 @@ def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoi
         )
     else:
         parent = (element.findtext("parent_body") or "").strip()
-        in_parent = _place(element, "location_in_parent", "orientation_in_parent", path)
-        in_child = _place(element, "location", "orientation", path)
-    coordinates = tuple(_coordinate(c, path) for c in element.iter("Coordinate"))
+        in_parent = _read_pose(element, "location_in_parent", "orientation_in_parent", path)
+        in_child = _read_pose(element, "location", "orientation", path)
+    coordinates = tuple(_read_coordinate(c, path) for c in element.iter("Coordinate"))
     return PeerJoint(
         name=element.get("name", ""),
         kind=element.tag,
@@ -446,22 +462,24 @@ def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoi
         in_parent=in_parent,
         in_child=in_child,
         coordinates=coordinates,
-        axes=_axes(element, coordinates, path),
+        axes=_read_axes(element, coordinates, path),
     )
 
 
-def _named(element: ET.Element, socket: str) -> str:
+def _read_socket(element: ET.Element, socket: str) -> str:
     """What a socket is connected to."""
-    found = socket_of(element, socket)
+    found = find_socket(element, socket)
     return "" if found is None else (found.text or "").strip()
 
 
-def _place(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
+def _read_pose(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
     angles = read_numbers(element, orientation, path, count=3)
-    return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
+    return pin.SE3(
+        convert_from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3)
+    )
 
 
-def _axes(
+def _read_axes(
     element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path
 ) -> tuple[PeerAxis, ...] | None:
     if element.tag in _SIMPLE:
@@ -490,7 +508,7 @@ def _axes(
     return tuple(axes)
 
 
-def _coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
+def _read_coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
     low, high = read_numbers(element, "range", path, count=2)
     default = float(read_numbers(element, "default_value", path, count=1)[0])
     locked = (element.findtext("locked") or "").strip() == "true"

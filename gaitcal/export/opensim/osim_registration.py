@@ -25,9 +25,9 @@ from gaitcal.export.opensim.osim_correspondence import (
     ARMS,
     Hinge,
     LegJoint,
-    same_label,
-    segment_of,
-    slides,
+    find_segment,
+    is_sliding_body,
+    match_label,
 )
 from gaitcal.export.opensim.peer_model import Axis, PeerModel
 from gaitcal.model.chain import LinkageModel, get_chain
@@ -59,24 +59,24 @@ class Registration:
     pose: pin.SE3  # Of the body in our segment
     rms: float  # m, of the distances that remain
     centre: Array  # (3,) m, mean of the shared points in our segment
-    turn_covariance: Array  # (3, 3) rad^2, axes of our segment
-    shift_variance: float  # m^2, of `centre` in each direction
+    rotation_covariance: Array  # (3, 3) rad^2, axes of our segment
+    translation_variance: float  # m^2, of `centre` in each direction
 
-    def point_covariance(self, point: Array) -> Array:
+    def compute_point_covariance(self, point: Array) -> Array:
         """(3, 3) m^2, of a point (3,) of our segment as a place in the body."""
         arm = pin.skew(point - self.centre)
-        out: Array = self.shift_variance * np.eye(3) + arm @ self.turn_covariance @ arm.T
+        out: Array = self.translation_variance * np.eye(3) + arm @ self.rotation_covariance @ arm.T
         return out
 
-    def drawn(self, rng: np.random.Generator) -> pin.SE3:
+    def draw_pose(self, rng: np.random.Generator) -> pin.SE3:
         """The pose with an error of its size."""
-        turn = rng.multivariate_normal(np.zeros(3), self.turn_covariance, method="eigh")
-        shift = rng.normal(size=3) * np.sqrt(self.shift_variance)
+        turn = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
+        shift = rng.normal(size=3) * np.sqrt(self.translation_variance)
         about = pin.SE3(pin.exp3(turn), self.centre + shift) * pin.SE3(np.eye(3), -self.centre)
         return about * self.pose
 
 
-def with_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
+def add_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
     """The same person wearing the markers of the static trial, too, which stand at the ends of
     bones.
     """
@@ -101,7 +101,7 @@ def with_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
     return replace(model, markers=markers)
 
 
-def shared_markers(
+def find_shared_markers(
     model: SubjectModel, peer: PeerModel, segment: str, body: str, moved: Iterable[str] = ()
 ) -> tuple[Array, Array]:
     """Places (n, 3) m of the markers that both have on a segment: in the peer's body, and in our
@@ -114,25 +114,25 @@ def shared_markers(
     for label, of, local in zip(
         model.markers.labels, model.markers.segments, model.markers.local, strict=True
     ):
-        same = same_label(label, labels) if of == segment else None
+        same = match_label(label, labels) if of == segment else None
         if same is None:
             continue
         carrier, position = peer.markers[same]
-        on = segment_of(carrier)
+        on = find_segment(carrier)
         if (
-            slides(carrier)
+            is_sliding_body(carrier)
             or FOLLOWED_SEGMENT.get(on or "", on) not in (segment, None)
             or not peer.is_below(carrier, body)
         ):
             continue
         if any(peer.is_below(carrier, b) and peer.is_below(b, body) for b in others):
             continue
-        theirs.append(peer.body_pose(carrier, body).act(position))
+        theirs.append(peer.compute_body_pose(carrier, body).act(position))
         ours.append(local)
     return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
 
 
-def registered(
+def register_body(
     segment: str, body: str, markers: int, theirs: Array, ours: Array, common: int | None = None
 ) -> Registration | None:
     """A body laid on a segment by points (n, 3) m that both have; None where they do not determine
@@ -160,21 +160,21 @@ def registered(
         pose=pin.SE3(fit.rotation[0], fit.origin[0]),
         rms=float(np.sqrt(np.mean(distances**2))),
         centre=centre,
-        turn_covariance=variance * np.linalg.inv(float((x**2).sum()) * np.eye(3) - x.T @ x),
-        shift_variance=variance / n,
+        rotation_covariance=variance * np.linalg.inv(float((x**2).sum()) * np.eye(3) - x.T @ x),
+        translation_variance=variance / n,
     )
 
 
-def axis_of_ours(joint: str, parameters: Parameters, in_parent: bool) -> Axis:
+def compute_joint_axis(joint: str, parameters: Parameters, in_parent: bool) -> Axis:
     """The axis of one of our joints (of the hip the centre, and its first axis) in the frame of its
     parent or child.
     """
-    frames = osim_writer.frames_of(JOINT_OF[joint], parameters)
+    frames = osim_writer.get_joint_frames(JOINT_OF[joint], parameters)
     place = frames.in_parent if in_parent else frames.in_child
     return Axis(place.translation, place.rotation[:, frames.motions[0].axis])
 
 
-def about_its_place(
+def perturb_joint(
     leg: LegJoint,
     peer: PeerModel,
     bodies: Mapping[str, Registration],
@@ -190,14 +190,15 @@ def about_its_place(
         (ours.parent, joint.parent, joint.in_parent),
         (ours.child, joint.child, joint.in_child),
     ):
-        turned = _turned_into(body, segment, peer, bodies, was)
+        turned = _compute_rotation_into(body, segment, peer, bodies, was)
         a, b = (
-            axis_of_ours(leg.ours, p, segment == ours.parent).moved(turned) for p in (was, drawn)
+            compute_joint_axis(leg.ours, p, segment == ours.parent).transform(turned)
+            for p in (was, drawn)
         )
         shift, turn = b.point - a.point, np.eye(3)
         if hinge is not None:
             turn = pin.Quaternion.FromTwoVectors(a.direction, b.direction).toRotationMatrix()
-            shift = b.nearest(a.point) - a.point
+            shift = b.find_nearest(a.point) - a.point
         about = pin.SE3(np.eye(3), frame.translation)
         steps.append(about * pin.SE3(turn, shift) * about.inverse())
     if hinge is not None:
@@ -208,7 +209,7 @@ def about_its_place(
     return replace(leg, theirs=theirs, hinge=hinge)
 
 
-def _turned_into(
+def _compute_rotation_into(
     body: str,
     segment: str,
     peer: PeerModel,
@@ -220,15 +221,15 @@ def _turned_into(
     """
     turn, side = np.eye(3), segment[-1]
     if segment not in bodies and (foot := f"foot_{side}") in bodies:
-        frames = osim_writer.frames_of(JOINT_OF[f"subtalar_{side}"], parameters)
+        frames = osim_writer.get_joint_frames(JOINT_OF[f"subtalar_{side}"], parameters)
         segment, turn = foot, (frames.in_child * frames.in_parent.inverse()).rotation
     if segment in bodies:
         main = bodies[segment]
-        turn = between_bodies(peer, main.body, body).rotation @ main.pose.rotation.T @ turn
+        turn = compute_relative_pose(peer, main.body, body).rotation @ main.pose.rotation.T @ turn
     return pin.SE3(turn, np.zeros(3))
 
 
-def registrations(
+def register_bodies(
     model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]
 ) -> dict[str, Registration]:
     """By our segment; pelvis, thighs, shanks and feet, as far as the model has them.
@@ -246,11 +247,11 @@ def registrations(
     out = {}
     for segment, body in bodies.items():
         count = model.markers.segments.count(segment)
-        theirs, ours = shared_markers(model, peer, segment, body, bodies.values())
-        found = registered(segment, body, count, theirs, ours)
+        theirs, ours = find_shared_markers(model, peer, segment, body, bodies.values())
+        found = register_body(segment, body, count, theirs, ours)
         if found is None:
-            points = _axis_points(model, peer, legs, segment, body)
-            found = registered(segment, body, count, *points, common=len(theirs))
+            points = _list_axis_points(model, peer, legs, segment, body)
+            found = register_body(segment, body, count, *points, common=len(theirs))
         if found is None:
             known = ", ".join(leg.theirs.name for leg in legs)
             message = (
@@ -289,7 +290,7 @@ NAME_OR_SCALE = "name the model's markers as the recordings do, or scale it to t
 _ARM = 0.05  # m, on either side of a joint's centre: points that stand for its axis
 
 
-def _axis_points(
+def _list_axis_points(
     model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint], segment: str, body: str
 ) -> tuple[Array, Array]:
     """Points (n, 3) m of the joints' axes in a body and in our segment, nominal joints; of pelvis
@@ -309,11 +310,11 @@ def _axis_points(
             other.ours == f"subtalar_{segment[-1]}" for other in legs
         ):
             continue
-        our_axis = axis_of_ours(leg.ours, model.nominal, of_ours.get(segment, False))
+        our_axis = compute_joint_axis(leg.ours, model.nominal, of_ours.get(segment, False))
         in_parent = of_ours.get(segment, False)
         carrier = leg.theirs.parent if in_parent else leg.theirs.child
         frame = (
-            (peer.joint_pose(leg.theirs, {}) * leg.theirs.in_child)
+            (peer.compute_joint_pose(leg.theirs, {}) * leg.theirs.in_child)
             if in_parent
             else leg.theirs.in_child
         )
@@ -321,14 +322,16 @@ def _axis_points(
             None if leg.hinge is None else leg.hinge.in_parent if in_parent else leg.hinge.in_child
         )
         to_body = (
-            peer.body_pose(carrier, body) if peer.is_below(carrier, body) else pin.SE3.Identity()
+            peer.compute_body_pose(carrier, body)
+            if peer.is_below(carrier, body)
+            else pin.SE3.Identity()
         )
         if hinge is None:
             theirs.append(to_body.act(frame.translation))
             ours.append(our_axis.point)
             continue
         axis = Axis(to_body.act(hinge.translation), to_body.rotation @ hinge.rotation[:, 2])
-        axis = Axis(axis.nearest(to_body.act(frame.translation)), axis.direction)
+        axis = Axis(axis.find_nearest(to_body.act(frame.translation)), axis.direction)
         direction = our_axis.direction * (1.0 if our_axis.direction @ axis.direction >= 0 else -1.0)
         for reach in (-_ARM, _ARM):
             theirs.append(axis.point + reach * axis.direction)
@@ -344,7 +347,7 @@ def _axis_points(
 _HOLD = 1e-6  # m per rad: what holds a coordinate of the standing posture that no marker shows
 
 
-def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
+def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
     """Segment of pelvis and legs -> pose in the laboratory of the static trial.
 
     The linkage with these parameters, fitted to the markers where the nominal one in the static
@@ -389,12 +392,12 @@ class SegmentMass:
     ours: float
 
 
-def body_weights(
+def compute_body_masses(
     parameters: Parameters,
     document: osim_reader.OsimDocument,
     peer: PeerModel,
     bodies: Mapping[str, Registration],
-) -> tuple[dict[str, osim_reader.Weight], tuple[SegmentMass, ...]]:
+) -> tuple[dict[str, osim_reader.BodyMass], tuple[SegmentMass, ...]]:
     """What the model's bodies weigh with our masses.
 
     The bodies of a segment keep their shares of its mass, and their moments of inertia grow with
@@ -404,14 +407,14 @@ def body_weights(
     """
     groups: dict[str, list[str]] = {}
     for body in peer.masses:
-        on = next((s for s, r in bodies.items() if r.body == body), None) or segment_of(body)
+        on = next((s for s, r in bodies.items() if r.body == body), None) or find_segment(body)
         if on is not None:
             groups.setdefault(on, []).append(body)
-    ours = {s: osim_writer.segment_inertia(parameters, s) for s in MASSIVE_SEGMENTS}
+    ours = {s: osim_writer.get_segment_inertia(parameters, s) for s in MASSIVE_SEGMENTS}
     mass = {s: inertia.mass for s, inertia in ours.items()}
     if not any(arm in groups for arm in ARMS):
         mass["head_trunk"] += sum(mass[arm] for arm in ARMS)
-    weights: dict[str, osim_reader.Weight] = {}
+    weights: dict[str, osim_reader.BodyMass] = {}
     masses = []
     for segment, group in groups.items():
         theirs = sum(peer.masses[body] for body in group)
@@ -421,13 +424,13 @@ def body_weights(
         moved = dict[str, Array]()
         if segment in bodies:
             main = bodies[segment]
-            centres = {body: document.mass_centre(body) for body in group}
-            poses = {body: between_bodies(peer, body, main.body) for body in group}
+            centres = {body: document.read_mass_centre(body) for body in group}
+            poses = {body: compute_relative_pose(peer, body, main.body) for body in group}
             was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
             shift = main.pose.actInv(ours[segment].centre) - was
             moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
         weights |= {
-            b: osim_reader.Weight(share * peer.masses[b], moved.get(b), share) for b in group
+            b: osim_reader.BodyMass(share * peer.masses[b], moved.get(b), share) for b in group
         }
         masses.append(
             SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment])
@@ -435,10 +438,10 @@ def body_weights(
     return weights, tuple(masses)
 
 
-def between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
+def compute_relative_pose(peer: PeerModel, body: str, main: str) -> pin.SE3:
     """Pose of a body in another of its segment, above or below it."""
     return (
-        peer.body_pose(body, main)
+        peer.compute_body_pose(body, main)
         if peer.is_below(body, main)
-        else peer.body_pose(main, body).inverse()
+        else peer.compute_body_pose(main, body).inverse()
     )

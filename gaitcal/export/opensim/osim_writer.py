@@ -90,22 +90,24 @@ class SegmentInertia:
     moments: Array  # (3,) kg m^2 about the mass centre
 
 
-def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
+def list_joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
     """Read all 14 joints off the Pinocchio model, that of the pelvis in the laboratory first.
 
     Each comes after the joint of its parent.
     """
     root = Joint("ground_pelvis", GROUND, "pelvis", make_root_elements("pelvis"))
     body = get_chain().body(parameters)
-    return tuple(_frames_in(body, joint) for joint in (root, *JOINTS))
+    return tuple(_extract_joint_frames(body, joint) for joint in (root, *JOINTS))
 
 
-def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
+def get_joint_frames(joint: Joint, parameters: Parameters) -> JointFrames:
     """Read one joint off the Pinocchio model."""
-    return _frames_in(get_chain(joint.parent, (joint.parent, joint.child)).body(parameters), joint)
+    return _extract_joint_frames(
+        get_chain(joint.parent, (joint.parent, joint.child)).body(parameters), joint
+    )
 
 
-def _frames_in(body: LinkageModel, joint: Joint) -> JointFrames:
+def _extract_joint_frames(body: LinkageModel, joint: Joint) -> JointFrames:
     moving = [i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE]
     motions = joint.elements[moving[0] : moving[-1] + 1]
     placements = dict(zip(body.chain.segments, body.segment_placement, strict=True))
@@ -115,25 +117,25 @@ def _frames_in(body: LinkageModel, joint: Joint) -> JointFrames:
         name=joint.name,
         parent=joint.parent,
         child=joint.child,
-        in_parent=parent.inverse() * first * _turned_back(motions[0]),
+        in_parent=parent.inverse() * first * _undo_half_turn(motions[0]),
         motions=motions,
-        to_child=_turned_back(motions[-1]) * placements[joint.child],
+        to_child=_undo_half_turn(motions[-1]) * placements[joint.child],
     )
 
 
-def _turned_back(motion: Element) -> pin.SE3:
+def _undo_half_turn(motion: Element) -> pin.SE3:
     """Between the frame of a joint and its axes before it was turned to reverse its own."""
     return pin.SE3(np.eye(3) if motion.sign > 0 else HALF_TURNS[motion.axis], np.zeros(3))
 
 
-def axis_vector(element: Element) -> Array:
+def make_axis_vector(element: Element) -> Array:
     """(3,) unit axis of a coordinate, with its sign."""
     axis = np.zeros(3)
     axis[element.axis] = element.sign
     return axis
 
 
-def segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
+def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
     """The inertia of one segment."""
     if segment not in MASSIVE_SEGMENTS:
         return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
@@ -141,33 +143,33 @@ def segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
     return SegmentInertia(float(row[0]), row[1:4], row[4:7])
 
 
-def body_fixed_xyz(rotation: Array) -> Array:
+def convert_to_body_fixed_xyz(rotation: Array) -> Array:
     """(3,) rad: a, b, c of R = Rx(a) Ry(b) Rz(c), as in OpenSim's `orientation`."""
     a = np.arctan2(-rotation[1, 2], rotation[2, 2])
     rest = make_axis_rotation(0, -float(a)) @ rotation
     return np.array([a, np.arctan2(rest[0, 2], rest[2, 2]), np.arctan2(rest[1, 0], rest[1, 1])])
 
 
-def space_fixed_xyz(rotation: Array) -> Array:
+def convert_to_space_fixed_xyz(rotation: Array) -> Array:
     """(3,) rad: roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF's `rpy`."""
-    return -body_fixed_xyz(rotation.T)
+    return -convert_to_body_fixed_xyz(rotation.T)
 
 
-def from_body_fixed_xyz(angles: Array) -> Array:
+def convert_from_body_fixed_xyz(angles: Array) -> Array:
     """(3, 3) rotation Rx(a) Ry(b) Rz(c)."""
     a, b, c = (float(angle) for angle in angles)
     rotation: Array = make_axis_rotation(0, a) @ make_axis_rotation(1, b) @ make_axis_rotation(2, c)
     return rotation
 
 
-def _range(coordinate: str) -> tuple[float, float]:
+def _get_range(coordinate: str) -> tuple[float, float]:
     if is_translation(coordinate):
         return TRANSLATION_RANGES[coordinate]
     low, high = COORDINATE_TABLE[split_side(coordinate)[0]].usual
     return math.radians(low), math.radians(high)
 
 
-COORDINATE_RANGES = {name: _range(name) for name in COORDINATES}
+COORDINATE_RANGES = {name: _get_range(name) for name in COORDINATES}
 """Lowest and highest usual value of every coordinate, m or rad."""
 
 # --------------------------------------------------------------------------------------- names, numbers and text
@@ -176,7 +178,7 @@ _ESCAPED = frozenset("\\/*+%<>&\"'")
 _EMPTY = "%"
 
 
-def safe_name(name: str) -> str:
+def encode_name(name: str) -> str:
     """`name` with every troublesome character as `%XX`; never empty; different names stay
     different.
     """
@@ -188,7 +190,7 @@ def safe_name(name: str) -> str:
     return out or _EMPTY
 
 
-def original_name(name: str) -> str:
+def decode_name(name: str) -> str:
     """The name that `safe_name` was given; a name that it cannot have written comes back as it is."""
     return "" if name == _EMPTY else re.sub("(?:%[0-9A-F]{2})+", _unescape, name)
 
@@ -200,14 +202,14 @@ def _unescape(match: re.Match[str]) -> str:
         return match.group()
 
 
-def numbers(values: Iterable[float]) -> str:
+def format_numbers(values: Iterable[float]) -> str:
     """Numbers separated by blanks, each with as many digits as bring it back exactly; no negative
     zeros.
     """
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
-def plain_text(text: str) -> str:
+def strip_control_characters(text: str) -> str:
     """`text` without the characters that XML cannot hold: they become U+FFFD. Markup is escaped on
     writing.
     """
@@ -216,7 +218,9 @@ def plain_text(text: str) -> str:
     )
 
 
-def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
+def add_child(
+    parent: ET.Element, tag: str, text: str | None = None, **attributes: str
+) -> ET.Element:
     """A new child element of `parent`."""
     element = ET.SubElement(parent, tag, attributes)
     element.text = text
@@ -239,56 +243,58 @@ def write_osim(model: SubjectModel, path: Path | str) -> None:
     Names of markers and of the subject are written by `safe_name`.
     """
     document = ET.Element("OpenSimDocument", Version=DOCUMENT_VERSION)
-    top = child(document, "Model", name=safe_name(model.subject.name))
-    child(top, "Ground", name=GROUND)
-    child(top, "gravity", numbers((0.0, -GRAVITY, 0.0)))
-    child(top, "credits", plain_text(" ".join(("Written by gaitcal.", *model.notes))))
-    child(top, "length_units", "meters")
-    child(top, "force_units", "N")
-    bodies = child(child(top, "BodySet", name="bodyset"), "objects")
+    top = add_child(document, "Model", name=encode_name(model.subject.name))
+    add_child(top, "Ground", name=GROUND)
+    add_child(top, "gravity", format_numbers((0.0, -GRAVITY, 0.0)))
+    add_child(
+        top, "credits", strip_control_characters(" ".join(("Written by gaitcal.", *model.notes)))
+    )
+    add_child(top, "length_units", "meters")
+    add_child(top, "force_units", "N")
+    bodies = add_child(add_child(top, "BodySet", name="bodyset"), "objects")
     for segment in SEGMENTS:
-        inertia = segment_inertia(model.parameters, segment)
-        body = child(bodies, "Body", name=segment)
-        child(body, "mass", numbers([inertia.mass]))
-        child(body, "mass_center", numbers(inertia.centre))
-        child(body, "inertia", numbers([*inertia.moments, 0.0, 0.0, 0.0]))
-    joints = child(child(top, "JointSet", name="jointset"), "objects")
-    for joint in joint_frames(model.parameters):
+        inertia = get_segment_inertia(model.parameters, segment)
+        body = add_child(bodies, "Body", name=segment)
+        add_child(body, "mass", format_numbers([inertia.mass]))
+        add_child(body, "mass_center", format_numbers(inertia.centre))
+        add_child(body, "inertia", format_numbers([*inertia.moments, 0.0, 0.0, 0.0]))
+    joints = add_child(add_child(top, "JointSet", name="jointset"), "objects")
+    for joint in list_joint_frames(model.parameters):
         _add_joint(joints, joint, model.locked)
-    objects = child(child(top, "MarkerSet", name="markerset"), "objects")
+    objects = add_child(add_child(top, "MarkerSet", name="markerset"), "objects")
     markers = model.markers
     for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
-        marker = child(objects, "Marker", name=safe_name(label))
-        child(marker, "socket_parent_frame", f"/bodyset/{segment}")
-        child(marker, "location", numbers(local))
-        child(marker, "fixed", "true")
+        marker = add_child(objects, "Marker", name=encode_name(label))
+        add_child(marker, "socket_parent_frame", f"/bodyset/{segment}")
+        add_child(marker, "location", format_numbers(local))
+        add_child(marker, "fixed", "true")
     write_xml(document, path)
 
 
 def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...]) -> None:
-    joint = child(joints, "CustomJoint", name=frames.name)
+    joint = add_child(joints, "CustomJoint", name=frames.name)
     in_parent, in_child = f"{frames.parent}_offset", f"{frames.child}_offset"
-    child(joint, "socket_parent_frame", in_parent)
-    child(joint, "socket_child_frame", in_child)
-    coordinates = child(joint, "coordinates")
+    add_child(joint, "socket_parent_frame", in_parent)
+    add_child(joint, "socket_child_frame", in_child)
+    coordinates = add_child(joint, "coordinates")
     for motion in sorted(frames.motions, key=lambda m: not m.rotates):
-        coordinate = child(coordinates, "Coordinate", name=motion.name)
-        child(coordinate, "default_value", "0")
-        child(coordinate, "default_speed_value", "0")
-        child(coordinate, "range", numbers(COORDINATE_RANGES[motion.name]))
-        child(coordinate, "clamped", "false")
-        child(coordinate, "locked", "true" if motion.name in frozen else "false")
-    offsets = child(joint, "frames")
+        coordinate = add_child(coordinates, "Coordinate", name=motion.name)
+        add_child(coordinate, "default_value", "0")
+        add_child(coordinate, "default_speed_value", "0")
+        add_child(coordinate, "range", format_numbers(COORDINATE_RANGES[motion.name]))
+        add_child(coordinate, "clamped", "false")
+        add_child(coordinate, "locked", "true" if motion.name in frozen else "false")
+    offsets = add_child(joint, "frames")
     ground = "/ground" if frames.parent == GROUND else f"/bodyset/{frames.parent}"
     for name, parent, place in (
         (in_parent, ground, frames.in_parent),
         (in_child, f"/bodyset/{frames.child}", frames.in_child),
     ):
-        frame = child(offsets, "PhysicalOffsetFrame", name=name)
-        child(frame, "socket_parent", parent)
-        child(frame, "translation", numbers(place.translation))
-        child(frame, "orientation", numbers(body_fixed_xyz(place.rotation)))
-    transform = child(joint, "SpatialTransform")
+        frame = add_child(offsets, "PhysicalOffsetFrame", name=name)
+        add_child(frame, "socket_parent", parent)
+        add_child(frame, "translation", format_numbers(place.translation))
+        add_child(frame, "orientation", format_numbers(convert_to_body_fixed_xyz(place.rotation)))
+    transform = add_child(joint, "SpatialTransform")
     _add_axes(transform, "rotation", [m for m in frames.motions if m.rotates])
     _add_axes(transform, "translation", [m for m in frames.motions if not m.rotates])
 
@@ -299,12 +305,12 @@ def _add_axes(transform: ET.Element, kind: str, motions: list[Element]) -> None:
     """
     idle = [axis for axis in range(3) if axis not in {m.axis for m in motions}]
     for number in range(3):
-        axis = child(transform, "TransformAxis", name=f"{kind}{number + 1}")
+        axis = add_child(transform, "TransformAxis", name=f"{kind}{number + 1}")
         if number < len(motions):
-            child(axis, "coordinates", motions[number].name)
-            child(axis, "axis", numbers(axis_vector(motions[number])))
-            child(child(axis, "LinearFunction", name="function"), "coefficients", "1 0")
+            add_child(axis, "coordinates", motions[number].name)
+            add_child(axis, "axis", format_numbers(make_axis_vector(motions[number])))
+            add_child(add_child(axis, "LinearFunction", name="function"), "coefficients", "1 0")
         else:
-            child(axis, "coordinates")
-            child(axis, "axis", numbers(np.eye(3)[idle[number - len(motions)]]))
-            child(child(axis, "Constant", name="function"), "value", "0")
+            add_child(axis, "coordinates")
+            add_child(axis, "axis", format_numbers(np.eye(3)[idle[number - len(motions)]]))
+            add_child(add_child(axis, "Constant", name="function"), "value", "0")

@@ -39,7 +39,7 @@ from scipy.interpolate import make_interp_spline
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.osim_writer import joint_frames
+from gaitcal.export.opensim.osim_writer import list_joint_frames
 from gaitcal.model.parameters import Parameters
 
 
@@ -89,18 +89,18 @@ class PeerModel:
     joints: dict[str, PeerJoint]  # By child body
     markers: dict[str, tuple[str, Array]]  # Label -> body and position (3,) m in it
 
-    def joint_of(self, coordinate: str) -> PeerJoint | None:
+    def find_joint(self, coordinate: str) -> PeerJoint | None:
         """The joint that has a coordinate of this name."""
         return next(
             (j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)),
             None,
         )
 
-    def with_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
+    def replace_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
         """With other joints for those between the same bodies."""
         return replace(self, joints=self.joints | {joint.child: joint for joint in joints})
 
-    def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
+    def compute_joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
         """Pose of the child in the parent; coordinates not in `values` are zero, or at their
         default if locked.
         """
@@ -121,23 +121,23 @@ class PeerModel:
                 motion = motion * pin.SE3(np.eye(3), amount * axis.axis)
         return joint.in_parent * motion * joint.in_child.inverse()
 
-    def body_pose(
+    def compute_body_pose(
         self, body: str, ancestor: str, values: Mapping[str, float] | None = None
     ) -> pin.SE3:
         """Pose of a body in the frame of one of its ancestors; coordinates as in `joint_pose`."""
         pose = pin.SE3.Identity()
-        for joint in reversed(self.joints_between(ancestor, body)):
-            pose = self.joint_pose(joint, values or {}) * pose
+        for joint in reversed(self.list_joints_between(ancestor, body)):
+            pose = self.compute_joint_pose(joint, values or {}) * pose
         return pose
 
     def is_below(self, body: str, ancestor: str) -> bool:
         """Whether `ancestor` is the body itself or on its way to the ground."""
-        return None not in self._way_up(body, ancestor)
+        return None not in self._list_joints_up(body, ancestor)
 
-    def joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
+    def list_joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
         """The joints from a body down to one below it, in that order."""
         joints: list[PeerJoint] = []
-        for joint in self._way_up(body, ancestor):
+        for joint in self._list_joints_up(body, ancestor):
             if joint is None:
                 raise InputError(
                     f"body {body} does not hang on {ancestor}",
@@ -147,7 +147,7 @@ class PeerModel:
             joints.insert(0, joint)
         return joints
 
-    def _way_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
+    def _list_joints_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
         """The joints from a body up to one of its ancestors; None at the end where it does not hang
         on that one.
         """
@@ -210,10 +210,10 @@ def read_function(holder: ET.Element, source: Path) -> Function | None:
     if element is None:
         other = [e for e in inside if e.get("name") == "function" or inside is wrapped]
         return None if other else lambda _: 0.0
-    return _function(element, source)
+    return _parse_function(element, source)
 
 
-def _function(element: ET.Element, source: Path) -> Function | None:
+def _parse_function(element: ET.Element, source: Path) -> Function | None:
     if element.tag == "Constant":
         value = float(read_numbers(element, "value", source, count=1)[0])
         return lambda _: value
@@ -238,11 +238,14 @@ def _function(element: ET.Element, source: Path) -> Function | None:
         raise InputError(message, source=source, field=element.tag, code=Code.OTHER_MODEL)
     if element.tag == "PiecewiseLinearFunction" or len(x) < 4:
         return lambda value: float(np.interp(value, x, y))
-    return _spline(x, y)
+    return _make_spline(x, y)
 
 
-def _spline(x: Array, y: Array) -> Function:
-    ends = [6.0 * _third_difference(x[part], y[part]) for part in (slice(None, 4), slice(-4, None))]
+def _make_spline(x: Array, y: Array) -> Function:
+    ends = [
+        6.0 * _compute_third_difference(x[part], y[part])
+        for part in (slice(None, 4), slice(-4, None))
+    ]
     spline = make_interp_spline(x, y, k=3, bc_type=([(3, ends[0])], [(3, ends[1])]))
     slope = spline.derivative()
 
@@ -253,7 +256,7 @@ def _spline(x: Array, y: Array) -> Function:
     return evaluate
 
 
-def _third_difference(x: Array, y: Array) -> float:
+def _compute_third_difference(x: Array, y: Array) -> float:
     for order in range(1, 4):
         y = np.diff(y) / (x[order:] - x[:-order])
     return float(y[0])
@@ -281,149 +284,161 @@ class LegGeometry:
     ankle_axes_distance: float | None  # m, between talocrural and subtalar axis
 
 
-def our_leg(parameters: Parameters, side: str) -> LegGeometry:
+def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
     """The geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
-    frames = {joint.name: joint for joint in joint_frames(parameters)}
+    frames = {joint.name: joint for joint in list_joint_frames(parameters)}
     hip, knee, ankle, subtalar = (
         frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar")
     )
     hip_in_thigh = hip.in_child.translation
-    knee_in_thigh, knee_in_shank = _axis_of(knee.in_parent, 2), _axis_of(knee.in_child, 2)
-    ankle_in_shank = _axis_of(ankle.in_parent, 2)
+    knee_in_thigh, knee_in_shank = _get_axis(knee.in_parent, 2), _get_axis(knee.in_child, 2)
+    ankle_in_shank = _get_axis(ankle.in_parent, 2)
     return LegGeometry(
         hip_in_pelvis=hip.in_parent.translation,
         hip_in_thigh=hip_in_thigh,
         knee_in_thigh=knee_in_thigh,
         knee_in_shank=knee_in_shank,
         ankle_in_shank=ankle_in_shank,
-        subtalar_in_foot=_axis_of(subtalar.in_child, 0),
-        thigh_length=_between(hip_in_thigh, knee_in_thigh.point),
-        shank_length=_between(knee_in_shank.point, ankle_in_shank.point),
+        subtalar_in_foot=_get_axis(subtalar.in_child, 0),
+        thigh_length=_measure_distance(hip_in_thigh, knee_in_thigh.point),
+        shank_length=_measure_distance(knee_in_shank.point, ankle_in_shank.point),
         # In the talus, whose frame is that of the talocrural joint.
-        ankle_axes_distance=line_distance(
-            _axis_of(subtalar.in_parent, 0), _axis_of(pin.SE3.Identity(), 2)
+        ankle_axes_distance=measure_line_distance(
+            _get_axis(subtalar.in_parent, 0), _get_axis(pin.SE3.Identity(), 2)
         ),
     )
 
 
-def leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
+def find_leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
     """The peer's body for each of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, as far as
     it has them.
     """
     bodies: dict[str, str] = {}
-    if hip := peer.joint_of(f"hip_flexion_{side}"):
+    if hip := peer.find_joint(f"hip_flexion_{side}"):
         bodies |= {"pelvis": hip.parent, f"thigh_{side}": hip.child}
-    if knee := peer.joint_of(f"knee_angle_{side}"):
+    if knee := peer.find_joint(f"knee_angle_{side}"):
         bodies |= {f"thigh_{side}": knee.parent, f"shank_{side}": knee.child}
-    foot = peer.joint_of(f"subtalar_angle_{side}") or peer.joint_of(f"ankle_angle_{side}")
+    foot = peer.find_joint(f"subtalar_angle_{side}") or peer.find_joint(f"ankle_angle_{side}")
     if foot is not None:
         bodies[f"foot_{side}"] = foot.child
     return bodies
 
 
-def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> LegGeometry:
+def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> LegGeometry:
     """The geometry of one leg (`r` or `l`) of a peer's model.
 
     `registration` holds, per segment of ours, the pose of the peer's body of that segment
     (`leg_bodies`) in our segment frame; positions and directions in a segment that is not listed
     stay None.
     """
-    bodies = leg_bodies(peer, side)
-    hip, knee = peer.joint_of(f"hip_flexion_{side}"), peer.joint_of(f"knee_angle_{side}")
-    ankle, subtalar = peer.joint_of(f"ankle_angle_{side}"), peer.joint_of(f"subtalar_angle_{side}")
+    bodies = find_leg_bodies(peer, side)
+    hip, knee = peer.find_joint(f"hip_flexion_{side}"), peer.find_joint(f"knee_angle_{side}")
+    ankle, subtalar = (
+        peer.find_joint(f"ankle_angle_{side}"),
+        peer.find_joint(f"subtalar_angle_{side}"),
+    )
     thigh, shank, foot = (bodies.get(f"{name}_{side}") for name in ("thigh", "shank", "foot"))
 
-    hip_pelvis = None if hip is None else (peer.joint_pose(hip, {}) * hip.in_child).translation
+    hip_pelvis = (
+        None if hip is None else (peer.compute_joint_pose(hip, {}) * hip.in_child).translation
+    )
     hip_thigh = None if hip is None or hip.child != thigh else hip.in_child.translation
     knee_thigh = knee_shank = None
-    if knee is not None and (axis := _knee_axis(peer, knee, f"knee_angle_{side}")) is not None:
-        knee_thigh = _centred(peer, knee, axis)
-        knee_shank = knee_thigh.moved(peer.joint_pose(knee, {}).inverse())
+    if knee is not None and (axis := _find_knee_axis(peer, knee, f"knee_angle_{side}")) is not None:
+        knee_thigh = _centre_axis(peer, knee, axis)
+        knee_shank = knee_thigh.transform(peer.compute_joint_pose(knee, {}).inverse())
     ankle_shank = None
     if ankle is not None and shank is not None and peer.is_below(ankle.parent, shank):
-        ankle_shank = _swept_axis(peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP)
+        ankle_shank = _find_swept_axis(
+            peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP
+        )
         if ankle_shank is not None:
             ankle_shank = (
-                _centred(peer, ankle, ankle_shank)
-                .moved(peer.body_pose(ankle.parent, shank))
-                .pointing(2)
+                _centre_axis(peer, ankle, ankle_shank)
+                .transform(peer.compute_body_pose(ankle.parent, shank))
+                .direct_along(2)
             )
     subtalar_foot = axes_distance = None
     if subtalar is not None:
-        subtalar_parent = _swept_axis(
+        subtalar_parent = _find_swept_axis(
             peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP
         )
         if subtalar_parent is not None:
-            subtalar_foot = subtalar_parent.moved(peer.joint_pose(subtalar, {}).inverse()).pointing(
-                0
-            )
+            subtalar_foot = subtalar_parent.transform(
+                peer.compute_joint_pose(subtalar, {}).inverse()
+            ).direct_along(0)
             if (
                 ankle_shank is not None
                 and shank is not None
                 and peer.is_below(subtalar.parent, shank)
             ):
-                subtalar_shank = subtalar_parent.moved(peer.body_pose(subtalar.parent, shank))
-                axes_distance = line_distance(ankle_shank, subtalar_shank)
+                subtalar_shank = subtalar_parent.transform(
+                    peer.compute_body_pose(subtalar.parent, shank)
+                )
+                axes_distance = measure_line_distance(ankle_shank, subtalar_shank)
 
     thigh_length = shank_length = None
     if hip_thigh is not None and knee_thigh is not None:
-        thigh_length = _between(hip_thigh, knee_thigh.point)
+        thigh_length = _measure_distance(hip_thigh, knee_thigh.point)
     if knee_shank is not None and ankle_shank is not None:
-        shank_length = _between(knee_shank.point, ankle_shank.point)
+        shank_length = _measure_distance(knee_shank.point, ankle_shank.point)
 
     to_pelvis, to_foot = registration.get("pelvis"), registration.get(f"foot_{side}")
     to_thigh, to_shank = registration.get(f"thigh_{side}"), registration.get(f"shank_{side}")
     return LegGeometry(
-        hip_in_pelvis=_point(hip_pelvis, to_pelvis),
-        hip_in_thigh=_point(hip_thigh, to_thigh),
-        knee_in_thigh=_axis(knee_thigh, to_thigh, 2),
-        knee_in_shank=_axis(knee_shank, to_shank, 2),
-        ankle_in_shank=_axis(ankle_shank, to_shank, 2),
-        subtalar_in_foot=_axis(subtalar_foot, to_foot if foot is not None else None, 0),
+        hip_in_pelvis=_transform_point(hip_pelvis, to_pelvis),
+        hip_in_thigh=_transform_point(hip_thigh, to_thigh),
+        knee_in_thigh=_transform_axis(knee_thigh, to_thigh, 2),
+        knee_in_shank=_transform_axis(knee_shank, to_shank, 2),
+        ankle_in_shank=_transform_axis(ankle_shank, to_shank, 2),
+        subtalar_in_foot=_transform_axis(subtalar_foot, to_foot if foot is not None else None, 0),
         thigh_length=thigh_length,
         shank_length=shank_length,
         ankle_axes_distance=axes_distance,
     )
 
 
-def _axis_of(frame: pin.SE3, coordinate: int) -> Axis:
+def _get_axis(frame: pin.SE3, coordinate: int) -> Axis:
     """An axis of a joint's frame."""
     return Axis(frame.translation, frame.rotation[:, coordinate])
 
 
-def _knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
+def _find_knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
     """In the frame of the joint's parent; flexion is the direction in which the range is longer."""
     c = next(c for c in knee.coordinates if c.name == coordinate)
-    axis = _swept_axis(peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP)
-    return None if axis is None else axis.pointing(2)
+    axis = _find_swept_axis(
+        peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP
+    )
+    return None if axis is None else axis.direct_along(2)
 
 
-def _swept_axis(
+def _find_swept_axis(
     peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float
 ) -> Axis | None:
     """Axis, in the joint's parent, of the motion from one value of a coordinate to another."""
-    return displacement_axis(
-        *(peer.joint_pose(joint, {coordinate: amount}) for amount in (start, end))
+    return find_displacement_axis(
+        *(peer.compute_joint_pose(joint, {coordinate: amount}) for amount in (start, end))
     )
 
 
-def _centred(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
+def _centre_axis(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
     """The axis, in the joint's parent, told by the centre of the joint."""
     return Axis(
-        axis.nearest((peer.joint_pose(joint, {}) * joint.in_child).translation), axis.direction
+        axis.find_nearest((peer.compute_joint_pose(joint, {}) * joint.in_child).translation),
+        axis.direction,
     )
 
 
-def _between(a: Array, b: Array) -> float:
+def _measure_distance(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b))
 
 
-def _point(point: Array | None, pose: pin.SE3 | None) -> Array | None:
+def _transform_point(point: Array | None, pose: pin.SE3 | None) -> Array | None:
     return None if point is None or pose is None else np.asarray(pose.act(point))
 
 
-def _axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None:
-    return None if axis is None or pose is None else axis.moved(pose).pointing(positive)
+def _transform_axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None:
+    return None if axis is None or pose is None else axis.transform(pose).direct_along(positive)
 
 
 @dataclass(frozen=True)
@@ -433,25 +448,25 @@ class Axis:
     point: Array  # (3,) m, on the line
     direction: Array  # (3,) unit vector
 
-    def moved(self, pose: pin.SE3) -> Axis:
+    def transform(self, pose: pin.SE3) -> Axis:
         """The same line in the frame in which `pose` is given."""
         return Axis(pose.act(self.point), pose.rotation @ self.direction)
 
-    def nearest(self, point: Array) -> Array:
+    def find_nearest(self, point: Array) -> Array:
         """(3,) m: the point of the line nearest to `point`."""
         nearest: Array = self.point + self.direction * float(self.direction @ (point - self.point))
         return nearest
 
-    def distance(self, point: Array) -> float:
+    def measure_distance(self, point: Array) -> float:
         """Distance of a point from the line, m."""
-        return float(np.linalg.norm(self.nearest(point) - point))
+        return float(np.linalg.norm(self.find_nearest(point) - point))
 
-    def crossing(self, axis: int) -> Array:
+    def find_crossing(self, axis: int) -> Array:
         """(3,) m: where the line crosses the plane on which coordinate `axis` is zero."""
         crossing: Array = self.point - self.direction * (self.point[axis] / self.direction[axis])
         return crossing
 
-    def pointing(self, axis: int) -> Axis:
+    def direct_along(self, axis: int) -> Axis:
         """The line directed so that coordinate `axis` of its direction is positive."""
         return Axis(self.point, self.direction if self.direction[axis] >= 0.0 else -self.direction)
 
@@ -459,7 +474,7 @@ class Axis:
 SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth the name
 
 
-def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
+def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
     """Axis of the displacement from one pose to another, in the frame in which both are given; None
     without a turn.
     """
@@ -473,10 +488,10 @@ def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
     return Axis(0.5 * (across + np.cross(n, across) / np.tan(0.5 * angle)), n)
 
 
-def line_distance(a: Axis, b: Axis) -> float:
+def measure_line_distance(a: Axis, b: Axis) -> float:
     """Shortest distance of two lines, m."""
     normal = np.cross(a.direction, b.direction)
     size = float(np.linalg.norm(normal))
     if size < 1e-9:
-        return a.distance(b.point)
+        return a.measure_distance(b.point)
     return abs(float(normal @ (b.point - a.point))) / size

@@ -69,12 +69,12 @@ class MuscleChange:
         return tuple(v for v in self.after.jumps if v not in self.before.jumps)
 
 
-def opensim_is_installed() -> bool:
+def is_opensim_installed() -> bool:
     """Whether muscles can be looked at."""
     return find_spec("opensim") is not None
 
 
-def leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]:
+def list_leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]:
     """Coordinate of the model's legs -> (n,) rad, its range; locked ones are left out."""
     return {
         c.name: np.linspace(c.low, c.high, VALUES)
@@ -86,7 +86,9 @@ def leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]
     }
 
 
-def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str], MusclePath]:
+def compute_muscle_paths(
+    osim: Path, ranges: Mapping[str, Array]
+) -> dict[tuple[str, str], MusclePath]:
     """(muscle, coordinate) -> its path, of every muscle that crosses the coordinate.
 
     Raises InputError: OpenSim cannot load or assemble the model.
@@ -137,7 +139,7 @@ def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str
     return out
 
 
-def muscle_changes(
+def compare_muscles(
     before: Mapping[tuple[str, str], MusclePath], after: Mapping[tuple[str, str], MusclePath]
 ) -> list[MuscleChange]:
     """Muscles that cross a coordinate in both models, the largest change of a moment arm first."""
@@ -147,7 +149,7 @@ def muscle_changes(
     return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
 
 
-def arm_deviations(
+def compute_arm_deviations(
     change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]
 ) -> Array | None:
     """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than
@@ -163,7 +165,7 @@ MUSCLES_HEADER = (
 )
 
 
-def muscles_csv(
+def format_muscles_csv(
     changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
 ) -> str:
     """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
@@ -171,7 +173,7 @@ def muscles_csv(
     for change in changes:
         key, spread = (
             (change.before.muscle, change.before.coordinate),
-            arm_deviations(change, draws),
+            compute_arm_deviations(change, draws),
         )
         for k, value in enumerate(change.before.values):
             figures = (
@@ -196,23 +198,23 @@ class AccountTable:
     """Columns of words to the left of columns of numbers."""
 
     title: str
-    says: str  # What its figures are, in a sentence
-    words: tuple[str, ...]
-    numbers: tuple[str, ...]
+    description: str  # What its figures are, in a sentence
+    text_columns: tuple[str, ...]
+    number_columns: tuple[str, ...]
     rows: tuple[
         tuple[str, ...], ...
     ]  # Those that matter most first, where not every one is of interest
     of_muscles: bool = False  # Long, and the whole of it in a file
 
 
-def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
+def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
     """Bodies and segments, joints, masses, and what went with bones."""
     yield AccountTable(
         title="Which body is which segment",
-        says="Markers of the segment, those that the model has, too, and how far these disagree, "
+        description="Markers of the segment, those that the model has, too, and how far these disagree, "
         "RMS.",
-        words=("segment", "body"),
-        numbers=("markers", "shared", "apart mm"),
+        text_columns=("segment", "body"),
+        number_columns=("markers", "shared", "apart mm"),
         rows=tuple(
             (r.segment, r.body, str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}")
             for r in done.registrations
@@ -220,35 +222,37 @@ def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
     )
     yield AccountTable(
         title="Every joint, in both of its bodies",
-        says="How far its centre (of a hinge, its axis) has moved and turned, with standard "
+        description="How far its centre (of a hinge, its axis) has moved and turned, with standard "
         "errors; left: as it was.",
-        words=("joint", "theirs", "verdict", "in body"),
-        numbers=("moved mm", "+-", "deg", "+-"),
-        rows=tuple(_joint_rows(done)),
+        text_columns=("joint", "theirs", "verdict", "in body"),
+        number_columns=("moved mm", "+-", "deg", "+-"),
+        rows=tuple(_make_joint_rows(done)),
     )
     if done.masses:
         yield AccountTable(
             title="Masses",
-            says="Of the bodies of a segment together, before and now.",
-            words=("segment", "bodies"),
-            numbers=("kg", "now"),
+            description="Of the bodies of a segment together, before and now.",
+            text_columns=("segment", "bodies"),
+            number_columns=("kg", "now"),
             rows=tuple(
                 (m.segment, ", ".join(m.bodies), f"{m.theirs:.2f}", f"{m.ours:.2f}")
                 for m in done.masses
             ),
         )
-    if done.carried:
+    if done.moved_points:
         yield AccountTable(
             title="Muscles whose points went with their bones",
-            says="How many points, and how far the farthest.",
-            words=("muscle",),
-            numbers=("points carried", "farthest mm"),
-            rows=tuple((m.muscle, str(m.points), f"{1e3 * m.farthest:.1f}") for m in done.carried),
+            description="How many points, and how far the farthest.",
+            text_columns=("muscle",),
+            number_columns=("points carried", "farthest mm"),
+            rows=tuple(
+                (m.muscle, str(m.points), f"{1e3 * m.farthest:.1f}") for m in done.moved_points
+            ),
             of_muscles=True,
         )
 
 
-def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]]:
+def _make_joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]]:
     legs = {leg.ours: leg for leg in done.legs}
     for move in done.joints:
         found_by = legs[move.joint].found_by if move.joint in legs else ""
@@ -261,35 +265,35 @@ def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]
             numbers = (
                 1e3 * end.moved,
                 1e3 * end.errors[0],
-                np.degrees(end.turn),
+                np.degrees(end.rotation),
                 np.degrees(end.errors[1]),
             )
             words = (f"{x:.1f}" if np.isfinite(x) else "" for x in numbers)
             yield move.joint, theirs, verdict, end.body, *words
 
 
-def sentences(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
+def describe_transfer(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
     """Joints that stay, joints that are no hinges, and what else the user should know."""
     for verdict in (joint_moves.MoveOutcome.UNDETERMINED, joint_moves.MoveOutcome.ABSENT):
-        if which := [move.joint for move in done.joints if move.verdict is verdict]:
+        if which := [move.joint for move in done.joints if move.outcome is verdict]:
             yield f"{', '.join(which)}: {verdict.value}"
     for move in done.joints:
-        if max(1e3 * move.rolls[0], np.degrees(move.rolls[1])) > ROLLS:
+        if max(1e3 * move.rolling[0], np.degrees(move.rolling[1])) > ROLLS:
             yield (
                 f"{move.theirs} rolls, or cannot turn as the bones are turned: "
-                f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
-                f"{np.degrees(move.rolls[1]):.1f} deg"
+                f"as the person stands, it and our hinge differ by {1e3 * move.rolling[0]:.1f} mm, "
+                f"{np.degrees(move.rolling[1]):.1f} deg"
             )
     yield from (f"note: {note}" for note in done.notes)
 
 
-def muscle_table(
+def make_muscle_table(
     changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
 ) -> AccountTable:
     """Every muscle about every coordinate, where in the range its moment arm changes most."""
     rows = []
     for change in changes:
-        k, spread = change.worst, arm_deviations(change, draws)
+        k, spread = change.worst, compute_arm_deviations(change, draws)
         arms = (f"{1e3 * path.arm[k]:.1f}" for path in (change.before, change.after))
         error = "" if spread is None else f"{1e3 * spread[k]:.1f}"
         at = f"{np.degrees(change.before.values[k]):.0f}"
@@ -300,12 +304,12 @@ def muscle_table(
         )
     return AccountTable(
         title="Muscles",
-        says="Moment arm before and after where in the range it changes most, with its standard "
+        description="Moment arm before and after where in the range it changes most, with its standard "
         "deviation over "
         "draws; the largest change of length; where the muscle jumps over a wrapping surface that "
         "it did not before.",
-        words=("muscle", "coordinate"),
-        numbers=("arm mm", "after", "+-", "at deg", "longer mm", "new jumps"),
+        text_columns=("muscle", "coordinate"),
+        number_columns=("arm mm", "after", "+-", "at deg", "longer mm", "new jumps"),
         rows=tuple(rows),
         of_muscles=True,
     )

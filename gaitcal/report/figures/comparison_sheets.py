@@ -17,7 +17,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.cycles import POINTS, CurveKind, kind_of, known_variables
+from gaitcal.gait.cycles import POINTS, CurveKind, get_curve_kind, list_variables
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.model.linkage import SIDES
 from gaitcal.report.figures import report_sheets
@@ -181,9 +181,9 @@ def _draw_panel(
         curve["side"].iloc[0],
         curve["percent"].to_numpy(),
     )
-    kind = kind_of(variable)
+    kind = get_curve_kind(variable)
     before, after, band = convert_curves(comparison, convention, curve)
-    positive, title = convention.senses(variable, side)[0], convention.title(variable)
+    positive, title = convention.describe_senses(variable, side)[0], convention.make_title(variable)
     format_axes(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
@@ -218,8 +218,8 @@ def convert_curves(
 
     def convert(name: str, session: int) -> Array:
         person = comparison.subjects[session]
-        by_mass = 1.0 / person.mass if kind_of(variable) is CurveKind.FORCE else 1.0
-        return by_mass * convention.values(
+        by_mass = 1.0 / person.mass if get_curve_kind(variable) is CurveKind.FORCE else 1.0
+        return by_mass * convention.convert_values(
             variable, curve[name].to_numpy(dtype=float), side, person
         )
 
@@ -236,7 +236,7 @@ def build_paper_panels(
     """Build the panels of a printed sheet: A thin, B thick with the minimal detectable change."""
     curves, none = comparison.curves, np.full(POINTS, np.nan)
     for variable in variables:
-        if variable not in known_variables():
+        if variable not in list_variables():
             yield variable
             continue
         by_side = {
@@ -247,11 +247,11 @@ def build_paper_panels(
             side: convert_curves(comparison, convention, rows) if len(rows) else (none, none, none)
             for side, rows in by_side.items()
         }
-        kind = kind_of(variable)
+        kind = get_curve_kind(variable)
         yield report_sheets.CurvePanel(
-            title=convention.title(variable),
+            title=convention.make_title(variable),
             unit=report_sheets.UNITS[kind],
-            senses=convention.senses(variable, "r"),
+            senses=convention.describe_senses(variable, "r"),
             strides={side: (before,) for side, (before, _, _) in converted.items()},
             mean={side: after for side, (_, after, _) in converted.items()},
             error={side: band for side, (_, _, band) in converted.items()},

@@ -13,8 +13,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.gait.conventions import Convention, MomentUnit
-from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
-from gaitcal.gait.moments import SIDE_WORDS, counted
+from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, get_coordinate, get_curve_kind
+from gaitcal.gait.moments import SIDE_WORDS, format_count
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.figures import chart
@@ -184,7 +184,7 @@ def name_paper_file(variable: str) -> str:
     """Name the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`."""
     return (
         f"{variable.removesuffix('_angle')}_angle"
-        if kind_of(variable) is CurveKind.ANGLE
+        if get_curve_kind(variable) is CurveKind.ANGLE
         else variable
     )
 
@@ -205,7 +205,7 @@ class _Line:
         description = (
             f"mean ± SD of {self.strides} strides"
             if self.strides > 1
-            else counted(self.strides, "stride")
+            else format_count(self.strides, "stride")
         )
         error = " ± standard error" if self.strides == 1 and np.isfinite(self.spread).any() else ""
         return f"{SIDE_WORDS[self.side]}, {description}{error}"
@@ -219,7 +219,7 @@ def _build_chart(
         for side in linkage.SIDES
         if (line := _build_line(variable, side, table, strides, convention)) is not None
     ]
-    kind, title = kind_of(variable), format_variable_title(variable, convention)
+    kind, title = get_curve_kind(variable), format_variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one
     # sense for both sides, OpenSim's have not.
     bands = _drop_equal_bands([line for line in lines if line.healthy is not None])
@@ -286,7 +286,7 @@ def _build_line(
         factor = (
             _get_force_unit(convention, strides.subject)[0] if variable == GROUND_REACTION else 1.0
         )
-        return factor * convention.values(
+        return factor * convention.convert_values(
             variable, np.asarray(values, dtype=np.float64), side, strides.subject
         )
 
@@ -354,7 +354,7 @@ def format_variable_title(variable: str, convention: Convention) -> str:
     return (
         "Vertical ground reaction force"
         if variable == GROUND_REACTION
-        else convention.title(variable)
+        else convention.make_title(variable)
     )
 
 
@@ -369,8 +369,11 @@ def _get_force_unit(convention: Convention, subject: Subject) -> tuple[float, st
 
 def _format_label(variable: str, convention: Convention, subject: Subject) -> str:
     """Format the unit and the positive direction."""
-    kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
-    if kind is CurveKind.MOMENT and coordinates.get_senses(coordinate_of(variable)) is None:
+    kind, moment = (
+        get_curve_kind(variable),
+        convention.unit.key.replace("Nm", "N·m").replace("*", "·"),
+    )
+    if kind is CurveKind.MOMENT and coordinates.get_senses(get_coordinate(variable)) is None:
         return moment
     whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
     force = _get_force_unit(convention, subject)[1]
@@ -380,7 +383,7 @@ def _format_label(variable: str, convention: Convention, subject: Subject) -> st
         CurveKind.POWER: convention.unit.power,
         CurveKind.FORCE: force,
     }[kind]
-    return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
+    return f"{unit}\n({whose}{convention.describe_senses(variable, 'r')[0]} +)"
 
 
 def _compute_least_range(kind: CurveKind, convention: Convention, subject: Subject) -> float:
@@ -388,5 +391,5 @@ def _compute_least_range(kind: CurveKind, convention: Convention, subject: Subje
         return LEAST[kind]
     one = np.array([LEAST_MOMENT * subject.mass])
     if kind is CurveKind.MOMENT:
-        return float(np.abs(convention.moment("", one, subject))[0])
-    return float(convention.power(one, subject)[0])
+        return float(np.abs(convention.convert_moment("", one, subject))[0])
+    return float(convention.convert_power(one, subject)[0])

@@ -218,7 +218,7 @@ class ProfileBars(Flowable):  # type: ignore[misc]
         )
         canvas.setFillColor(INK)
         canvas.setFont(BOLD if len(scores) > len(SIDES) else SANS, 7.5)
-        canvas.drawString(0, low + 2 * mm, profile_score.score_title(scores[0]))
+        canvas.drawString(0, low + 2 * mm, profile_score.make_score_title(scores[0]))
         for s in scores:
             error = f" ± {s.error:.1f}" if np.isfinite(s.error) else ""
             texts.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")

@@ -23,15 +23,15 @@ from gaitcal.dynamics.expected_residual import (
 from gaitcal.gait import cycles, normal_bands
 from gaitcal.gait.moments import (
     SIDE_WORDS,
-    MomentNumbers,
-    counted,
-    explained,
-    listed,
-    moment_numbers,
+    MomentSummary,
+    explain_parameters,
+    format_count,
+    format_list,
+    summarise_moments,
 )
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
-from gaitcal.gait.profile_score import BOTH, Score, score_title
-from gaitcal.gait.strides import Layout, layout, strides_of, turns
+from gaitcal.gait.profile_score import BOTH, Score, make_score_title
+from gaitcal.gait.strides import Layout, is_turning, list_strides, make_layout
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import Judgement
@@ -77,10 +77,10 @@ def collect_stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
     """Collect every complete stride, right ones first; none of a functional trial."""
     if trial.joint is not None:
         return ()
-    turning_strides = {(s.side, s.number) for s in trial.strides if turns(s.turn)}
+    turning_strides = {(s.side, s.number) for s in trial.strides if is_turning(s.turn)}
     out = []
     for foot, side in enumerate(SIDES):
-        for count, cycle in enumerate(strides_of(trial.events)[side], start=1):
+        for count, cycle in enumerate(list_strides(trial.events)[side], start=1):
             plate, reason = _check_stride(trial, foot, side, cycle)
             turning = (side, count) in turning_strides
             out.append(
@@ -120,7 +120,7 @@ def summarise_usable_strides(uses: Iterable[StrideUse]) -> str:
 def list_reasons(uses: Iterable[StrideUse]) -> str:
     """List the reasons of invalid strides, the most frequent first."""
     reasons = Counter(use.reason for use in uses if not use.whole)
-    return listed([reason for reason, _ in reasons.most_common()])
+    return format_list([reason for reason, _ in reasons.most_common()])
 
 
 def _check_stride(
@@ -189,7 +189,7 @@ class GaitNumbers:
 
     trial: TrialResult
     layout: Layout
-    numbers: tuple[MomentNumbers, ...] = ()
+    numbers: tuple[MomentSummary, ...] = ()
     stages: tuple[ResidualMagnitudes, ...] = ()
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
     limits: ResidualLimits | None = None  # What is asked of simulations; given where `stages` are
@@ -203,7 +203,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     if trial.joint is not None:
         return None
     loads = trial.loads
-    drawn = layout(trial.body, loads.reactions if loads else None, trial.events)
+    drawn = make_layout(trial.body, loads.reactions if loads else None, trial.events)
     if loads is None or not loads.reactions.has_torques:
         return GaitNumbers(trial=trial, layout=drawn)
     limits = None
@@ -214,7 +214,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     return GaitNumbers(
         trial=trial,
         layout=drawn,
-        numbers=moment_numbers(model, drawn, loads.final, loads.nominal, loads.errors),
+        numbers=summarise_moments(model, drawn, loads.final, loads.nominal, loads.errors),
         stages=loads.residuals,
         limits=limits,
         expected=loads.expected,
@@ -280,8 +280,8 @@ def _describe_verdict(calibration: Calibration) -> Line:
         where = (
             f" ({', '.join(format_name(trial) for trial in worst.trials)})" if worst.trials else ""
         )
-        text += f": {explained(worst.cause)}{where}" + (
-            f", and {counted(others, 'other reason')}" if others else ""
+        text += f": {explain_parameters(worst.cause)}{where}" + (
+            f", and {format_count(others, 'other reason')}" if others else ""
         )
     text += f". {verdict.sentence}"
     if not calibration.converged:
@@ -363,7 +363,7 @@ def _describe_valid_moments(
 def _format_peak(peak: PeakMean, mass: float) -> str:
     """Format a peak: `right 0.42 ± 0.03 (4 of 5 strides)`."""
     error = f" ± {format_number(peak.se / mass, 2)}" if np.isfinite(peak.se) else ""
-    count = f"{peak.n} of {counted(peak.strides, 'stride')}"
+    count = f"{peak.n} of {format_count(peak.strides, 'stride')}"
     return f"{SIDE_WORDS[peak.side]} {format_number(-peak.mean / mass, 2)}{error} ({count})"
 
 
@@ -377,8 +377,8 @@ def build_clinician_blocks(
         trial.joint is None and trial.activity == cycles.WALKING for trial in calibration.trials
     )
     bands = (
-        f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.words}. "
-        if norm.words
+        f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.label}. "
+        if norm.label
         else ""
     )
     out: list[Block] = []
@@ -406,7 +406,9 @@ def _build_profile(scores: Sequence[Score]) -> Block:
         by_side = {s.side: s for s in scores if s.variable == variable}
         numbers = [make_cell(format_score(by_side.get(side))) for side in (*SIDES, BOTH)]
         one = next(iter(by_side.values()))
-        rows.append([make_cell(score_title(one)), *numbers, make_cell(format_number(one.norm))])
+        rows.append(
+            [make_cell(make_score_title(one)), *numbers, make_cell(format_number(one.norm))]
+        )
     head = [
         make_text_column(""),
         *(make_cell(title, unit="deg") for title in ("right", "left", "both", "norm")),
@@ -423,20 +425,18 @@ def build_trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     events, loads = walk.trial.events.events, walk.trial.loads
     out = [make_heading(f"Trial {format_name(walk.trial.name)}")]
     event_text = (
-        f"Foot events: {cycles.source_words([e.source for e in events])}."
+        f"Foot events: {cycles.describe_sources([e.source for e in events])}."
         if events
         else "No foot events."
     )
     repeats = walk.trial.events.repeats
     phases = ", ".join(dict.fromkeys(name for repeat in repeats for name, _ in repeat.parts))
-    repeat_text = (
-        f"{counted(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
-    )
+    repeat_text = f"{format_count(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
     out.append(make_text(repeat_text if repeats else event_text))
-    if missing := [SIDE_WORDS[side] for side in SIDES if not strides_of(walk.trial.events)[side]]:
-        out.append(make_text(f"No complete stride of the {listed(missing)} foot."))
+    if missing := [SIDE_WORDS[side] for side in SIDES if not list_strides(walk.trial.events)[side]]:
+        out.append(make_text(f"No complete stride of the {format_list(missing)} foot."))
     if walk.trial.refused_legs:
-        legs = listed([SIDE_WORDS[side] for side in walk.trial.refused_legs])
+        legs = format_list([SIDE_WORDS[side] for side in walk.trial.refused_legs])
         out.append(
             make_text(
                 f"Refused: {legs}; no moment and no error bar of it counts. See the verdict.", "bad"

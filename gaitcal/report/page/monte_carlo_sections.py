@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from gaitcal.gait.moments import SIDE_WORDS, capitalised, parameter_words
+from gaitcal.gait.moments import SIDE_WORDS, capitalise, describe_parameter
 from gaitcal.model.linkage import SIDES
 from gaitcal.montecarlo.draw import TORQUE_WORDS, TORQUES
 from gaitcal.montecarlo.draw_statistics import expect, variance_shares
@@ -228,7 +228,7 @@ def _rank_sources(study: MonteCarloStudy, marker_rms: float | None) -> list[Bloc
     others = [
         b
         for name, blocks in lists.items()
-        for b in (make_heading(capitalised(TORQUE_WORDS[name]), 4), *blocks)
+        for b in (make_heading(capitalise(TORQUE_WORDS[name]), 4), *blocks)
     ]
     return [*out, fold_blocks("Expected error of the other moments", others)]
 
@@ -257,7 +257,7 @@ def _build_source_table(
             ]
         )
     head = [
-        make_cell(capitalised(SIDE_WORDS[side]), side=side),
+        make_cell(capitalise(SIDE_WORDS[side]), side=side),
         "%BW·H",
         "N·m/kg",
         "10 to 90 %, %BW·H",
@@ -268,7 +268,9 @@ def _build_source_table(
 def _build_contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
     """Build the shares of the main parameters in the variance of the knee adduction moment."""
     of_leg, groups = variance_shares(contributions, FIXED, side)
-    shares = pd.concat([of_leg.rename(index=parameter_words), groups])[f"{KNEE_ADDUCTION}_{side}"]
+    shares = pd.concat([of_leg.rename(index=describe_parameter), groups])[
+        f"{KNEE_ADDUCTION}_{side}"
+    ]
     first = shares.sort_values(ascending=False, kind="stable").head(MOST_PARAMETERS)
     return [
         make_heading(

@@ -25,8 +25,8 @@ from gaitcal.errors import Code, InputError
 from gaitcal.explanations import Bullets, Paragraph, load_explanation, split_parts
 from gaitcal.gait import moments, peaks, profile_score, spatiotemporal
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
-from gaitcal.gait.cycles import CurveKind, GaitCycle, coordinate_of, kind_of
-from gaitcal.gait.normal_bands import FREE_WORDS, Norm
+from gaitcal.gait.cycles import CurveKind, GaitCycle, get_coordinate, get_curve_kind
+from gaitcal.gait.normal_bands import FREE_LABEL, Norm
 from gaitcal.io.toml import get_package_version
 from gaitcal.model import anthropometry, coordinates, linkage
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -205,12 +205,12 @@ def build_person_page_data(
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
         entry: dict[str, Any] = {
-            "base": coordinate_of(name),
-            "kind": kind_of(name).words,
+            "base": get_coordinate(name),
+            "kind": get_curve_kind(name).label,
             "source": band.source,
         }
         for side in linkage.SIDES:
-            mean, sd = band.for_person(subject, side)
+            mean, sd = band.scale_to_person(subject, side)
             entry[side] = [list(map(plain_data.round_number, part)) for part in (mean, sd)]
         bands.append(entry)
     return {
@@ -243,15 +243,15 @@ def build_person_page_data(
         ],
         "bands": bands,
         "norm": {
-            "words": norm.words,
+            "words": norm.label,
             "remark": norm.remark,
-            "steps": FREE_WORDS if norm.steps else "",
+            "steps": FREE_LABEL if norm.steps else "",
         },
         "profile": [
             {
                 "side": s.side,
                 "base": s.variable,
-                "title": profile_score.score_title(s),
+                "title": profile_score.make_score_title(s),
                 "score": round_score(s.score),
                 "se": round_score(s.error),
                 "norm": round_score(s.norm),
@@ -308,9 +308,9 @@ def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
             {
                 **explain_code(reason.code),
                 "severity": reason.severity.value,
-                "cause": moments.explained(reason.cause),
-                "evidence": moments.explained(reason.evidence),
-                "action": moments.explained(reason.action),
+                "cause": moments.explain_parameters(reason.cause),
+                "evidence": moments.explain_parameters(reason.evidence),
+                "action": moments.explain_parameters(reason.action),
                 "trials": list(reason.trials),
                 "leg": reason.leg,
             }
@@ -391,32 +391,32 @@ def build_conventions() -> dict[str, Any]:
         variable = name if kind is CurveKind.FORCE else f"{name}{kind.ending}"
         sides = {
             side: [
-                float(convention.values(variable, one, side, body)[0]),
-                convention.senses(variable, side)[0]
+                float(convention.convert_values(variable, one, side, body)[0]),
+                convention.describe_senses(variable, side)[0]
                 + (powers.get(name, "") if kind is CurveKind.POWER else ""),
             ]
             for side in (*linkage.SIDES, "")
         }
-        return {"title": convention.title(variable), **sides}
+        return {"title": convention.make_title(variable), **sides}
 
     by_signs: dict[str, dict[str, Any]] = {}
     for signs, acting in itertools.product(Signs, Acting):
         convention = Convention(signs=signs, acting=acting)
         by_signs.setdefault(signs.value, {})[acting.key] = {
-            f"{name}/{kind.words}": describe(convention, name, kind) for name, kind in every
+            f"{name}/{kind.label}": describe(convention, name, kind) for name, kind in every
         }
     units: dict[str, dict[str, Any]] = {}
     for unit, kinds in UNITS.items():
         units[unit] = {}
         for kind, values in zip(CurveKind, kinds, strict=True):
             keys = ("words", "digits", "times", "per")
-            units[unit][kind.words] = dict(zip(keys, values, strict=True))
+            units[unit][kind.label] = dict(zip(keys, values, strict=True))
     return {"joints": list_coordinate_rows(), "signs": by_signs, "units": units}
 
 
 def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
     """Average the peaks over straight strides or repetitions of trials of a page."""
-    return peaks.peak_means(
+    return peaks.average_peaks(
         (
             trial["activity"],
             trial["name"],
@@ -456,11 +456,11 @@ def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         peak = mean.peak
         row = {
             "activity": mean.activity,
-            "base": coordinate_of(peak.variable),
-            "kind": kind_of(peak.variable).words,
-            "title": peak.title(),
-            "external": peak.title(external=True),
-            "window": peak.words,
+            "base": get_coordinate(peak.variable),
+            "kind": get_curve_kind(peak.variable).label,
+            "title": peak.make_title(),
+            "external": peak.make_title(external=True),
+            "window": peak.window_label,
             "apart": peak.figure is peaks.PeakKind.RANGE,
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}

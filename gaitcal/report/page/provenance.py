@@ -13,7 +13,7 @@ import numpy as np
 
 from gaitcal.analysis.result import Calibration, TrialResult
 from gaitcal.calibration.joint_phases import Phase
-from gaitcal.gait.moments import counted, joint_words, role_words
+from gaitcal.gait.moments import describe_joint, describe_role, format_count
 from gaitcal.report.page import plain_data
 
 LONG_NOTE: Final = 300  # Characters of a note from which it is folded
@@ -93,7 +93,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
         rows.append(
             [
                 plain_data.make_cell(plain_data.format_name(trial.name)),
-                plain_data.make_cell(role_words(trial.role, trial.joint)),
+                plain_data.make_cell(describe_role(trial.role, trial.joint)),
                 plain_data.make_cell(plain_data.format_name(_get_file_name(recording.source))),
                 f"{plain_data.format_number(float(recording.time[-1] - recording.time[0]), 2)} s",
                 plain_data.format_number(len(recording.time), 0),
@@ -131,7 +131,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
         ]:
             out.append(
                 plain_data.fold_blocks(
-                    f"Trial {plain_data.format_name(name)}: {counted(len(notes), 'note')}",
+                    f"Trial {plain_data.format_name(name)}: {format_count(len(notes), 'note')}",
                     build_note_blocks(notes),
                 )
             )
@@ -172,7 +172,9 @@ def _build_phases(phases: Sequence[Phase]) -> list[plain_data.Block]:
     for phase in phases:
         title = PHASES.get(phase.name, phase.name)
         if phase.name.startswith("joint:"):
-            title = f"{joint_words(phase.name.removeprefix('joint:'))}, from its functional trials"
+            title = (
+                f"{describe_joint(phase.name.removeprefix('joint:'))}, from its functional trials"
+            )
         rows.append(
             [
                 plain_data.make_cell(title),
@@ -276,10 +278,12 @@ def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
     """Build the description of the recording of one further trial."""
     recording, time = trial.recording, trial.body.time
     plates = (
-        counted(len(recording.plates), "force plate") if recording.plates else "no force plates"
+        format_count(len(recording.plates), "force plate")
+        if recording.plates
+        else "no force plates"
     )
     description = (
-        f"{role_words(trial.role, trial.joint).capitalize()}, from the file "
+        f"{describe_role(trial.role, trial.joint).capitalize()}, from the file "
         f"{plain_data.format_name(_get_file_name(recording.source))}: "
         f"{plain_data.format_number(float(time[-1] - time[0]), 2)} s, "
         f"{plain_data.format_number(len(time), 0)} frames at {plain_data.format_number(recording.rate, 0)} Hz, "

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.export.opensim.osim_writer import frames_of
+from gaitcal.export.opensim.osim_writer import get_joint_frames
 from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import get_chain
@@ -111,7 +111,7 @@ def _locate_centre_and_axis(
     joint: Joint, segment: str, parameters: Parameters
 ) -> tuple[Array, Array]:
     """Locate the (3,) centre and (3,) axis in a segment; the axis of a ball joint is NaN."""
-    frames = frames_of(joint, parameters)
+    frames = get_joint_frames(joint, parameters)
     in_parent = segment == joint.parent
     place = frames.in_parent if in_parent else frames.in_child
     axis = frames.motions[0 if in_parent else -1]

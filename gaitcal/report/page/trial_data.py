@@ -13,7 +13,7 @@ import numpy as np
 from gaitcal.analysis import result, truth_errors
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.gait import moments, peaks, spatiotemporal, strides
-from gaitcal.gait.cycles import WALKING, GaitCycle, normalise, source_words, usable
+from gaitcal.gait.cycles import WALKING, GaitCycle, describe_sources, find_valid_percents, normalise
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -92,7 +92,7 @@ def build_trial_page_data(
     return {
         "name": trial.name,
         "file": PureWindowsPath(trial.recording.source).name,
-        "role": moments.role_words(trial.role, trial.joint),
+        "role": moments.describe_role(trial.role, trial.joint),
         "joint": trial.joint,
         "activity": trial.activity,
         "repeats": bool(trial.events.repeats),
@@ -113,7 +113,7 @@ def build_trial_page_data(
                 "side": e.side,
                 "kind": e.moment.value,
                 "time": e.time - start,
-                "source": source_words([e.source]),
+                "source": describe_sources([e.source]),
             }
             for e in trial.events.events
         ],
@@ -128,7 +128,7 @@ def build_trial_page_data(
 def _list_measures(trial: result.TrialResult) -> list[dict[str, Any]]:
     """List valid measures of strides, also of those that are only partly recorded."""
     out = []
-    for stride in spatiotemporal.counting(trial.strides, trial.refused_legs):
+    for stride in spatiotemporal.select_straight_strides(trial.strides, trial.refused_legs):
         values = {name: float(value) for name, value in stride.measures.items()}
         out.append({"side": stride.side, "number": stride.number, "values": values})
     return out
@@ -160,7 +160,7 @@ def _build_strides(
     uses = {(use.side, use.number): use for use in key_figures.collect_stride_uses(trial)}
     out = []
     for side in SIDES:
-        for number, cycle in enumerate(strides.strides_of(trial.events)[side], start=1):
+        for number, cycle in enumerate(strides.list_strides(trial.events)[side], start=1):
             stride, use = measured.get((side, number)), uses[side, number]
             foot = trial_tables.express_foot_in_stride(trial, side, cycle, stride)
             normalised = {
@@ -187,7 +187,7 @@ def _build_strides(
                     "reason": use.reason,
                     "pelvis": along_line,
                     "valid": [
-                        encode_base64(usable(time, mask, cycle).astype("<u1"))
+                        encode_base64(find_valid_percents(time, mask, cycle).astype("<u1"))
                         for mask in list_masks(curves)
                     ],
                     "peaks": find_peaks(
@@ -219,13 +219,13 @@ def find_peaks(
         value, error, stride_error = normalise(time, np.stack(parts, axis=1), cycle).T
         value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
         normalised[curve.variable] = (
-            np.where(usable(time, curve.valid, cycle), value, np.nan),
+            np.where(find_valid_percents(time, curve.valid, cycle), value, np.nan),
             error,
             stride_error,
         )
     found = (
-        peaks.stride_peaks(normalised, cycle.stance)
+        peaks.find_stride_peaks(normalised, cycle.stance)
         if walks
-        else peaks.phase_peaks(normalised, cycle.phases)
+        else peaks.find_phase_peaks(normalised, cycle.phases)
     )
     return {name: list(map(round_number, values)) for name, values in found.items()}

@@ -18,13 +18,13 @@ from gaitcal.dynamics import (
     measurement_errors,
 )
 from gaitcal.gait.moments import (
-    capitalised,
-    coordinate_title,
-    joint_words,
-    listed,
-    moment_of,
-    role_words,
-    segment_words,
+    capitalise,
+    describe_coordinate_side,
+    describe_joint,
+    describe_role,
+    describe_segment,
+    format_list,
+    get_moment,
 )
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import SubjectModel
@@ -91,7 +91,7 @@ def build_fit_blocks(calibration: result.Calibration) -> list[Block]:
         largest = trial.calibrated.errors.find_largest()
         rows.append(
             [
-                make_cell(format_name(trial.name), unit=role_words(trial.role, trial.joint)),
+                make_cell(format_name(trial.name), unit=describe_role(trial.role, trial.joint)),
                 *_build_fit_cells(trial_result.summarise_trial_fit(trial)),
                 format_number(1e3 * largest[0] if largest else None),
                 make_cell(format_name(largest[1] if largest else ""), align="text"),
@@ -154,7 +154,7 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
         )
     total = range(len(rows), len(rows) + len(sums))
     left: list[Block] = [make_table(["Segment, RMS in mm", *FIT_HEAD], [*rows, *sums], total=total)]
-    if few := listed([fit.label for fit in segments if not fit.rigid]):
+    if few := format_list([fit.label for fit in segments if not fit.rigid]):
         explanation = (
             f"No ratio for {few}: a segment can follow fewer than three markers nearly exactly, so "
             "that its floor is not meaningful."
@@ -167,7 +167,7 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
         right.append(make_text(f"{note}; those with little weight come last.", "soft"))
     out: list[Block] = [
         make_heading(
-            f"Trial {format_name(trial.name)}, {role_words(trial.role, trial.joint)}: marker errors"
+            f"Trial {format_name(trial.name)}, {describe_role(trial.role, trial.joint)}: marker errors"
         )
     ]
     if trial.joint is not None:
@@ -202,7 +202,7 @@ def collect_marker_fits(trial: result.TrialResult) -> list[MarkerFit]:
     rows = [
         MarkerFit(
             label=label,
-            segment=segment_words(errors.segments[k]),
+            segment=describe_segment(errors.segments[k]),
             weight=float(errors.weight[k]),
             nominal=nominal.get(label),
             calibrated=calibrated.get(label),
@@ -346,7 +346,7 @@ def _build_joint_row(
         if row.error is not None:
             errors[row.unit].append(row.error)
     return [
-        make_cell(capitalised(joint_words(joint)), side=rows[0].side),
+        make_cell(capitalise(describe_joint(joint)), side=rows[0].side),
         MISSING
         if moved is None
         else make_cell(f"{format_number(moved, 0)}°", tone="look" if little else ""),
@@ -407,13 +407,13 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
     loads = walk.trial.loads
     if loads is None or loads.errors is None:
         return None
-    error = moment_of(loads.errors, name)
+    error = get_moment(loads.errors, name)
     frames = np.flatnonzero(
-        walk.layout.valid_for(ground_reactions.get_leg(name)) & np.isfinite(error)
+        walk.layout.get_valid_frames(ground_reactions.get_leg(name)) & np.isfinite(error)
     )
     if not len(frames):
         return None
-    moment = moment_of(loads.final, name)
+    moment = get_moment(loads.final, name)
     frame = frames[
         (-moment if coordinates.split_side(name)[0] in EXTERNAL_PEAKS else np.abs(moment))[
             frames
@@ -444,7 +444,7 @@ def _build_error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
     for base, found in peaks.items():
         if base != KNEE_ADDUCTION:
             others += [
-                make_heading(coordinate_title(base), 4),
+                make_heading(describe_coordinate_side(base), 4),
                 *pair_blocks([[_build_peak_table(peak)] for peak in found]),
             ]
     return (
@@ -468,7 +468,7 @@ def _build_peak_table(peak: PeakError) -> Block:
     rows.append(["all together", f"± {format_number(peak.error, 3)}", "100"])
     side = coordinates.split_side(peak.name)[1]
     head: list[Cell] = [
-        make_cell(coordinate_title(peak.name), side=side),
+        make_cell(describe_coordinate_side(peak.name), side=side),
         "error alone, N·m/kg",
         "% of the variance",
     ]
@@ -545,7 +545,7 @@ def _build_changes(walk: GaitNumbers) -> list[Block]:
         return []
     rows = [
         [
-            make_cell(coordinate_title(n.name)),
+            make_cell(describe_coordinate_side(n.name)),
             format_number(n.change_bwh, 2),
             format_number(n.change, 3),
             format_number(n.change_of_peak, 0),

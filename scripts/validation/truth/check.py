@@ -367,7 +367,7 @@ def _axis(
     for when, values in fitted.times:
         found = line_of(prefix, values)
         gathered.put(f"{figure}, deg", **{when: angle(true.direction, found.direction)})
-        gathered.put(f"{figure}, mm", **{when: 1e3 * true.distance(found.point)})
+        gathered.put(f"{figure}, mm", **{when: 1e3 * true.measure_distance(found.point)})
     if joint.startswith("knee"):
         peer = sara(*poses(study, joint))[0 if end == "proximal" else 1]
         gathered.put(f"{figure}, deg", peer=angle(lab.direction, peer.direction))
@@ -385,7 +385,7 @@ def peer_distance(true: Axis, found: Axis, frame: Frame) -> float:
     """
     lateral = frame.rotation[:, 2]
     slide = (frame.origin - found.point) @ lateral / (found.direction @ lateral)
-    return true.distance(found.point + slide * found.direction)
+    return true.measure_distance(found.point + slide * found.direction)
 
 
 def line_of(prefix: str, values: Mapping[str, float]) -> Axis:

@@ -37,7 +37,7 @@ import pinocchio as pin
 
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
-from gaitcal.export.opensim.peer_model import Axis, displacement_axis
+from gaitcal.export.opensim.peer_model import Axis, find_displacement_axis
 from gaitcal.io.opensim_files import read_table, write_trc
 from gaitcal.model.segment_frames import Frame, fit_rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
@@ -238,7 +238,7 @@ def true_axis(person: Simulation, joint: str, side: str) -> dict[str, dict[str, 
         return above.actInv(below)
 
     ends = between(middle - STEP), between(middle + STEP)
-    line = displacement_axis(*ends)
+    line = find_displacement_axis(*ends)
     if line is None:
         raise RuntimeError(f"{joint}_{side} does not turn")
     # seen from below the screw is the same line at both ends, but for what it slides along itself
@@ -246,7 +246,7 @@ def true_axis(person: Simulation, joint: str, side: str) -> dict[str, dict[str, 
     below = Axis(np.mean(points, axis=0), ends[0].rotation.T @ line.direction)
     person.put(person.standing)
     above_pose, below_pose = person.bodies(f"{joint}_{side}")
-    lines = {"proximal": line.moved(above_pose), "distal": below.moved(below_pose)}
+    lines = {"proximal": line.transform(above_pose), "distal": below.transform(below_pose)}
     return {
         end: {"point": x.point.tolist(), "axis": x.direction.tolist()} for end, x in lines.items()
     }
@@ -426,7 +426,7 @@ DIRECTIONS = ("ant", "sup", "lat")
 
 def line_in(frame: Frame, line: Axis) -> Axis:
     """A line of the laboratory in a segment's frame."""
-    return line.moved(pin.SE3(frame.rotation, frame.origin).inverse())
+    return line.transform(pin.SE3(frame.rotation, frame.origin).inverse())
 
 
 def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Frame]:
@@ -458,17 +458,17 @@ def hip_parameters(frames: Mapping[str, Frame], side: str, centre: Array) -> dic
 def leg_parameters(person: KnownJoints, frames: Mapping[str, Frame], side: str) -> dict[str, float]:
     thigh, shank, foot = (frames[f"{name}_{side}"] for name in ("thigh", "shank", "foot"))
     out = hip_parameters(frames, side, person.centres[f"hip_{side}"])
-    above = line_in(thigh, person.proximal[f"knee_{side}"]).pointing(2)
-    below = line_in(shank, person.distal[f"knee_{side}"]).pointing(2)
+    above = line_in(thigh, person.proximal[f"knee_{side}"]).direct_along(2)
+    below = line_in(shank, person.distal[f"knee_{side}"]).direct_along(2)
     slide = -above.point[2] / above.direction[2]
     out |= point_parameters(f"knee_{side}.thigh", above.point + slide * above.direction, "ant sup")
     out |= point_parameters(f"knee_{side}.shank", below.point + slide * below.direction)
     out |= z_parameters(f"knee_{side}.thigh", above.direction) | z_parameters(
         f"knee_{side}.shank", below.direction
     )
-    z = line_in(shank, person.proximal[f"ankle_{side}"]).pointing(2)
+    z = line_in(shank, person.proximal[f"ankle_{side}"]).direct_along(2)
     # the subtalar axis as the talus carries it, which at rest is where the shank has it
-    x = line_in(shank, person.proximal[f"subtalar_{side}"]).pointing(0)
+    x = line_in(shank, person.proximal[f"subtalar_{side}"]).direct_along(0)
     on_z, on_x = compute_common_perpendicular(z.direction, z.point, x.direction, x.point)
     up = np.cross(z.direction, x.direction)
     out |= point_parameters(f"talocrural_{side}.shank", on_z) | z_parameters(
@@ -476,7 +476,7 @@ def leg_parameters(person: KnownJoints, frames: Mapping[str, Frame], side: str) 
     )
     out[f"subtalar_{side}.talus.sup"] = float((on_x - on_z) @ up / np.linalg.norm(up))
     out[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(z.direction @ x.direction))
-    line = line_in(foot, person.distal[f"subtalar_{side}"]).pointing(0)
+    line = line_in(foot, person.distal[f"subtalar_{side}"]).direct_along(0)
     slide = (on_x - x.point) @ x.direction
     out |= point_parameters(f"subtalar_{side}.foot", line.point + slide * line.direction)
     return out | x_parameters(f"subtalar_{side}.foot", line.direction)

@@ -21,7 +21,7 @@ from gaitcal.cli.figures_command import draw_figures as run
 from gaitcal.cli.figures_command import select_charts
 from gaitcal.cli.view_command import print_report
 from gaitcal.errors import InputError, UsageError
-from gaitcal.export.opensim.transfer_account import MusclePath, muscle_changes, muscles_csv
+from gaitcal.export.opensim.transfer_account import MusclePath, compare_muscles, format_muscles_csv
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, check_replaceable, write_result_folder
@@ -290,7 +290,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     (result / "export").mkdir()
     for draws in ((), (before, after)):
         (result / "export" / "mine.muscles.csv").write_text(
-            muscles_csv(muscle_changes(before, after), draws)
+            format_muscles_csv(compare_muscles(before, after), draws)
         )
         run(Console(quiet=True, verbose=False), result, tmp_path / "out", **chosen_arms)
         assert [p.name for p in (tmp_path / "out").glob("*.svg")] == [

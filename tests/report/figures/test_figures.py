@@ -9,17 +9,17 @@ from matplotlib.figure import Figure
 from gaitcal.analysis.result import Calibration
 from gaitcal.dynamics.expected_residual import compute_residual_limits
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.cycles import typed
+from gaitcal.gait.cycles import validate_stride_table
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import (
-    explained,
-    joint_words,
-    moment_names,
-    moment_numbers,
-    parameter_words,
-    segment_words,
+    describe_joint,
+    describe_parameter,
+    describe_segment,
+    explain_parameters,
+    list_moments,
+    summarise_moments,
 )
-from gaitcal.gait.strides import layout
+from gaitcal.gait.strides import make_layout
 from gaitcal.model.coordinates import describe_coordinate
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
@@ -41,7 +41,9 @@ def charts(calibration: Calibration, convention: Convention | None = None) -> di
     """Name of a file -> its chart."""
     table = build_cycle_table(calibration.model, calibration.trials)
     strides = Strides(
-        table=ensemble(typed(table)), subject=calibration.model.subject, offs={"r": 61.0}
+        table=ensemble(validate_stride_table(table)),
+        subject=calibration.model.subject,
+        offs={"r": 61.0},
     )
     return {chart.name: chart for chart in build_paper_charts(strides, convention or Convention())}
 
@@ -69,8 +71,8 @@ def test_global_settings_of_matplotlib_stay(whole: Calibration, tmp_path: Path) 
 def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
     written = summarise_calibration(whole)["trials"]["walk"]["torque_change_bwh"]
     walk = whole.trial("walk")
-    drawn = layout(walk.body, walk.loads.reactions, walk.events)
-    numbers = moment_numbers(whole.model, drawn, walk.loads.final, walk.loads.nominal)
+    drawn = make_layout(walk.body, walk.loads.reactions, walk.events)
+    numbers = summarise_moments(whole.model, drawn, walk.loads.final, walk.loads.nominal)
     assert {n.name: n.change_bwh for n in numbers} == pytest.approx(written, rel=SAME)
 
 
@@ -97,22 +99,25 @@ def test_everything_has_words() -> None:
     assert all(
         describe_coordinate(n).angle != "positive" for n in COORDINATES if not is_translation(n)
     )
-    assert len({parameter_words(n) + n.split(".")[0][-2:] for n in JP_NAMES}) == len(JP_NAMES)
-    assert all(parameter_words(n) for n in IP_NAMES)
+    assert len({describe_parameter(n) + n.split(".")[0][-2:] for n in JP_NAMES}) == len(JP_NAMES)
+    assert all(describe_parameter(n) for n in IP_NAMES)
     assert (
-        segment_words("forearm_hand_l") == "left forearm and hand"
-        and joint_words("hip_l") == "left hip"
+        describe_segment("forearm_hand_l") == "left forearm and hand"
+        and describe_joint("hip_l") == "left hip"
     )
-    assert len({segment_words(s) for s in SEGMENTS}) == len(SEGMENTS)
+    assert len({describe_segment(s) for s in SEGMENTS}) == len(SEGMENTS)
     assert (
-        explained("hip_r.pelvis.ant is far")
+        explain_parameters("hip_r.pelvis.ant is far")
         == "hip_r.pelvis.ant (right hip centre in the pelvis, forward) is far"
     )
-    assert explained("file.trc and thigh_r.mass") == "file.trc and thigh_r.mass (right thigh: mass)"
+    assert (
+        explain_parameters("file.trc and thigh_r.mass")
+        == "file.trc and thigh_r.mass (right thigh: mass)"
+    )
 
 
 def test_moments_are_named_once(whole: Calibration) -> None:
-    names = moment_names(whole.model)
+    names = list_moments(whole.model)
     assert sorted(names) == sorted(
         (*(n for n in COORDINATES if not n.startswith("pelvis")), *REACTIONS)
     )

@@ -11,8 +11,14 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.errors import Code
-from gaitcal.gait.cycles import GaitCycle, normalise, usable
-from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS, Stride, counting
+from gaitcal.gait.cycles import GaitCycle, find_valid_percents, normalise
+from gaitcal.gait.spatiotemporal import (
+    LEAST_SD,
+    MEASURES,
+    OF_BOTH_LEGS,
+    Stride,
+    select_straight_strides,
+)
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.page.bone_files import BoneMeshes
 from gaitcal.report.page.page_data import FORMAT, SHOWN_MEASURES, explain_code
@@ -173,7 +179,7 @@ def stridden(
         for stride in made:
             cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
             stride["valid"] = [
-                encode_base64(usable(time, mask, cycle).astype("<u1"))
+                encode_base64(find_valid_percents(time, mask, cycle).astype("<u1"))
                 for mask in list_masks(curves)
             ]
             own = [c for c in curves if c.side in (stride["side"], "")]
@@ -330,7 +336,7 @@ def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str,
     legs = {side: "refused" if side in refused else "trustworthy" for side in "rl"}
     curves = (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint)
     counted = [
-        encode_base64(usable(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1"))
+        encode_base64(find_valid_percents(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1"))
         for mask in list_masks(curves)
     ]
     stride = {
@@ -349,7 +355,7 @@ def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str,
         verdict={"judgement": "refused" if refused else "trustworthy", **legs},
         measures=[
             {"side": s.side, "number": s.number, "values": dict(s.measures)}
-            for s in counting(strides, refused)
+            for s in select_straight_strides(strides, refused)
         ],
         sections={preset: every_block() for preset in PRESETS},
     )

@@ -13,7 +13,7 @@ import pytest
 from gaitcal import cycles
 from gaitcal.analysis.parameter_table import parameter_table
 from gaitcal.analysis.result import Calibration
-from gaitcal.gait.moments import parameter_words
+from gaitcal.gait.moments import describe_parameter
 from gaitcal.quality.verdict import judge
 from gaitcal.report.page.key_figures import compute_gait_numbers
 from gaitcal.report.page.page_data import (
@@ -87,7 +87,7 @@ def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, 
     fitted = table[(table["status"] == "fitted") & table["kind"].str.startswith("joint")]
     assert len(fitted) == len(drawn) > 0
     for name, row in fitted.iterrows():
-        interval = drawn[parameter_words(name), name.split(".")[0][-1]]
+        interval = drawn[describe_parameter(name), name.split(".")[0][-1]]
         told = [interval[key] for key in ("fitted", "nominal", "se")]
         assert told == pytest.approx(
             row[["fitted", "nominal", "standard_error"]].tolist(), abs=1e-4

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gaitcal.explanations import PARTS
-from gaitcal.gait.spatiotemporal import Average, counting, measure_means
+from gaitcal.gait.spatiotemporal import Average, average_measures, select_straight_strides
 from gaitcal.report.page.page_data import SHOWN_MEASURES
 from tests.report.page.browser import Page, Visit
 from tests.report.page.made_page import (
@@ -211,11 +211,11 @@ def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[in
     page = opened(visit, everything, "clinician")
     page.run(f"gaitcal.state.set({{off: new Set({[f'{k}' for k in off]})}})")
     strides = {
-        n: counting(s, REFUSED[n])
+        n: select_straight_strides(s, REFUSED[n])
         for k, (n, s) in enumerate(measured_strides().items())
         if k not in off
     }
-    wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN_MEASURES}
+    wanted = {m.name: m for m in average_measures(strides) if m.name in SHOWN_MEASURES}
     found = page.run(
         "Gaitcal.stepsOf(gaitcal)"
         ".map(({name, right, left, symmetry, error}) => [name, right, left, symmetry, error ?? "

@@ -16,8 +16,8 @@ from gaitcal.analysis.truth_errors import (
     TruthErrors,
 )
 from gaitcal.errors import Severity
-from gaitcal.gait.moments import parameter_words
-from gaitcal.gait.strides import strides_of
+from gaitcal.gait.moments import describe_parameter
+from gaitcal.gait.strides import list_strides
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.quality.force_diagnosis import check_pelvis_residual
@@ -179,7 +179,7 @@ def test_what_becomes_of_an_unseen_parameter(
 
 def test_an_unseen_parameter_that_a_cohort_moves_is_shown(whole: Calibration) -> None:
     name = whole.unidentifiable[0]
-    words = parameter_words(name) + ", not determined"
+    words = describe_parameter(name) + ", not determined"
     assert words not in json.dumps(build_joint_blocks(whole))
     moved = whole.model.parameters.with_joint(
         (name,), whole.nominal.parameters.joint[[JP_INDEX[name]]] + 0.1
@@ -228,7 +228,7 @@ def walk(whole: Calibration) -> TrialResult:
 
 def spoilt(walk: TrialResult, *, loaded: bool, resting: bool, plate: bool = True) -> TrialResult:
     """The first right stride with frames in its stance that do not count."""
-    time, cycle = walk.body.time, strides_of(walk.events)["r"][0]
+    time, cycle = walk.body.time, list_strides(walk.events)["r"][0]
     bad = (time >= cycle.start + 0.1) & (time < cycle.start + 0.2)
     reactions = walk.loads.reactions
     arrays = {name: getattr(reactions, name).copy() for name in ("valid_legs", "loaded", "resting")}
@@ -246,7 +246,7 @@ def test_every_reason_has_its_frames(walk: TrialResult) -> None:
 
     whole = [("r", 1, "1", True, ""), ("r", 2, "1", True, ""), ("l", 1, "2", True, "")]
     assert used(walk) == whole, "all frames are valid"
-    near_begin = strides_of(walk.events)["r"][0].start + 0.15 - walk.body.time[0] < 0.3
+    near_begin = list_strides(walk.events)["r"][0].start + 0.15 - walk.body.time[0] < 0.3
     on_two = spoilt(walk, loaded=True, resting=True)
     seat = replace(on_two.loads.reactions, seated=~on_two.loads.reactions.valid_legs[:, 0])
     for trial, plate, reason in (
