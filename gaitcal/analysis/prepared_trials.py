@@ -257,10 +257,8 @@ def _collect_possible_errors(
             move = moves.get(trial.name, {}).get(p.segment)
             if move is None or p.name not in names:
                 continue
-            size = (
-                    move.shift if p.kind is ParameterKind.POSITION else float(move.rotation[p.axis])
-                )
-                out[p.name] = max(size, out.get(p.name, 0.0))
+            size = move.shift if p.kind is ParameterKind.POSITION else float(move.rotation[p.axis])
+            out[p.name] = max(size, out.get(p.name, 0.0))
     return out
 
 

@@ -45,7 +45,13 @@ from gaitcal.gait.cycles import FootEvents
 from gaitcal.gait.events import GaitEvents, find_activity_events, find_crouches, find_trial_events
 from gaitcal.gait.moments import describe_segment
 from gaitcal.gait.spatiotemporal import Stride, assign_stride_lines, check_strides, measure_strides
-from gaitcal.gait.strides import FootAxes, compute_facing, compute_foot_axes, get_pelvis_angles, measure_out_of_plane
+from gaitcal.gait.strides import (
+    FootAxes,
+    compute_facing,
+    compute_foot_axes,
+    get_pelvis_angles,
+    measure_out_of_plane,
+)
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import (
     JOINTS,
@@ -231,16 +237,16 @@ def _detect_events(
     body, is_activity = trial.motion, trial.role is Role.MOTION
     events = GaitEvents()
     if not trial.joint:
-        events = trial_events(model, body, trial.reactions, trial.recording)
+        events = find_trial_events(model, body, trial.reactions, trial.recording)
     if is_activity:
-        events = activity_events(body, events)
+        events = find_activity_events(body, events)
     feet = None
     if ground_reactions.has_feet(model):
         feet = ground_reactions.compute_foot_points(model, body, trial.parameters)
     # No stride of an activity is left out for a turn.
-    direction = None if trial.joint or is_activity else facing(pelvis_angles(body))
+    direction = None if trial.joint or is_activity else compute_facing(get_pelvis_angles(body))
     unobserved = ground_reactions.find_unobserved_frames(body)
-    return events, strides_measured(events, body.time, feet, unobserved, direction)
+    return events, measure_strides(events, body.time, feet, unobserved, direction)
 
 
 def _compute_loads(trial: MovingTrial, bwh: float) -> Loads | None:

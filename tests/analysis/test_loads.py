@@ -112,5 +112,5 @@ def test_dead_plates_of_a_squat_stay_a_warning(
     trial = SimpleNamespace(
         name="trial", role=role, recording=recording, loads=SimpleNamespace(reactions=reactions)
     )
-    (found,) = TrialResult._of_loads(trial)
+    (found,) = TrialResult._check_loads(trial)
     assert found.severity is severity

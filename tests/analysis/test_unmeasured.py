@@ -15,7 +15,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.quality.verdict import Judgement
 from gaitcal.study.study import Study
 from tests.messages import check_text
-from tests.quality.spoilt import mask_frames, with_trial
+from tests.quality.spoilt import without, with_trial
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")
 LEG_NM = 0.5
@@ -28,7 +28,7 @@ def both(real_study: Callable[[str], Study]) -> tuple[Calibration, Calibration]:
     study = real_study("pig_c3d")
     study = replace(study, settings=study.settings.model_copy(update={"jp": False}))
     return calibrate(study, checked=()), calibrate(
-        with_trial(study, "gait", mask_frames(*THORAX)), checked=()
+        with_trial(study, "gait", without(*THORAX)), checked=()
     )
 
 

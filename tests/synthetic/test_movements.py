@@ -108,7 +108,8 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     )
     marker_set = load_marker_set("published")
     still = place_on_floor(model, simulate_static_trial(standing=make_standing_pose()))
-    posture, _ = detect_standing(record_motion("static", still, model, model.markers.labels), marker_set
+    posture, _ = detect_standing(
+        record_motion("static", still, model, model.markers.labels), marker_set
     )
     assert posture is not None
     shown = classify_movement(recording, posture.marker_set, None, posture.stance)
