@@ -15,7 +15,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.quality.verdict import Judgement
 from gaitcal.study.study import Study
 from tests.messages import check_text
-from tests.quality.spoilt import without, with_trial
+from tests.quality.spoilt import with_trial, without
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")
 LEG_NM = 0.5
