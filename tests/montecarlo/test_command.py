@@ -89,7 +89,7 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
     assert "5.8 mm" in (tmp_path / PAGE).read_text(encoding="utf-8")
     assert (tmp_path / SCENE).read_bytes() == scene
     (tmp_path / PAGE_DATA).write_text("{}", encoding="utf-8")
-    assert "warning: the page was not brought up to date: " in (told := run(tmp_path, *small))
+    assert "warning: the page was not updated: " in (told := run(tmp_path, *small))
     assert "tables and figures:" in told
 
 
