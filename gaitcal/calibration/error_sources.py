@@ -11,8 +11,8 @@ trial's markers change it with known joints (their effect on the joints is in u_
 points depend on the residuals of marker coordinate c, one axis of one marker, through its score g_c
 = sum_f J_cf r_cf, and change by n_c = -H_qq^-1 g_c. Soft tissue repeats its movement from frame to
 frame, so frames are dependent. Marker coordinates are taken as independent: the cluster-robust
-sandwich (Liang and Zeger 1986). Residuals are first inflated by the part that the motion absorbs: r /
-(1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and DeRouen
+sandwich (Liang and Zeger 1986). Residuals are first inflated by the part that the motion absorbs:
+r / (1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and DeRouen
 2001). Soft tissue is slow compared with the splines, so the motion of a frame can follow it.
 
 Coordinates change by B d N_c. Quantities that depend on coordinates and parameters, such as a
@@ -279,7 +279,7 @@ class MarkerScores:
     # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
     sensitivity: Array
     clusters: tuple[str, ...]
-    """(nm,) source of each column: `trial/label/axis`, `bandwidth/trial`, `posture/trial/number`."""
+    """(nm,) source of each column: `trial/label/axis`, `bandwidth/trial` or `posture/trial/k`."""
 
     def append_unknowns(self) -> CoefficientErrors:
         """Append a unit of each unknown to the marker coordinates."""

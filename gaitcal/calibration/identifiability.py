@@ -217,8 +217,8 @@ def _describe_advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
     if small:
         return f"the isolated {kind} trial has {had}; record more {' and '.join(small)}"
     return (
-        f"the isolated {kind} trial has {had}, which suffices; the error bars include the remaining "
-        "uncertainty"
+        f"the isolated {kind} trial has {had}, which suffices; the error bars include the "
+        "remaining uncertainty"
     )
 
 

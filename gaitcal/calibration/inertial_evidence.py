@@ -373,8 +373,8 @@ def fit_by_evidence(
         exceeds_noise = before[0] > noise.rms_force or before[1] > noise.rms_moment
         if exceeds_noise:
             why = (
-                f"is more than marker noise, bandwidth and plates explain {explained}, but does not "
-                "change as with other masses"
+                f"is more than marker noise, bandwidth and plates explain {explained}, but does "
+                "not change as with other masses"
             )
         else:
             why = f"is explained by marker noise, bandwidth and plates {explained}"

@@ -205,7 +205,7 @@ class PhaseSettings:
     search: joint_calibration.JointSettings = BY_EVIDENCE
     """Bounds and tolerances of the search."""
     prior: JointPrior | None
-    """About nominal values; None: no prior, and parameters that trials do not determine are frozen."""
+    """About nominal values; None: no prior, and undetermined parameters are frozen."""
     equal_weights: bool = False
     """Whether all trials of a phase count as equally noisy."""
     fits_tissue: bool = True
@@ -522,8 +522,8 @@ def _describe_tissue(
         for kind, scale in named.items()
     )
     out = [
-        "soft tissue moves markers with the adjacent joints; size relative to that of people in such "
-        f"a task: {sizes}; joint parameters were fitted together with it"
+        "soft tissue moves markers with the adjacent joints; size relative to that of people in "
+        f"such a task: {sizes}; joint parameters were fitted together with it"
     ]
     out += [
         f"errors of the {kind} trials are correlated: each counts as one of {repeated:.1f} equal "

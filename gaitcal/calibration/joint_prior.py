@@ -41,9 +41,9 @@ others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge o
 
 Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow
 the segment (its rigid fit) up to their deformation; the linkage follows the rigid fits up to
-movements that its joints forbid. Joint parameters act on the second part alone. In frame f let P project the
-weighted residuals r of the linkage on the marker displacements by rigid motions of its segments, of
-markers visible there. With d = P r, smoothed in each marker by the trial's splines, fitted to its
+movements that its joints forbid. Joint parameters act on the second part alone. In frame f let P
+project the weighted residuals r of the linkage on the displacements of visible markers by rigid
+motions of its segments. With d = P r, smoothed in each marker by the trial's splines, fitted to its
 visible samples only,
 
     nu^2 = tau / D * sum |d|^2 * n / (n - p),     D = sum_f c_f,     n = D / tau,

@@ -141,8 +141,9 @@ FROM_BONES = "knee_angle"
 shank.
 """
 GAIT, ACTIVITY = "gait", "activity "
-"""Kinds of task: a walk; any other activity (prefix of its name). Functional trials have the name of
-their joint.
+"""Kinds of task: a walk; any other activity (prefix of its name).
+
+Functional trials have the name of their joint.
 """
 LEAST_SQUARES = 0.01
 """E[s^2] below which columns of squares are left out: they would move markers by less than a tenth
@@ -417,8 +418,10 @@ class SoftTissueScale:
     linear: float
     squares: float = 0.0
     mean: float = 0.0
-    """min(E[s], 1), the factor of the prior mean of the linear columns. Markers that deform more than
-    people's oscillate or are loose; they do not slide further."""
+    """min(E[s], 1), the factor of the prior mean of the linear columns.
+
+    Markers that deform more than people's oscillate or are loose; they do not slide further.
+    """
     mean_square: float = 0.0
     """min(E[s^2], 1)."""
 

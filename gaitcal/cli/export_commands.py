@@ -413,6 +413,7 @@ def export_into(
     warnings = (*saved.files.remarks, *map(note_of, saved.doubts))
     for text in warnings:
         console.print_line(f"warning: {text}")
+    # Nothing is written from a result that changed while it was read.
     saved.files.require_unchanged()
     write_bytes_atomically(target, done.content)
     write_text_atomically(target.with_suffix(".joints.csv"), joint_moves.joints_csv(done.joints))
@@ -429,6 +430,7 @@ def export_into(
     drawn = [_get_draws_folder(target) / f"{k + 1:03d}.osim" for k in range(draws)]
     with console.show_progress() as step:
         rng = np.random.default_rng(seed)
+        # All draws come from one generator, so that the first ones do not depend on their number.
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
             write_bytes_atomically(path, done.drawn(rng))
@@ -439,8 +441,8 @@ def export_into(
         _print_table(console, tables[-1])
     else:
         lines.append(
-            "muscles: not computed; with --muscles, OpenSim computes lengths and moment arms before "
-            "and after"
+            "muscles: not computed; with --muscles, OpenSim computes lengths and moment arms "
+            "before and after"
         )
         console.print_line(lines[-1])
     facts = (("result", str(result)), ("model", str(model)), ("now", str(target)))
@@ -461,8 +463,8 @@ def export_into(
         console.print_line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
         if done.left:
             console.print_line(
-                f"in draws, {', '.join(done.left)} vary about their positions in the model by their "
-                "standard errors"
+                f"in draws, {', '.join(done.left)} vary about their positions in the model by "
+                "their standard errors"
             )
         if done.masses and saved.uncertainty.inertial is None:
             console.print_line(

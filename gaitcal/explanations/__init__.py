@@ -81,7 +81,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Verbatim:
-    """A message as the program prints it, in one line; `lines` are the wrapped lines of the page."""
+    """A message that the program prints in one line; `lines` are the wrapped lines of the page."""
 
     lines: tuple[str, ...]
 

@@ -166,6 +166,7 @@ def analyse_trials(
     errors = stopping(findings, [trial.name for trial in evidence])
     if errors:
         raise FaultyStudyError(errors)
+    # Nothing is tracked if a trial has errors.
     results = []
     for preprocessed in evidence:
         progress(f"{preprocessed.name}: tracking and inverse dynamics")

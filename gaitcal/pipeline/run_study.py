@@ -224,6 +224,7 @@ def run_found_study(
     )
     preprocessed = preprocess_study(study)
     findings = check_preprocessed(preprocessed)
+    # Trials with errors are left out of a draft always, of a study file only if it could not run.
     faulty: dict[str, str] = {}
     if not settings.force and (drafted is not None or stopping(findings, study.walks)):
         faulty = drafting.faulty_trials(study, findings)
@@ -251,6 +252,7 @@ def run_found_study(
         left_out={**faulty, **calibration.left_out},
     )
 
+    # The result has the drafted study file, so that it can be edited and run again.
     progress("writing the results")
     normal = settings.normal
     bands_entries = (

@@ -203,6 +203,7 @@ def write_trials(
         digests = _drop_names(get_table(manifest, "model_sha256"), names) | dict.fromkeys(
             sorted(names), digest
         )
+        # Trials of earlier runs stay, except those that are written again.
         kept = _drop_names(get_table(summary, "trials"), names)
         old_model = [name for name in kept if digests.get(name) != digest]
         page, page_warnings = read_earlier_page(folder, earlier, kept, old_model)
@@ -212,6 +213,7 @@ def write_trials(
             out, model, trials, relative_to, read_earlier_strides(folder, earlier, kept)
         )
         write_further_page(out, trials, saved, verdict, page)
+        # Warnings on stale trials are written anew.
         earlier_warnings = (
             w for w in _select_lines(kept, summary, "warnings") if not w.endswith(RUN_AGAIN)
         )
@@ -234,6 +236,7 @@ def write_trials(
             "model_sha256": digests,
         }
         (out / result_folder.MANIFEST).write_text(format_json(new_manifest), encoding="utf-8")
+        # Files of kept trials are copied with their hashes, so that an edit stays detectable.
         owners = _map_files_to_trials(kept)
         for path in sorted(folder.glob("*/*")):
             if path.is_file() and path.stem in owners:

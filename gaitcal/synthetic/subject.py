@@ -191,7 +191,7 @@ def _parse_activity(name: str) -> Activity:
 
 
 def make_true_gait(seed: int) -> tuple[Parameters, motions.TrueMotion]:
-    """Make parameters and gait of the subject that `synthesize` writes with `perturb` and this seed.
+    """Make parameters and gait of the subject that `synthesize` writes with this seed, perturbed.
 
     Returns
     -------

@@ -10,7 +10,7 @@ with the subtalar axis.
 Joint angles are between the same frames. At every frame the coordinates q' of the linkage in these
 frames are those with which its segments have the true poses at q:
 
-    X_s(q) F_s = X'_s(q'),    F_s the constant pose of the static frame in the true frame of segment s.
+    X_s(q) F_s = X'_s(q'),    F_s the pose of the static frame in the true frame of segment s.
 
 Gauss-Newton steps over the corners of each segment solve it up to rounding. Ankle angles are
 counted from the static posture (`model/ankle_zero.py`): dorsiflexion as in its landmarks, no

@@ -351,7 +351,7 @@ def fit_carried_motion(
 
 
 def compute_nominal_curves(phase: Array) -> TargetMotion:
-    """Compute the nominal gait with the nominal person's feet on the floor, y = 0; phase in strides."""
+    """Compute the nominal gait at phases (nf,), strides, with the feet on the floor, y = 0."""
     q, acceleration = compute_gait_curves(phase)
     q[:, COORDINATES.index("pelvis_ty")] += _compute_floor_shift()
     return TargetMotion(q, acceleration)
@@ -389,7 +389,7 @@ def _build_ground_rows(
 def _build_force_rows(
     parameters: Parameters, state: tuple[Array, Array, Array], ground: Ground, feet: FeetOnGround
 ) -> list[_Rows]:
-    """Build the residuals of the total ground reaction: moment about the loaded point, and force."""
+    """Build the residuals of the total ground reaction: moment about the loaded point, force."""
     q, weight = state[0], parameters.mass * subject_model.GRAVITY
     total = compute_root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
     force, moment = total.value[:, :3], total.value[:, 3:]
