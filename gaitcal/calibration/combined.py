@@ -88,7 +88,7 @@ def fit_combined(
     trials : sequence of CombinedProblem
         Trials with their motions where phases 1 and 2 ended.
     parameters : Parameters
-        Start values, and the values of what is not free.
+        Start values, and values of the parameters that are not free.
     free : tuple of str
         Free joint parameters.
     which : InertialSet

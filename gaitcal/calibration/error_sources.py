@@ -11,8 +11,8 @@ trial's markers change it with known joints (their effect on the joints is in u_
 points depend on the residuals of marker coordinate c, one axis of one marker, through its score g_c
 = sum_f J_cf r_cf, and change by n_c = -H_qq^-1 g_c. Soft tissue repeats its movement from frame to
 frame, so frames are dependent. Marker coordinates are taken as independent: the cluster-robust
-sandwich (Liang and Zeger 1986). Residuals are first inflated for what the motion has absorbed: r /
-(1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and DeRouen
+sandwich (Liang and Zeger 1986). Residuals are first inflated by the part that the motion absorbs:
+r / (1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and DeRouen
 2001). Soft tissue is slow compared with the splines, so the motion of a frame can follow it.
 
 Coordinates change by B d N_c. Quantities that depend on coordinates and parameters, such as a
@@ -274,14 +274,12 @@ class CoefficientErrors:
 class MarkerScores:
     """Effects of one trial's marker coordinates on its motion."""
 
-    # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    # (nn * nq, nm) n_c: effects of the nm marker coordinates of this trial with known joints
     coefficients: Array
     # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
     sensitivity: Array
     clusters: tuple[str, ...]
-    """(own,) which source each column is: `trial/label/axis`, `bandwidth/trial`,
-    `posture/trial/number`.
-    """
+    """(nm,) source of each column: `trial/label/axis`, `bandwidth/trial` or `posture/trial/k`."""
 
     def append_unknowns(self) -> CoefficientErrors:
         """Append a unit of each unknown to the marker coordinates."""
@@ -294,20 +292,20 @@ class MarkerScores:
 class MotionSensitivity:
     """Error sources of one trial's motion: its markers, and unknowns that trials share."""
 
-    # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    # (nn * nq, nm) n_c: effects of the nm marker coordinates of this trial with known joints
     coefficients: Array
     # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
     sensitivity: Array
     shift: Array
     """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np
     or fewer with the same covariance."""
-    # (own,) of the columns of `coefficients`
+    # (nm,) of the columns of `coefficients`
     trial_sources: tuple[ErrorSource, ...]
     shared_sources: tuple[ErrorSource, ...]  # (nc,) of the columns of `shift`
 
     @cached_property
     def by_source(self) -> CoefficientErrors:
-        """Effects of all sources: the trial's, then those of the unknowns (own + nc columns)."""
+        """Effects of all sources: the trial's, then those of the unknowns (nm + nc columns)."""
         return self._combine_with(self.shift)
 
     @cached_property
@@ -323,7 +321,7 @@ class MotionSensitivity:
 
         Parameters
         ----------
-        moved : (frames, m, own + nc) array
+        moved : (frames, m, nm + nc) array
             Effects of the columns of `by_source` on m quantities.
 
         Returns
@@ -447,9 +445,8 @@ def _compute_cluster_gradients(
         leverage = (met * by_frame).sum(axis=2).T
         leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
         inflated = residual[m] / (1.0 - leverage)
-        if (
-            least and (data.weight[m] > 0).any()
-        ):  # a program that fitted a body of its own shows less than its errors
+        # Markers computed by another program's model have smaller residuals than errors.
+        if least and (data.weight[m] > 0).any():
             spread = np.sqrt(np.mean(inflated[:, data.weight[m] > 0] ** 2, axis=1, keepdims=True))
             inflated = inflated * np.maximum(least / np.maximum(spread, 1e-9), 1.0)
         pull = velocity * (data.weight[m] * inflated)

@@ -49,9 +49,7 @@ MOVEMENTS = {
     "ankle_angle": "dorsiflexion",
     "subtalar_angle": "inversion",
 }
-"""Coordinate, without its side, that shows an axis in an isolated trial -> what that movement is
-called.
-"""
+"""Coordinate, without its side, that determines an axis in a functional trial -> its movement."""
 RangesOfMotion = Mapping[str, Mapping[str, float]]
 """Joint of isolated trials -> its coordinates, without their side -> the largest range (rad) in any
 of these trials.
@@ -217,13 +215,10 @@ def _describe_advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
     axes = _list_shown_axes(f"{kind}_{joint[-1]}")[joint]
     small = [MOVEMENTS[n] for n, angle in turned.items() if angle < NEEDED_RANGE and n in axes]
     if small:
-        return (
-            f"the isolated {kind} trial moves {had}; move {' and '.join(small)} further to learn "
-            "more"
-        )
+        return f"the isolated {kind} trial has {had}; record more {' and '.join(small)}"
     return (
-        f"the isolated {kind} trial moves {had}, enough: these stay as uncertain as their error "
-        "bars say"
+        f"the isolated {kind} trial has {had}, which suffices; the error bars include the "
+        "remaining uncertainty"
     )
 
 

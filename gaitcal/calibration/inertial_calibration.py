@@ -21,9 +21,9 @@ sum; mass centres are displaced by x; the second moments of mass about the mass 
 are multiplied by exp(x). Moments of inertia are sums of two second moments each, so they are
 positive and obey the triangle inequality: the pseudo-inertia stays positive definite (Wensing, Kim
 and Slotine 2017; for fixed axes of a body, its log-Cholesky parameters are these logarithms). s_n
-is the spread of people about the anthropometric table. The noise of F / BW and T / (BW L) is what
-the fit leaves, found by repeating (feasible generalised least squares), and at least the
-measurement error. `inertial_evidence.py` is the default.
+is the spread of people about the anthropometric table. The noise of F / BW and T / (BW L) is the
+residual of the fit, by iteration (feasible generalised least squares), and at least the measurement
+error. `inertial_evidence.py` is the default.
 """
 
 import time

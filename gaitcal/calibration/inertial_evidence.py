@@ -154,9 +154,9 @@ def estimate_residual_noise(
     """(n, nc) the scores of errors of joint parameters and soft tissue."""
     dynamics, frames = inverse_dynamics.Dynamics(parameters), 0
     feet = [
-        f"plate/{foot}/{what}"
+        f"plate/{foot}/{column}"
         for foot in inverse_dynamics.FEET
-        for what in measurement_errors.PLATE_ERROR_COLUMNS
+        for column in measurement_errors.PLATE_ERROR_COLUMNS
     ]
     for trial in trials:
         basis, wrenches = trial.problem.basis, trial.reactions.wrench
@@ -371,12 +371,13 @@ def fit_by_evidence(
     before = equations.compute_rms(seed)
     if factor < STRONG:
         exceeds_noise = before[0] > noise.rms_force or before[1] > noise.rms_moment
-        why = (
-            f"is more than marker noise, bandwidth and plates explain {explained}, but not what "
-            "other masses would make"
-            if exceeds_noise
-            else f"is what marker noise, bandwidth and plates explain {explained}"
-        )
+        if exceeds_noise:
+            why = (
+                f"is more than marker noise, bandwidth and plates explain {explained}, but does "
+                "not change as with other masses"
+            )
+        else:
+            why = f"is explained by marker noise, bandwidth and plates {explained}"
         stay = keep_nominal(
             seed, which, settings, before, f"{describe_residual(before)} {why}; ln K = {factor:.1f}"
         )
@@ -384,12 +385,10 @@ def fit_by_evidence(
     result, slopes = inertial_calibration.fit_chart(equations, chart, spread, weigh, start)
     found = inertial_calibration.make_inertial_fit(equations, chart, result, slopes, began)
     message = (
-        f"{found.message}; {describe_residual(before)} moves as wrong masses make it, ln K = "
-        f"{factor:.1f}, beside "
+        f"{found.message}; {describe_residual(before)} changes as with other masses, ln K = "
+        f"{factor:.1f}; marker noise, bandwidth and plates explain {explained}"
     )
-    return replace(
-        found, message=f"{message}what marker noise, bandwidth and plates explain {explained}"
-    )
+    return replace(found, message=message)
 
 
 def compute_log_bayes_factor(scores: Array, slopes: Array) -> float:

@@ -3,22 +3,22 @@
     min  sum_t C_t(p, z, N_t) / (f_t nu_t^2)  +  |(p - p_0)|^2_Sigma_p  +  |z|^2_Sigma_z
 
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p
-the joint parameters with what anatomy or a cohort expects of them (`joint_prior.py`), z the soft
-tissue of every kind of task with what people show (`soft_tissue_artefact.py`). Motions and z are
+the joint parameters with their prior from anatomy or a cohort (`joint_prior.py`), z the soft tissue
+of every kind of task with its prior from people (`soft_tissue_artefact.py`). Motions and z are
 eliminated (`reduced_problem.py`), p is found by SciPy. The published protocol (Reinbolt et al.
 2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one f nu^2 for all trials
-of a phase, the mean of their own.
+of a phase, their mean.
 
 nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its kind of
 task alone: a disagreement with gait is no noise of a functional trial. Trials of one task repeat
 their errors. With g_t and H_t the reduced gradients and matrices by p at the common estimate, in
-units of each trial's own noise, K trials err independently if
+units of the noise of each trial, K trials err independently if
 
     chi^2 = sum_t g_t^T H_t^-1 g_t - (sum g_t)^T (sum H_t)^-1 (sum g_t)
 
-has (K - 1) n degrees of freedom, over the n directions that they determine. A smaller share s of
-that says that they
-have 1 - s of their variance in common, so that together they count as  K / (s + K (1 - s))  trials: f = s + K (1 - s).
+has (K - 1) n degrees of freedom, over the n directions that they determine. If chi^2 is the
+share s of that, they
+have 1 - s of their variance in common and count as  K / (s + K (1 - s))  trials: f = s + K (1 - s).
 Kinds of task may disagree more than their errors allow: a cluster was put on anew for one, skin is
 not linear. With the same chi^2 between kinds, the soft tissue of each eliminated, b^2 = max(chi^2 /
 degrees of freedom, 1) is by how much the variances of all are too small (Birge, Phys Rev 40:207,
@@ -83,8 +83,8 @@ NOISE_TOLERANCE = 1e-4
 of where searches to the end have them, and a noise that is taken from a hundred samples is itself
 known to 7 %."""
 WIDE_M, WIDE_RAD = 0.020, np.deg2rad(10.0)
-"""m, rad: how far joints may lie from nominal places where noise is sought, and what directions are
-measured by where nothing is expected: further than anatomy has them."""
+"""m, rad: prior deviation of joints while noise is estimated, and unit of directions without a
+prior; wider than anatomy."""
 # Information of trials over that of the prior from which they determine a direction
 DETERMINED = 4.0
 
@@ -110,8 +110,7 @@ class JointEstimate(JointFit):
     covariance: Array
     """(np, np) of p by noise and priors; zero along directions that neither of them determines."""
     tissue_errors: Array
-    """(np, nc) what soft tissue that was not fitted makes of p besides, in columns of variance one.
-    """
+    """(np, nc) errors of p by soft tissue that was not fitted, in columns of variance one."""
 
     @property
     def whole_covariance(self) -> Array:
@@ -358,7 +357,7 @@ def estimate_noise(
     Returns
     -------
     list of float
-        nu of each trial, m: what no position of the joints explains.
+        nu of each trial, m: noise that no joint position explains.
     """
     problems = [
         replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems

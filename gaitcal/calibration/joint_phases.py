@@ -1,4 +1,4 @@
-"""Phases of joint-parameter calibration: what each phase fits, and their combination.
+"""Phases of joint-parameter calibration: parameters and trials of each, and their combination.
 
 A phase fits some joint parameters to some trials by `joint_estimate.py`. Earlier knowledge is its
 prior, and its result is the start of the next phase. Two protocols are lists of phases:
@@ -120,10 +120,10 @@ class JointCalibration:
     errors: ErrorSources
     """Errors of all joint parameters by source, fitted or not."""
     unidentifiable: tuple[str, ...]
-    """Parameters that were to be fitted and that the trials cannot see; they keep their nominal
-    value, or stay where their prior holds them."""
+    """Free parameters that the trials do not determine; they keep their nominal value or that of
+    the prior."""
     findings: tuple[Finding, ...]
-    """What speaks against it, and what these trials cannot see."""
+    """Findings on the fit, and on parameters that these trials do not determine."""
     at_bound: tuple[str, ...] = ()
     """Fitted parameters on their bound, or beyond."""
     notes: tuple[str, ...] = ()
@@ -205,7 +205,7 @@ class PhaseSettings:
     search: joint_calibration.JointSettings = BY_EVIDENCE
     """Bounds and tolerances of the search."""
     prior: JointPrior | None
-    """About nominal values; None: nothing is expected, and what trials cannot see is frozen."""
+    """About nominal values; None: no prior, and undetermined parameters are frozen."""
     equal_weights: bool = False
     """Whether all trials of a phase count as equally noisy."""
     fits_tissue: bool = True
@@ -522,13 +522,12 @@ def _describe_tissue(
         for kind, scale in named.items()
     )
     out = [
-        "soft tissue moves the markers with the joints beside them, by this much of what people "
-        "show in such a task: "
-        f"{sizes}; the joint parameters were fitted together with it"
+        "soft tissue moves markers with the adjacent joints; size relative to that of people in "
+        f"such a task: {sizes}; joint parameters were fitted together with it"
     ]
     out += [
-        f"the trials of {kind} repeat each other's errors: each counts as one of {repeated:.1f} "
-        "that say the same"
+        f"errors of the {kind} trials are correlated: each counts as one of {repeated:.1f} equal "
+        "trials"
         for kind, repeated in estimate.effective_trials.items()
         if repeated > 1.05
     ]

@@ -1,8 +1,8 @@
 """Priors of joint parameters, and the noise of trials.
 
-Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may
-change means and deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the
-place of both (`make_study_prior`).
+Deviations d from nominal values are N(m0, P0): from anatomy (`TABLE`), with means and
+deviations of a study file (`[calibration] joint_prior`) if any, or from a cohort, which replaces
+both (`make_study_prior`).
 
 A joint centre is one position of one bone end, described in two segments: hip in pelvis and thigh,
 knee in thigh and shank, the talus in shank and foot, and the subtalar axis in talus and foot. An
@@ -16,7 +16,7 @@ error of the centre under the parent's name and the difference under the child's
 attached again move the centre in both segments alike (`make_view_covariance`), and do not change the
 second cause.
 
-`TABLE` holds mean, d and a; what they rest on:
+`TABLE` has mean, d and a; their sources:
 
 hip         Harrington's regression against computed tomography of 29 people, 39 hips: 6.5 mm forward, 6.9 up, 7.0
             lateral (SD; landmarks of Fischer 2019 to 2023; `python -m scripts.validation people
@@ -33,17 +33,17 @@ talocrural  its axis runs just below the tips of the malleoli (Inman 1976), mark
             in front of its middle: 5 mm behind and 10 mm below; axes of living ankles scatter by 9
             to 11 degrees.
 subtalar    deviates by 23 +- 11 degrees (nominal) from the midline of cadavers' feet (Inman 1976), by 18 +- 16 of
-            living ones (van den Bogert et al., J Biomech 27:1477-1488, 1994): one axis, seen from
-            talus and foot. It is 42 +- 9 degrees steep, by which the talus's turn about it is
-            smaller (12 for 16 in the foot: 14, and 6 apart); its place goes with the talocrural
-            one.
+            living ones (van den Bogert et al., J Biomech 27:1477-1488, 1994): one axis, described
+            in talus and foot. It is inclined by 42 +- 9 degrees, so the scatter in the talus is
+            smaller (12 for 16 in the foot: common 14, difference 6); its position is that of the
+            talocrural axis.
 others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge or ball stands for.
 
 Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow
-the segment (its rigid fit) up to their deformation; the linkage follows the rigid fits up to what
-its joints forbid. Joint parameters act on the second part alone. In frame f let P project the
-residuals r of the linkage, weighted, on what rigid motions of its segments do to the markers that
-are visible there. With d = P r, smoothed in each marker by the trial's splines, fitted to its
+the segment (its rigid fit) up to their deformation; the linkage follows the rigid fits up to
+movements that its joints forbid. Joint parameters act on the second part alone. In frame f let P
+project the weighted residuals r of the linkage on the displacements of visible markers by rigid
+motions of its segments. With d = P r, smoothed in each marker by the trial's splines, fitted to its
 visible samples only,
 
     nu^2 = tau / D * sum |d|^2 * n / (n - p),     D = sum_f c_f,     n = D / tau,
@@ -59,7 +59,7 @@ rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartl
 often a sample that is k frames from a visible one is visible, too. Once smoothed, errors that last
 no longer than the splines and slower ones look alike; the first ask for a_k^2 in its place (samples
 that are missing repeat no other), the second for 1. With half of the samples missing nu is 19 %
-from what either asks for. n are the independent samples and p the joint parameters that these have
+from either. n are the independent samples and p the joint parameters that these have
 to serve. A cost divided by nu^2 counts every sample as if it were independent: slow noise in a
 short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as a whole
 against their bones give more than their deformation shows.
@@ -162,7 +162,7 @@ TABLE: tuple[_Row, ...] = (
         mean=-4.0,
     ),
 )
-"""Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
+"""Joints of the legs; all others have `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
 OTHER_DEVIATIONS = np.where(
     [p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG
@@ -364,8 +364,7 @@ def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) 
         return 1.0
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
     rho = power[lags] / power[0] * pairs[0] / np.maximum(pairs[lags], 1.0)
-    # a trial of nf frames has nf - k pairs at lag k at most: what is missing besides is of missing
-    # samples
+    # A trial of nf frames has at most nf - k pairs at lag k; fewer pairs mean missing samples.
     shown = np.sqrt(np.clip(pairs[lags] / pairs[0] * nf / (nf - lags), 0.0, 1.0))
     small = np.flatnonzero(rho < UNCORRELATED)
     summed = slice(small[0] if len(small) else None)
@@ -404,7 +403,7 @@ def estimate_forbidden_noise(
 ) -> ForbiddenNoise:
     """Estimate the noise of a trial at a motion.
 
-    If no joint is between segments with visible markers, d is what the linkage leaves of the
+    If no joint is between segments with visible markers, d is the residual of all
     markers, in c = 3 (visible markers) - rank(J) directions.
 
     Parameters
@@ -522,16 +521,16 @@ class NoisePrior:
 
     median: float  # m, at 100 Hz
     spread: float  # s of ln nu
-    absorbed: float  # a of ln nu: what a fit of the trial's joints may absorb
+    absorbed: float  # a of ln nu: share of the noise that a fit of the trial's joints may absorb
 
 
 WALK_NOISE = NoisePrior(0.009, 1.0, 0.0)
 """Seventeen walks of nine people of six laboratories: legs 9 to 23 mm, trunks and arms 1 to 15 mm.
 """
 ISOLATED_NOISE = NoisePrior(0.012, 0.8, 1.0)
-"""Eight isolated trials of two people: 2.5 to 29 mm, median 12, spread of ln nu 0.8. A fit of its
-own had a quarter and four tenths of the noise of one ankle trial that a fit beside other trials had
-(5.3 mm): a factor of e."""
+"""Eight isolated trials of two people: 2.5 to 29 mm, median 12, spread of ln nu 0.8. Separate
+fits of one ankle trial had a quarter and four tenths of the noise of its fit together with other
+trials (5.3 mm): a factor of e."""
 
 
 def get_noise_prior(kind: str) -> NoisePrior:

@@ -303,9 +303,9 @@ class ReducedProblem:
         self.centre = np.zeros(len(free)) if centre is None else centre
         self.state: ReducedState | None = None
         self.best: ReducedState | None = None
-        """The point of least cost so far: where SciPy steps from, and motions are predicted from. A
-        point that it refused may have motions that folded up, and they would lead into valleys of
-        their own.
+        """The point of least cost so far, from which SciPy steps and motions are predicted.
+
+        Motions of a rejected point may be in another local minimum.
         """
         self._known: tuple[ReducedState, Array, Array] | None = None
         """The last matrix that was taken apart."""
@@ -454,7 +454,7 @@ class ReducedProblem:
                 step = step - moves @ weight
             there = self._solve_kind(k, p, tissue.z + step, here.trials, keep=True)
             if there.tissue.cost > tissue.cost:
-                # what was learnt there serves from here: the next step is a shorter one
+                # The rejected point is kept: with it the next step is shorter.
                 points, steps = (
                     [there.tissue.z, *points][-KEPT_STEPS:],
                     [there.tissue.step, *steps][-KEPT_STEPS:],

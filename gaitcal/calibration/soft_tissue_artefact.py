@@ -12,9 +12,9 @@ mean zero over the walk leaves that part to the joints. With psi_c goes its squa
 evidence. Each kind of task has separate unknowns z (gait, an activity, or the isolated trials of
 one joint); in gait knees are no hinges besides.
 
-Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times what tracked bones
-show (`soft_tissue_table.py`): a mean that depends on the place of the marker, and a covariance
-about it.
+Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times the artefact of
+tracked bones (`soft_tissue_table.py`): a mean that depends on the position of the marker, and a
+covariance about it.
 
 For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of the kind (at least 2
 deg), the mean is zero, all markers of a segment shift together, turn together about their middle,
@@ -120,12 +120,12 @@ SECONDARY_SIZES: Mapping[str, float] = {
     "front": np.deg2rad(0.5),
     "trans": np.deg2rad(1.0),
 }
-"""m, rad: what a knee does besides flexing, RMS over a task of what goes with the square of its
-angle. Bone pins in walking people showed some 10 mm and 10 degrees from end to end, less along the
-shank and in the frontal plane (Lafortune et al., J Biomech 25:347-357, 1992; fluoroscopy: Kozanek
-et al., J Biomech 42:1877-1884, 2009); knees of cadavers that flex by 60 degrees turn by 0.8 (trans)
-and 0.4 degrees (front) RMS with the square of it (polynomials of Walker et al., J Biomech
-21:965-974, 1988)."""
+"""m, rad: RMS over a task of the knee movement that is proportional to the square of its flexion.
+Bone pins in walking people showed some 10 mm and 10 degrees from end to end, less along the shank
+and in the frontal plane (Lafortune et al., J Biomech 25:347-357, 1992; fluoroscopy: Kozanek et al.,
+J Biomech 42:1877-1884, 2009). Knees of cadavers that flex by 60 degrees rotate by 0.8 (trans) and
+0.4 degrees (front) RMS with the square of it (polynomials of Walker et al., J Biomech 21:965-974,
+1988)."""
 CUBE_SHARE = 0.25
 """Part of these sizes that goes with the cube. The same polynomials have 0.04 and less; walking
 adds load.
@@ -141,12 +141,13 @@ FROM_BONES = "knee_angle"
 shank.
 """
 GAIT, ACTIVITY = "gait", "activity "
-"""Kind of task of a walk; that of isolated trials has their joint's name, that of any other
-activity its own.
+"""Kinds of task: a walk; any other activity (prefix of its name).
+
+Functional trials have the name of their joint.
 """
 LEAST_SQUARES = 0.01
-"""E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what
-people show.
+"""E[s^2] below which columns of squares are left out: they would move markers by less than a tenth
+of people's movement.
 """
 TRUSTED = 0.5
 """Share of its largest weight below which a robust loss has rejected a marker; and share of the
@@ -183,7 +184,7 @@ class AngleUnit:
     """Unit in which an angle moves soft tissue in a kind of task."""
 
     size: float  # rad, RMS from the static posture
-    # what the angle over `size` explains of its square, by least squares
+    # Coefficient of angle / size in the least-squares fit of its square
     bend: float
 
 
@@ -417,8 +418,10 @@ class SoftTissueScale:
     linear: float
     squares: float = 0.0
     mean: float = 0.0
-    """min(E[s], 1) of the linear columns, by which what is expected of them is multiplied: markers
-    that deform more than people's swing or are loose, they do not slide the further for it."""
+    """min(E[s], 1), the factor of the prior mean of the linear columns.
+
+    Markers that deform more than people's oscillate or are loose; they do not slide further.
+    """
     mean_square: float = 0.0
     """min(E[s^2], 1)."""
 
@@ -470,8 +473,7 @@ def estimate_soft_tissue_scale(
         bends = np.repeat([name.endswith(SQUARES) for name in observed.names], len(right) // count)
         linear, mixed = information[np.ix_(~bends, ~bends)], information[np.ix_(bends, ~bends)]
         plain.append(_Deformation(linear, right[~bends], mean[~bends]))
-        # what is left for the squares once the linear columns are integrated out, however large
-        # they may be
+        # Information about the squares after marginalising the linear columns of any size
         inner = linear + np.eye(len(linear)) / SCALES[-1] ** 2
         left = np.linalg.solve(inner, np.column_stack([mixed.T, right[~bends]]))
         of_squares = information[np.ix_(bends, bends)] - mixed @ left[:, :-1]
@@ -573,7 +575,7 @@ class ClusterTissue:
     """Posterior of the artefact of one segment in one kind of task, given its deformation."""
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
-    # (6 nr,) m, rad, of the rigid part about what was expected before
+    # (6 nr,) m, rad, of the rigid part about its prior mean
     mean: Array
     covariance: Array  # (6 nr, 6 nr) of the rigid part
     deformation: Array  # (nr, nm, 3) m
@@ -855,9 +857,9 @@ class FoundTissue:
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
-    """Column -> m, rad, about what is expected."""
+    """Column -> m, rad, about its prior mean."""
     softness: Mapping[str, float] = field(default_factory=dict)
-    """Kind of task -> by which what is expected is multiplied."""
+    """Kind of task -> factor of the prior mean."""
     units: Mapping[str, AngleUnit] = field(default_factory=dict)
     """`kind/coordinate` -> unit of the columns, which further trials share."""
 
@@ -917,14 +919,14 @@ class TaskTissue:
     regressors: Mapping[str, Mapping[str, Array]]
     # Kind of task -> how soft the person is there
     scales: Mapping[str, SoftTissueScale]
-    # Trial of gait -> what knees do besides flexing
+    # Trial of gait -> knee movement besides flexion
     secondary: Mapping[str, soft_tissue.SecondaryColumns]
     nominal: Parameters
     table: SkinTable
     units: Mapping[str, AngleUnit] = field(default_factory=dict)
     """`kind/coordinate` -> unit of the regressors."""
     clusters: Mapping[tuple[str, Cluster], ClusterTissue] = field(default_factory=dict)
-    """Kind of task and cluster -> what its deformation shows of it."""
+    """Kind of task and cluster -> posterior given its deformation."""
     fitted: bool = True
     """Whether the artefact is fitted; else markers stay in their places, and all of it is a source
     of error.

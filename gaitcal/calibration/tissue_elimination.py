@@ -1,5 +1,4 @@
-"""Soft tissue of each kind of task, eliminated after the motions: what is left are the joint
-parameters.
+"""Eliminate the soft tissue of each kind of task after the motions; joint parameters remain.
 
 Trials share the joint parameters p; those of one kind of task k share the columns of its soft
 tissue z_k besides, which no other kind has. With the motions eliminated (`reduced_problem.py`) and

@@ -177,7 +177,7 @@ class Variances:
     # (frames, 29) by source
     torques: dict[measurement_errors.ErrorSource, Array]
     kinetics: Array  # (frames, 91) of all sources together
-    trial_markers: Array  # (frames, 91) of the trial's own markers
+    trial_markers: Array  # (frames, 91) of the markers of this trial
 
     def add(self, source: measurement_errors.ErrorSource, variance: Array) -> None:
         """Add the variance (frames, 120) of a further source."""

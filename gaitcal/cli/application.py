@@ -84,8 +84,8 @@ HELP: Final = {
     "continues after an interruption.",
     "reproduce": "Repeat the published study of 2007, table by table. Compares our numbers with "
     "the printed ones, and tests its claims.",
-    "export": "Export a model, recordings or strides. The model for OpenSim, ROS and MuJoCo, or its "
-    "joints in your OpenSim model; recordings as C3D; strides as CSV.",
+    "export": "Export a model, recordings or strides. The model for OpenSim, ROS and MuJoCo, or "
+    "its joints in your OpenSim model; recordings as C3D; strides as CSV.",
     "figures": "Draw figures of a result for a paper. One file for each variable, in the width, "
     "signs and units of your choice.",
     "view": "Show the page of a result or of a comparison. In the browser of this machine, or "

@@ -162,6 +162,7 @@ def analyse_further(
     inputs = [*trials, *([forces] if forces else []), *tables]
     check_output_folder(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
+    # Values as in a study file
     given = {
         "role": role,
         "plates": _parse_plates(plates),

@@ -69,6 +69,7 @@ def run_people(
         read_cohort_priors(priors)
     cohort, calibration = read_cohort(source, out)
     priors, calibration = _choose_priors(priors, calibration, learn_priors=learn_priors)
+    # Options apply to everyone; those of a person in people.csv or cohort.toml come first.
     cohort = replace(
         cohort, people=tuple(replace(p, told=joined(told, p.told)) for p in cohort.people)
     )
@@ -79,7 +80,7 @@ def run_people(
     people = len({person.name for person in cohort.people})
     if learn_priors and people < learning.FEWEST:
         console.print_line(
-            f"no priors will be learnt: found {people} people; at least {learning.FEWEST} are needed"
+            f"no priors will be learnt: found {people} people, of at least {learning.FEWEST} needed"
         )
     common = one_person.CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
@@ -205,7 +206,7 @@ def _print_summary(console: Console, written: Counter[str], out: Path) -> None:
         console.print_line(f"failed: {name}: {line['cause']}; {line['what_to_do']}")
     if failed:
         console.print_line(
-            f"failures: {out / run_cohort.FAILURES} (--retry runs them again even if nothing changed)"
+            f"failures: {out / run_cohort.FAILURES} (--retry runs them again, also unchanged ones)"
         )
     console.print_line(f"page: {out / PAGE}")
     console.print_line(

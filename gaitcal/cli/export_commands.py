@@ -6,6 +6,7 @@ strides of a result for other programs, or puts its joints into an OpenSim model
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -21,10 +22,12 @@ from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import Code, InputError, UsageError, nearest, note_of
 from gaitcal.export import other_formats
 from gaitcal.export.opensim import joint_moves, joint_transfer, osim_writer, transfer_account
+from gaitcal.export.opensim.osim_correspondence import LegJoint
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import convert_disk_errors, write_bytes_atomically, write_text_atomically
 from gaitcal.io.formats import convert
 from gaitcal.io.result_folder import amend_result
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.figures.comparison_sheets import (
     render_list,
     render_plain_page,
@@ -41,6 +44,7 @@ from gaitcal.results.saved_result import (
     load_result_model,
 )
 from gaitcal.results.table_files import Json
+from gaitcal.runtime import Progress
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
 JOINTS, MASSES = "joints", "masses"
@@ -210,6 +214,63 @@ def export_model(
     InputError
         The result or a recording cannot be read, or changed meanwhile.
     """
+    chosen = _check_formats(formats, inputs, convention, replace=replace)
+    strides = convention or Convention()
+    model, read, doubts = load_result_model(result)
+    folder = out or result / "export"
+    exported = _Exported()
+    with amend_result(folder) as stage, console.show_progress() as step:
+        for name in chosen:
+            if name in WRITERS:
+                write, file = WRITERS[name]
+                write(model, stage / file)
+                exported.entries[file] = {"format": name}
+        if C3D in chosen:
+            step("recordings as C3D files")
+            _export_recordings(exported, result, inputs, stage, replace=replace)
+        if STRIDES in chosen:
+            step("strides")
+            _export_strides(exported, result, strides, stage, model, read.sha256[MODEL])
+        read.require_unchanged()
+        cycles_export.write_export_manifest(
+            stage, folder, {**read.sha256, **exported.sha256}, model.subject.name, exported.entries
+        )
+    for text in (*read.remarks, *map(note_of, doubts)):
+        console.print_line(f"warning: {text}")
+    for file in exported.entries:
+        details = exported.details.get(file)
+        console.print_line(f"wrote {folder / file}" + (f": {details}" if details else ""))
+    if exported.stale:
+        console.print_line(
+            f"warning: {', '.join(exported.stale)} were analysed with another model than the "
+            f"present {MODEL}; run dynamics again"
+        )
+    if exported.static:
+        console.print_line(
+            f"not written: {', '.join(exported.static)}; a result has no motion of static trials"
+        )
+
+
+@dataclass
+class _Exported:
+    """Files that an export has written, for its manifest and for the user."""
+
+    entries: dict[str, dict[str, Json]] = field(default_factory=dict)
+    """File -> its entry in the manifest."""
+    details: dict[str, str] = field(default_factory=dict)
+    """File -> what is printed about it."""
+    sha256: dict[str, str | None] = field(default_factory=dict)
+    """File of the result that was read -> its SHA-256."""
+    stale: tuple[str, ...] = ()
+    """Further trials that were analysed with another model."""
+    static: tuple[str, ...] = ()
+    """Trials without a motion, which have no C3D file."""
+
+
+def _check_formats(
+    formats: str, inputs: Path | None, convention: Convention | None, *, replace: bool
+) -> list[str]:
+    """Parse formats; raise UsageError if one is unknown or an option does not apply to them."""
     allowed = (*WRITERS, C3D, STRIDES)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
     if not chosen:
@@ -233,76 +294,49 @@ def export_model(
         raise UsageError(
             "found without the format of recordings; allowed: with --format c3d", field="--replace"
         )
-    strides = convention or Convention()
-    model, read, doubts = load_result_model(result)
-    folder = out or result / "export"
-    recordings: dict[str, tuple[str, str, tuple[str, ...]]] = {}
-    of_recordings: Mapping[str, str | None] = {}
-    with amend_result(folder) as stage, console.show_progress() as step:
-        for name in (name for name in chosen if name in WRITERS):
-            write, file = WRITERS[name]
-            write(model, stage / file)
-        if C3D in chosen:
-            step("recordings as C3D files")
-            recordings, whole = write_recordings(result, inputs, stage, instead=replace)
-            whole.require_unchanged()
-            of_recordings = whole.sha256
-        tables: dict[str, int] = {}
-        further: tuple[str, ...] = ()
-        if STRIDES in chosen:
-            step("strides")
-            for source, file in ((result, CYCLES), (result / DYNAMICS, f"{DYNAMICS}_{CYCLES}")):
-                if source == result or (source / CYCLES).exists():
-                    tables[file], table = cycles_export.write_cycles_export(
-                        source, strides, stage / file, model
-                    )
-                    table.require_unchanged()
-                    start = "" if source == result else f"{DYNAMICS}/"
-                    of_recordings = {
-                        **of_recordings,
-                        **{start + name: sha for name, sha in table.sha256.items()},
-                    }
-                    further = cycles_export.list_stale_trials(source, read.sha256[MODEL])
+    return chosen
+
+
+def _export_recordings(
+    exported: _Exported, result: Path, inputs: Path | None, stage: Path, *, replace: bool
+) -> None:
+    """Write the recordings of a result as C3D files."""
+    recordings, read = write_recordings(result, inputs, stage, instead=replace)
+    read.require_unchanged()
+    exported.sha256 |= read.sha256
+    for trial, (source, digest, notes) in recordings.items():
+        file = f"{trial}.c3d"
+        exported.entries[file] = {
+            "format": C3D,
+            "source": source,
+            "source_sha256": digest,
+            "notes": list(notes),
+        }
+        exported.details[file] = "; ".join(notes)
+    trials = set(cycles_export.read_trial_files(result))
+    exported.static = tuple(sorted(trials - set(recordings)))
+
+
+def _export_strides(
+    exported: _Exported,
+    result: Path,
+    convention: Convention,
+    stage: Path,
+    model: SubjectModel,
+    model_sha256: str | None,
+) -> None:
+    """Write the strides of a result, and of its further trials, in a convention."""
+    keys = convention.keys
+    for source, file in ((result, CYCLES), (result / DYNAMICS, f"{DYNAMICS}_{CYCLES}")):
+        if source != result and not (source / CYCLES).exists():
+            continue
+        rows, read = cycles_export.write_cycles_export(source, convention, stage / file, model)
         read.require_unchanged()
-        written: dict[str, dict[str, Json]] = {
-            WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS
-        }
-        written |= {
-            f"{trial}.c3d": {
-                "format": C3D,
-                "source": source,
-                "source_sha256": digest,
-                "notes": list(notes),
-            }
-            for trial, (source, digest, notes) in recordings.items()
-        }
-        written |= {
-            f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables
-        }
-        cycles_export.write_export_manifest(
-            stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written
-        )
-    for text in (*read.remarks, *map(note_of, doubts)):
-        console.print_line(f"warning: {text}")
-    for name in (name for name in chosen if name in WRITERS):
-        console.print_line(f"wrote {folder / WRITERS[name][1]}")
-    for trial, (_, _, notes) in recordings.items():
-        console.print_line(f"wrote {folder / f'{trial}.c3d'}: {'; '.join(notes)}")
-    for file, rows in tables.items():
-        console.print_line(
-            f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}"
-        )
-    if further:
-        console.print_line(
-            f"warning: {', '.join(further)} were analysed with another model than the present "
-            f"{MODEL}; run dynamics again"
-        )
-    if C3D in chosen:
-        not_written = sorted(set(cycles_export.read_trial_files(result)) - set(recordings))
-        if not_written:
-            console.print_line(
-                f"not written: {', '.join(not_written)}; a result has no motion of static trials"
-            )
+        prefix = "" if source == result else f"{DYNAMICS}/"
+        exported.sha256 |= {prefix + name: digest for name, digest in read.sha256.items()}
+        exported.stale = cycles_export.list_stale_trials(source, model_sha256)
+        exported.entries[file] = {"format": STRIDES, "convention": dict[str, Json](keys)}
+        exported.details[file] = f"{rows} rows; {', '.join(keys.values())}"
 
 
 def _get_draws_folder(out: Path) -> Path:
@@ -359,6 +393,94 @@ def export_into(
     InputError
         The result has no calibrated joints, or the model does not fit.
     """
+    target = _check_transfer(model, out, parameters, attachments, muscles=muscles)
+    saved = load_result(result)
+    if saved.uncertainty.joint is None:
+        message = "joint parameters were not calibrated; a model needs calibrated joints"
+        raise InputError(message, source=result, code=Code.NO_RESULT)
+    done = joint_transfer.transfer_joints(
+        saved.model,
+        model,
+        errors=saved.uncertainty.joint,
+        prior=make_study_prior(saved.settings.joint_prior),
+        names=names,
+        recorded=load_recorded_coordinates(result),
+        marker_set=saved.marker_set,
+        masses=MASSES in parameters,
+        inertial=saved.uncertainty.inertial,
+        follow=attachments == FOLLOW,
+    )
+    warnings = (*saved.files.remarks, *map(note_of, saved.doubts))
+    for text in warnings:
+        console.print_line(f"warning: {text}")
+    # Nothing is written from a result that changed while it was read.
+    saved.files.require_unchanged()
+    write_bytes_atomically(target, done.content)
+    write_text_atomically(target.with_suffix(".joints.csv"), joint_moves.format_joints_csv(done.joints)
+    )
+    _remove_earlier_files(console, target)
+    if done.moved_points:
+        write_text_atomically(
+            target.with_suffix(".attachments.csv"),
+            joint_moves.format_moved_points_csv(done.moved_points),
+        )
+    tables, lines = (
+        [*transfer_account.make_joint_tables(done)],
+        [*transfer_account.describe_transfer(done)],
+    )
+    for table in tables:
+        _print_table(console, table)
+    for text in lines:
+        console.print_line(text)
+    drawn = [_get_draws_folder(target) / f"{k + 1:03d}.osim" for k in range(draws)]
+    with console.show_progress() as step:
+        rng = np.random.default_rng(seed)
+        # All draws come from one generator, so that the first ones do not depend on their number.
+        for k, path in enumerate(drawn):
+            step(f"draw {k + 1} of {len(drawn)}")
+            write_bytes_atomically(path, done.draw(rng))
+        if muscles:
+            tables.append(_compare_muscles(model, target, drawn, done.legs, step))
+    console.print_line()
+    if muscles:
+        _print_table(console, tables[-1])
+    else:
+        lines.append(
+            "muscles: not computed; with --muscles, OpenSim computes lengths and moment arms "
+            "before and after"
+        )
+        console.print_line(lines[-1])
+    facts = (("result", str(result)), ("model", str(model)), ("now", str(target)))
+    page = render_account_page(
+        target.name, (("person", saved.model.subject.name), *facts), warnings, lines, tables
+    )
+    write_text_atomically(target.with_suffix(".html"), page)
+    written = (
+        ".osim",
+        ".html",
+        ".joints.csv",
+        *[".attachments.csv"] * bool(done.moved_points),
+        *[".muscles.csv"] * muscles,
+    )
+    for end in written:
+        console.print_line(f"wrote {target.with_suffix(end)}")
+    if drawn:
+        console.print_line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
+        if done.unchanged:
+            console.print_line(
+                f"in draws, {', '.join(done.unchanged)} vary about their positions in the model by "
+                "their standard errors"
+            )
+        if done.masses and saved.uncertainty.inertial is None:
+            console.print_line(
+                "all draws have the same masses: the result has no standard errors of masses"
+            )
+
+
+def _check_transfer(
+    model: Path, out: Path | None, parameters: str, attachments: str, *, muscles: bool
+) -> Path:
+    """Check the options of `--into` and return the file to write; raise UsageError if invalid."""
     if out is None or out.suffix != ".osim":
         message = (
             f"found {'nothing' if out is None else repr(str(out))}; allowed: a file to write, "
@@ -383,109 +505,37 @@ def export_into(
         raise UsageError(
             "needs OpenSim, which is not installed: pip install opensim", field="--muscles"
         )
-    saved = load_result(result)
-    if saved.uncertainty.joint is None:
-        message = "joint parameters were not calibrated; a model needs calibrated joints"
-        raise InputError(message, source=result, code=Code.NO_RESULT)
-    done = joint_transfer.transfer_joints(
-        saved.model,
-        model,
-        errors=saved.uncertainty.joint,
-        prior=make_study_prior(saved.settings.joint_prior),
-        names=names,
-        recorded=load_recorded_coordinates(result),
-        marker_set=saved.marker_set,
-        masses=MASSES in transferred,
-        inertial=saved.uncertainty.inertial,
-        follow=attachments == FOLLOW,
-    )
-    warnings = (*saved.files.remarks, *map(note_of, saved.doubts))
-    for text in warnings:
-        console.print_line(f"warning: {text}")
-    saved.files.require_unchanged()
-    write_bytes_atomically(out, done.content)
-    write_text_atomically(
-        out.with_suffix(".joints.csv"), joint_moves.format_joints_csv(done.joints)
-    )
+    return out
+
+
+def _remove_earlier_files(console: Console, out: Path) -> None:
+    """Remove the outdated files of an earlier run, and print their names."""
     earlier = _find_earlier_files(out)
     for path in earlier:
         with convert_disk_errors(path):
             path.unlink()
     if earlier:
-        console.print_line(
-            "removed (of an earlier run): "
-            f"{', '.join(str(p.relative_to(out.parent)) for p in earlier)}"
-        )
-    if done.moved_points:
-        write_text_atomically(
-            out.with_suffix(".attachments.csv"),
-            joint_moves.format_moved_points_csv(done.moved_points),
-        )
-    tables, lines = (
-        [*transfer_account.make_joint_tables(done)],
-        [*transfer_account.describe_transfer(done)],
+        names = ", ".join(str(path.relative_to(out.parent)) for path in earlier)
+        console.print_line(f"removed (of an earlier run): {names}")
+
+
+def _compare_muscles(
+    model: Path, out: Path, drawn: Sequence[Path], legs: Sequence[LegJoint], step: Progress
+) -> transfer_account.AccountTable:
+    """Compute muscles before and after by OpenSim, write their table, and return it."""
+    ranges = transfer_account.list_leg_ranges(legs)
+    step("muscles before")
+    before = transfer_account.compute_muscle_paths(model, ranges)
+    step("muscles after")
+    changes = transfer_account.compare_muscles(before, transfer_account.compute_muscle_paths(out, ranges))
+    spread: list[Mapping[tuple[str, str], transfer_account.MusclePath]] = []
+    for k, path in enumerate(drawn):
+        step(f"muscles of draw {k + 1} of {len(drawn)}")
+        spread.append(transfer_account.compute_muscle_paths(path, ranges))
+    write_text_atomically(
+        out.with_suffix(".muscles.csv"), transfer_account.format_muscles_csv(changes, spread)
     )
-    for table in tables:
-        _print_table(console, table)
-    for text in lines:
-        console.print_line(text)
-    drawn = [_get_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(draws)]
-    with console.show_progress() as step:
-        rng = np.random.default_rng(seed)
-        for k, path in enumerate(drawn):
-            step(f"draw {k + 1} of {len(drawn)}")
-            write_bytes_atomically(path, done.draw(rng))
-        if muscles:
-            ranges = transfer_account.list_leg_ranges(done.legs)
-            step("muscles before")
-            before = transfer_account.compute_muscle_paths(model, ranges)
-            step("muscles after")
-            changes = transfer_account.compare_muscles(
-                before, transfer_account.compute_muscle_paths(out, ranges)
-            )
-            spread: list[Mapping[tuple[str, str], transfer_account.MusclePath]] = []
-            for k, path in enumerate(drawn):
-                step(f"muscles of draw {k + 1} of {len(drawn)}")
-                spread.append(transfer_account.compute_muscle_paths(path, ranges))
-            write_text_atomically(
-                out.with_suffix(".muscles.csv"),
-                transfer_account.format_muscles_csv(changes, spread),
-            )
-            tables.append(transfer_account.make_muscle_table(changes, spread))
-    console.print_line()
-    if muscles:
-        _print_table(console, tables[-1])
-    else:
-        lines.append(
-            "muscles: not computed; with --muscles, OpenSim computes lengths and moment arms before "
-            "and after"
-        )
-        console.print_line(lines[-1])
-    facts = (("result", str(result)), ("model", str(model)), ("now", str(out)))
-    page = render_account_page(
-        out.name, (("person", saved.model.subject.name), *facts), warnings, lines, tables
-    )
-    write_text_atomically(out.with_suffix(".html"), page)
-    written = (
-        ".osim",
-        ".html",
-        ".joints.csv",
-        *[".attachments.csv"] * bool(done.moved_points),
-        *[".muscles.csv"] * muscles,
-    )
-    for end in written:
-        console.print_line(f"wrote {out.with_suffix(end)}")
-    if drawn:
-        console.print_line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
-        if done.unchanged:
-            console.print_line(
-                f"in draws, {', '.join(done.unchanged)} vary about their positions in the model by their "
-                "standard errors"
-            )
-        if done.masses and saved.uncertainty.inertial is None:
-            console.print_line(
-                "all draws have the same masses: the result has no standard errors of masses"
-            )
+    return transfer_account.make_muscle_table(changes, spread)
 
 
 def render_account_page(

@@ -187,6 +187,7 @@ def run_monte_carlo(
     with console.show_progress() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, trial, step)
+    # The draws have one writer at a time.
     with alone(store.folder, PURPOSE):
         try:
             with _show_draw_progress(console) as draws_done:

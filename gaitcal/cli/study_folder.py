@@ -165,6 +165,7 @@ def find_or_draft_study(path: Path, options: Options, console: Console) -> Path 
     with console.show_progress() as step:
         if path.is_dir():
             step("reading the folder")
+        # A study file, or what was read of a folder without one
         found = drafts.find_study_source(path, options)
     if isinstance(found, Path):
         if found != path:
@@ -193,6 +194,7 @@ def _complete_draft(folder: Folder, options: Options, console: Console) -> draft
         or not (sys.stdin.isatty() and sys.stderr.isatty())
     ):
         return draft
+    # A question is repeated until its answer is valid; an estimated value may be left open.
     for field in (*draft.missing, *draft.estimated):
         while True:
             question, optional = f"{QUESTIONS[field]} (in no file)", field in draft.estimated

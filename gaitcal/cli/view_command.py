@@ -249,6 +249,7 @@ def print_report(
         )
         raise UsageError(message, field="--normal")
     default_file = result / COMMENTS
+    # Comments beside a result are of that result, not of a comparison.
     file = comments or (default_file if other is None and default_file.is_file() else None)
     texts = {} if file is None else read_comments(file)
     content: ReportContent | ComparisonContent

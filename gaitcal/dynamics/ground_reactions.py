@@ -472,9 +472,9 @@ def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
 def _report_seat(seated: BoolArray, time: Array) -> list[Finding]:
     """Report that a seat carries part of the body, and when."""
     found = (
-        f"{format_spans(time, find_runs(seated))}: both thighs lie, and the plates under the feet carry less "
-        "than the body weighs; where the seat pushes is not known, so that torques are not valid "
-        "then"
+        f"{format_spans(time, find_runs(seated))}: both thighs are nearly horizontal, and the plates "
+        "under the feet carry less than body weight; the force of the seat is not known, so torques "
+        "are not valid"
     )
     cause, note = "a seat bears part of the body", Severity.INFO
     seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)
@@ -604,7 +604,7 @@ def _report_unobserved(frames: Mapping[str, BoolArray], motion: Motion) -> list[
             Finding(
                 severity=Severity.WARNING if whole else Severity.INFO,
                 topic="markers",
-                cause=f"no marker of {', '.join(segments)} with weight is seen",
+                cause=f"no marker of {', '.join(segments)} with weight is visible",
                 found=found,
                 cure="label them, or leave the trial out"
                 if whole

@@ -420,7 +420,7 @@ def find_partial_contact(
                 first, last = time[around][[0, -1]]
                 found = (
                     f"{100 * sole.sum_share(off_plates)[lost].max():.0f} % of the sole of the "
-                    f"{SIDE_WORDS[side]} foot lie "
+                    f"{SIDE_WORDS[side]} foot are "
                     f"beside it; not valid for this leg, {first:.2f}-{last:.2f} s"
                 )
                 cause = f"a foot rests partly beside plate {names}"

@@ -1,8 +1,7 @@
-"""What every code means: one page each, in Markdown, brought with the package and read without a
-network.
+"""Explanations of all codes: one Markdown page each, part of the package.
 
-A page has a title, says how bad it can be, and has the parts `PARTS`. The program, the page of a
-result and the documentation show the same text.
+A page has a title, a severity and the sections `PARTS`. The program, the page of a result and the
+documentation show the same text.
 """
 
 import functools
@@ -21,30 +20,40 @@ PARTS: Final = (
     "What to do",
     "What it cannot see",
 )
-"""Headings of every page, in their order."""
+"""Headings of the sections of every page, in order."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """What one code means."""
+    """Explanation of a code."""
 
     code: Code
-    title: str  # What is wrong, in a clause
-    severity: (
-        str  # How bad it can be: `Error`, `Warning`, `Note`, or several of them: `Error or warning`
-    )
-    # Markdown below the title and the severity: a heading of the second level for each of `PARTS`
+    title: str
+    """The fault, in a clause."""
+    severity: str
+    """Possible severities: `Error`, `Warning`, `Note`, or several: `Error or warning`."""
     text: str
+    """Markdown of the sections `PARTS`, with headings of the second level."""
 
     @property
     def markdown(self) -> str:
-        """The whole page, as its file holds it."""
+        """The whole page, as in its file."""
         return f"# {self.code.value}: {self.title}\n\n*{self.severity}*\n\n{self.text}\n"
 
 
 @functools.cache
 def load_explanation(code: Code) -> Explanation:
-    """The page of a code."""
+    """Load the explanation of a code.
+
+    Parameters
+    ----------
+    code
+        Code of a finding or an error.
+
+    Returns
+    -------
+    Explanation
+    """
     page = files(__package__).joinpath("pages", f"{code.value}.md").read_text(encoding="utf-8")
     head, severity, text = page.strip().split("\n\n", 2)
     title = head.removeprefix(f"# {code.value}: ")
@@ -52,29 +61,27 @@ def load_explanation(code: Code) -> Explanation:
 
 
 def load_all_explanations() -> tuple[Explanation, ...]:
-    """The pages of all codes, in the order of their numbers."""
+    """Load the explanations of all codes, in the order of their numbers."""
     return tuple(load_explanation(code) for code in Code)
 
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Words to be wrapped."""
+    """A paragraph of running text."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Bullets:
-    """A list."""
+    """A list of items."""
 
     items: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Verbatim:
-    """A message as the program prints it; its lines are those of the page, and are one line of the
-    program.
-    """
+    """A message that the program prints in one line; `lines` are the wrapped lines of the page."""
 
     lines: tuple[str, ...]
 
@@ -83,7 +90,18 @@ Piece: TypeAlias = Paragraph | Bullets | Verbatim
 
 
 def split_parts(text: str) -> tuple[tuple[str, tuple[Piece, ...]], ...]:
-    """Headings of the second level, each with what stands below it."""
+    """Split a page into its sections.
+
+    Parameters
+    ----------
+    text
+        Markdown, as in `Explanation.text`.
+
+    Returns
+    -------
+    tuple of (heading, pieces)
+        Heading of each section, and its paragraphs, lists and messages.
+    """
     out = []
     for part in f"\n{text}".split("\n## ")[1:]:
         heading, _, body = part.partition("\n")
@@ -92,16 +110,19 @@ def split_parts(text: str) -> tuple[tuple[str, tuple[Piece, ...]], ...]:
 
 
 def _parse_pieces(body: str) -> Iterator[Piece]:
+    """Parse the blocks of a section, which empty lines separate."""
     for block in body.strip().split("\n\n"):
         lines = block.strip("\n").split("\n")
         if lines[0].startswith("```"):
             yield Verbatim(tuple(lines[1:-1]))
         elif lines[0].startswith("- "):
-            items = " ".join(
-                line.strip() if line.startswith("  ") else f"\n{line}" for line in lines
-            )
-            yield Bullets(
-                tuple(item.removeprefix("- ").strip() for item in items.split("\n") if item.strip())
-            )
+            # An indented line continues the item above it.
+            items: list[str] = []
+            for line in lines:
+                if line.startswith("  ") and items:
+                    items[-1] += f" {line.strip()}"
+                else:
+                    items.append(line.removeprefix("- ").strip())
+            yield Bullets(tuple(items))
         else:
             yield Paragraph(" ".join(line.strip() for line in lines))

@@ -359,7 +359,7 @@ def rotate_to_progression(recording: Recording, forward: Array | None = None) ->
         notes += (
             f"The walk goes {abs(angle):.0f} deg to the {'right' if angle > 0 else 'left'} of x: "
             "pelvis angles are "
-            "relative to the laboratory's x, so list and tilt mix and rotation holds this angle "
+            "relative to the laboratory's x, so list and tilt mix and rotation includes this angle "
             "(those of cycles.csv "
             "are along each stride); other joint angles and torques do not depend on it.",
         )

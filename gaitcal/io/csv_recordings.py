@@ -6,7 +6,7 @@
     NAME_facts.csv   the rest  fact,value              person and events of a C3D file
 
 No number is converted on reading. Markers or forces that clearly have another axis up are rotated
-by quarter turns. Corners have a table of their own because the table of forces has no column for
+by quarter turns. Corners have a separate table because the table of forces has no column for
 them; they show whether a foot was entirely on its plate. Numbers are written in the shortest form
 that reads back to the same bits. Lines before the header that begin with `#` are comments. Facts
 are those of `labels.Facts`, without name and doubts, in kg, m, rad, s, values as JSON:

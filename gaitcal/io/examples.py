@@ -343,7 +343,7 @@ def fetch_example(
         return
     other = read_json_object(folder / MANIFEST).get("example", example.name)
     if other != example.name:
-        message = f"holds the example '{other}'; name a new or an empty folder"
+        message = f"contains the example '{other}'; give a new or an empty folder"
         raise InputError(message, source=folder, code=Code.FOLDER_TAKEN)
     fault: InputError | KeyboardInterrupt | Stopped | None = None
     with write_result_folder(folder, ResultKind.EXAMPLE) as content:

@@ -2,7 +2,7 @@
 
 A wrench (F, M) about the laboratory origin is a force at a point p with the moment T = M - p x F
 about it. p is the centre of pressure in the plane y = h where T has no component along x and z.
-Plates measure their wrench in a frame of their own.
+Plates measure their wrench in the plate frame.
 
 Plate frame (C3D user guide, FORCE_PLATFORM): origin in the middle of the top surface; corners 1 to
 4 are in the quadrants (+x,+y), (-x,+y), (-x,-y), (+x,-y); z points **down**. Channels give the
@@ -54,7 +54,7 @@ Below it, noise of 1 N·m moves the centre by over 5 cm.
 # Vertical force that only a body on the plate makes; unloaded plates read up to about 30 N
 BODY_N = 50.0
 UNLOADED_N = 60.0  # Vertical readings below this may be the offset of an empty plate
-QUIET_N = 10.0  # An empty plate's reading stays this close to its own median
+QUIET_N = 10.0  # An empty plate's reading stays this close to its median
 QUIET_S = 0.1
 """Shortest period (s) taken as empty.
 

@@ -78,7 +78,7 @@ def read_recording(
     Raises
     ------
     InputError
-        A file cannot be read; one line with file, field, what was found and what is allowed.
+        A file cannot be read; one line with file, field, the value found and the allowed ones.
     """
     recording = segment_poses.add_landmarks(_read_by_suffix(Path(path), MARKER_READERS))
     if forces is None:

@@ -1,6 +1,6 @@
 """Interpret marker labels, and read subject data and foot events from the parameters of a C3D file.
 
-The POINT list of a C3D file may hold, besides markers, what a vendor's program computed: angles,
+The POINT list of a C3D file may contain, besides markers, outputs of a vendor's program: angles,
 moments, powers, joint centres, four points for each segment's axes. These were not measured and
 must not be fitted.
 
@@ -207,7 +207,7 @@ class Facts:
     height: float | None = None
     """m."""
     marker_set: str | None = None
-    """As the laboratory calls its own."""
+    """Name of the laboratory's set."""
     marker_diameter: float | None = None
     """m."""
     asis_distance: float | None = None

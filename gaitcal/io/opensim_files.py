@@ -288,7 +288,7 @@ def read_table(path: str | PathLike[str]) -> StorageTable:
     Raises
     ------
     InputError
-        The file cannot be read; one line with file, field, what was found and what is allowed.
+        The file cannot be read; one line with file, field, the value found and the allowed ones.
     """
     return _read_table(Path(path))
 

@@ -195,7 +195,7 @@ def read_listed_hashes(folder: Path) -> dict[str, str]:
         (SELF_HASH in manifest or HASHES in manifest)
         and manifest.get(SELF_HASH) != hash_manifest(manifest)
     ):
-        message = "is damaged, or was edited: not as gaitcal wrote it; run again what wrote it"
+        message = "is damaged, or was edited: not as gaitcal wrote it; run its command again"
         raise InputError(message, source=folder / MANIFEST, code=Code.DAMAGED_RESULT)
     hashes = manifest.get(HASHES)
     return {str(k): str(v) for k, v in hashes.items()} if isinstance(hashes, dict) else {}
@@ -238,8 +238,7 @@ def check_replaceable(
         return InputError(message, source=target, code=Code.FOLDER_TAKEN)
 
     foreign = (
-        "holds '{}', which gaitcal did not write there; move it away, or name a new or an empty "
-        "folder"
+        "contains '{}', which gaitcal did not write; move it away, or give a new or an empty folder"
     )
     if not target.exists():
         return ()
@@ -248,7 +247,7 @@ def check_replaceable(
     for path in inputs:
         if path.resolve().is_relative_to(target.resolve()):
             shown = path.resolve().relative_to(target.resolve()).as_posix()
-            raise refuse(f"holds '{shown}', an input of this run; name another folder")
+            raise refuse(f"contains '{shown}', an input of this run; give another folder")
     kept = tuple(
         sorted(
             entry.name
@@ -266,8 +265,8 @@ def check_replaceable(
     if old_kind is None:
         raise refuse(foreign.format((*files, *kept)[0]))
     if old_kind is not kind:
-        message = f"holds another kind of result ({old_kind.value}, this would be {kind.value})"
-        raise refuse(f"{message}; name a new or an empty folder")
+        message = f"contains another kind of result ({old_kind.value}, this would be {kind.value})"
+        raise refuse(f"{message}; give a new or an empty folder")
     names = manifest.get(FILES)
     ours = {MANIFEST, *(names if isinstance(names, list) else ())}
     if strangers := [name for name in files if name not in ours]:

@@ -247,31 +247,31 @@ def refuse_origins(labels: Collection[str]) -> None:
 def _find_axes(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> Array:
     """Find (3, 3) columns: forward, up and right in the axes of the segments."""
 
-    def along(what: str, segment: str, start: str, end: str) -> Array:
-        way = _average_known(_express_in(rotation[segment], origin[end] - origin[start]))
-        largest = int(np.argmax(np.abs(way)))
-        if not np.abs(way[largest]) >= ALIGNED_SHARE * np.linalg.norm(way):
-            found = ", ".join(f"{1e3 * x:.0f}" for x in way)
+    def find_axis(description: str, segment: str, start: str, end: str) -> Array:
+        direction = _average_known(_express_in(rotation[segment], origin[end] - origin[start]))
+        largest = int(np.argmax(np.abs(direction)))
+        if not np.abs(direction[largest]) >= ALIGNED_SHARE * np.linalg.norm(direction):
+            found = ", ".join(f"{1e3 * x:.0f}" for x in direction)
             raise FileFault(
-                f"{what} it is ({found}) mm; allowed: along one of its axes",
+                f"found ({found}) mm {description}; allowed: along an axis of the segment",
                 f"pose of {segment}",
                 Code.LANDMARKS,
             )
-        return np.asarray(np.sign(way[largest]) * np.eye(3)[largest])
+        return np.asarray(np.sign(direction[largest]) * np.eye(3)[largest])
 
-    right = along("from hip to hip", "pelvis", "l_thigh", "r_thigh")
+    right = find_axis("from hip to hip", "pelvis", "l_thigh", "r_thigh")
     ups = {
-        s: along("from knee to hip", s, s.replace("thigh", "shank"), s)
+        s: find_axis("from knee to hip", s, s.replace("thigh", "shank"), s)
         for s in ("r_thigh", "l_thigh")
     }
     ups |= {
-        s: along("from ankle to knee", s, s.replace("shank", "foot"), s)
+        s: find_axis("from ankle to knee", s, s.replace("shank", "foot"), s)
         for s in ("r_shank", "l_shank")
     }
     up = ups["r_thigh"]
     forward = np.cross(up, right)
     toes = {
-        s: along("from ankle to toes", s, s, s.replace("foot", "toes"))
+        s: find_axis("from ankle to toes", s, s, s.replace("foot", "toes"))
         for s in ("r_foot", "l_foot")
     }
     wrong = [s for s, way in ups.items() if way @ up < 1.0] + [

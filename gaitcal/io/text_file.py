@@ -50,7 +50,7 @@ class FileFault(Exception):  # noqa: N818  it never leaves this package: `name_f
     Parameters
     ----------
     message
-        What was found, and what is allowed.
+        The value found, and the allowed ones.
     field
         Where in the file.
     code
@@ -188,7 +188,7 @@ def read_lines(path: Path) -> list[str]:
     while lines and not lines[-1].strip():
         lines.pop()
     if not lines:
-        raise FileFault("the file holds only blank lines", code=Code.NOT_TEXT)
+        raise FileFault("the file has only blank lines", code=Code.NOT_TEXT)
     return lines
 
 

@@ -1,6 +1,6 @@
 """Read, check and write TOML files of users; find the data folder `models/` and package versions.
 
-Every error in a file is one line with file, field, what was found and what is allowed.
+Every error in a file is one line with file, field, the value found and the allowed ones.
 """
 
 import json
@@ -75,9 +75,9 @@ def _describe_neighbours(path: Path) -> str:
         return f"; the folder '{path.parent.name}' does not exist"
     hint = nearest(path.name, names)
     if hint or not names:
-        return hint or "; the folder is empty of files"
+        return hint or "; the folder has no files"
     return (
-        "; the folder holds "
+        "; the folder contains "
         + ", ".join(f"'{name}'" for name in names[:4])
         + (", ..." if len(names) > 4 else "")
     )

@@ -122,7 +122,10 @@ def measure_standing_ankles(
         elif rule is AnkleZero.FILE and foot.by_file is not None:
             angle, why = foot.by_file, "the file's static plantarflexion angle says so"
         else:
-            angle, why = foot.by_markers, "the line from heel to toe marker is taken as the sole's"
+            angle, why = (
+                foot.by_markers,
+                "the sole is assumed parallel to the line from heel to toe marker",
+            )
         angles[side], slope = angle, np.rad2deg(foot.slope)
         sentences.append(
             f"{SIDE_WORDS[side]} {np.rad2deg(angle):.1f} deg ({why}; heel to toe marker slopes "
@@ -212,13 +215,16 @@ def _choose_dorsiflexion(foot: _Foot, other: _Foot) -> tuple[float, str]:
         return foot.by_sole, "it stands flat on the floor"
     why = "its toes seem off the floor" if lifted == "toes" else "its heel seems off the floor"
     if foot.by_file is not None:
-        return foot.by_file, f"{why}; the file's static plantarflexion angle says how far"
+        return foot.by_file, f"{why}; the file's static plantarflexion angle gives the amount"
     if lifted and np.sin(other.slope) >= -HIGH_HEEL_SLOPE:
         return (
             foot.by_markers - other.slope,
-            f"{why}; its markers are taken to lie to the sole as the other foot's",
+            f"{why}; its markers are assumed at the same height above the sole as the other foot's",
         )
-    return foot.by_markers, f"{why}; the line from heel to toe marker is taken as the sole's"
+    return (
+        foot.by_markers,
+        f"{why}; the sole is assumed parallel to the line from heel to toe marker",
+    )
 
 
 def _describe_doubt(foot: _Foot, other: _Foot) -> str:
@@ -239,9 +245,9 @@ def _describe_doubt(foot: _Foot, other: _Foot) -> str:
     if foot.slope >= -STEEP_SLOPE or shown_by_other_foot:
         return ""
     taken = (
-        "the sole is taken to lie on the floor"
+        "the sole is assumed on the floor"
         if np.sin(foot.slope) >= -HIGH_HEEL_SLOPE
-        else "the sole is taken to lie along"
+        else "the sole is assumed along"
     )
-    line = f"its heel marker lies {-np.rad2deg(foot.slope):.0f} deg above its toe marker"
+    line = f"its heel marker is {-np.rad2deg(foot.slope):.0f} deg above its toe marker"
     return f"{line}, and {taken}" + ("" if taken.endswith("floor") else " that line")

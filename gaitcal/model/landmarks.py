@@ -129,10 +129,9 @@ def measure_static_posture(
         length = 1e3 * float(np.linalg.norm(at - landmarks[PARTNER[name]]))
         line = "the malleoli" if f"ankle_med_{name[-1]}" in landmarks else "the pelvis"
         notes.append(
-            f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, level with it and "
-            "straight across the "
-            f"line of {line}: the foot's own direction, and with it the zero of its ankle's "
-            "angles, is a guess"
+            f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, at its height "
+            f"and perpendicular to the line of {line}; the direction of the foot, and so the zero of "
+            "ankle angles, is an assumption"
         )
     hips, hip_labels = _locate_hips(recording, landmarks, window)
     return StaticPosture(
@@ -163,9 +162,8 @@ def find_single_psis(marker_set: MarkerSet, visible: Collection[str]) -> tuple[s
 def describe_guessed_sacrum(label: str) -> str:
     """Describe how the sacrum is guessed from one posterior spine."""
     return (
-        f"sacrum: only '{label}' of its two markers is seen; assumed midway between it and its "
-        "mirror image in the "
-        "plane across the line of the ASIS, as in an even pelvis"
+        f"sacrum: only '{label}' of its two markers is visible; assumed midway between it and its "
+        "mirror image in the median plane of the ASIS (symmetric pelvis)"
     )
 
 
@@ -227,11 +225,11 @@ def _describe_missing_landmark(
         return f"the marker set does not name it; it needs {describe_substitute(name)}"
     label, instead = labels[0], describe_substitute(name)
     if label in recording.labels:
-        return f"marker '{label}' was not seen while the subject stood still; it needs {instead}"
+        return f"marker '{label}' was not visible while the subject stood still; it needs {instead}"
     taken = {m for group in marker_set.landmarks.values() for m in group}
     known = nearest(label, [other for other in recording.labels if other not in taken])
     return (
-        f"the file has no marker '{label}'{known}; instead it could be {instead}, put in place by "
+        f"the file has no marker '{label}'{known}; instead it could be {instead}, assigned by "
         "'rename'"
     )
 

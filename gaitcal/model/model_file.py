@@ -247,7 +247,7 @@ def _format_point(position: Array) -> str:
 def _format_number(x: float, unit: str) -> str:
     """Format a number in SI units as the shortest decimal that is read back exactly."""
     if not np.isfinite(x):
-        raise ValueError(f"found {x}; a model file holds finite numbers only")
+        raise ValueError(f"found {x}; only finite numbers are allowed in a model file")
     if x == 0.0:
         return repr(x)
     wanted = _EXACT.divide(Decimal(x), _TO_SI[unit])

@@ -378,7 +378,7 @@ def measure_arm(
         if axis @ _compute_unrotated_axis(axes.normalise(shoulder - elbow), trunk) < 0:
             axis = -axis
             notes.append(
-                f"{elbow_words}: the lateral marker lies medially; the two markers were exchanged"
+                f"{elbow_words}: the lateral marker is on the medial side; the two labels were swapped"
             )
     else:
         inwards = axes.sign(side) * axes.compute_half_width("elbow", height)

@@ -1,3 +1,1 @@
-"""From files to a written result: a study, a folder of recordings, or further trials of a
-calibrated person.
-"""
+"""From files to a written result: a study, a folder, or further trials of a calibrated person."""

@@ -1,6 +1,4 @@
-"""Take further trials through the model of a result: check, track, torques with error bars,
-verdict.
-"""
+"""Analyse further trials with the model of a result: checks, motions, torques, verdict."""
 
 from __future__ import annotations
 
@@ -29,12 +27,12 @@ from gaitcal.study.study_trial import Role, Trial, read_trial
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class FurtherTrials(Displayed):
-    """Trials that were taken through the model of a result."""
+    """Trials that were analysed with the model of a result."""
 
     trials: tuple[TrialResult, ...]
-    """In the order in which they were given."""
+    """In the given order."""
     verdict: Verdict
-    """How far each of them can be believed, and why."""
+    """Verdict on each trial, with its reasons."""
     not_converged: tuple[str, ...]
     """Names of the trials for which tracking did not converge."""
 
@@ -59,8 +57,7 @@ def analyse_trial(
     role: Literal["gait", "motion"] = "gait",
     out: Path | str | None = None,
 ) -> FurtherTrials:
-    """Take a further recording of a calibrated person through the model, as `gaitcal dynamics`
-    does.
+    """Analyse a further recording of a calibrated person, as `gaitcal dynamics` does.
 
     Parameters
     ----------
@@ -69,13 +66,13 @@ def analyse_trial(
     recording
         C3D, TRC or CSV file of the same session, with the markers of the model.
     forces
-        Table of forces, where they are not in the recording.
+        Table of forces, if the recording has none.
     plates
-        Plate -> `r`, `l` or `none`, where feet and plates are not found from the data.
+        Plate -> `r`, `l` or `none`; detected unless given.
     time
         Start and end (s) of the part to use.
     filter_hz
-        Cut-off of the force filter (Hz), or `none`; as in the calibration unless given.
+        Cut-off of the force filter (Hz), or `none`; that of the calibration unless given.
     role
         `gait` for a walk, `motion` for any other activity.
     out
@@ -115,8 +112,20 @@ def analyse_trial(
 
 
 def make_trial_table(file: Path, forces: Path | None, **given: object) -> TrialTable:
-    """Describe a further recording as a study file would, under the name of its file, which may be
-    any.
+    """Make the entry of a further recording, as in a study file.
+
+    Parameters
+    ----------
+    file
+        Recording, whose name without ending becomes the name of the trial.
+    forces
+        Table of forces.
+    given
+        Further fields of the entry.
+
+    Returns
+    -------
+    TrialTable
     """
     table = TrialTable(name="trial", role="gait", file=file, forces=forces)
     return table.model_copy(update={"name": file.stem, **given})
@@ -130,9 +139,15 @@ def analyse_trials(
     Parameters
     ----------
     saved
-        The result that has the model.
+        Result with the model.
     tables
-        The trials as a study file would have them.
+        Entries of the trials.
+    progress
+        Called with a line of text at the beginning of each step.
+
+    Returns
+    -------
+    FurtherTrials
 
     Raises
     ------
@@ -145,32 +160,37 @@ def analyse_trials(
     for table in tables:
         progress(f"{table.file.name}: reading and checking")
         evidence.append(_preprocess(read_trial(table, saved.rename, saved.marker_set), saved))
-    checked = [finding for one in evidence for finding in check_further(one)]
-    findings = [*saved.doubts, *checked]
-    if errors := select_stopping_errors(findings, [one.name for one in evidence]):
+    findings = list(saved.doubts)
+    for trial in evidence:
+        findings += check_further(trial)
+    errors = select_stopping_errors(findings, [trial.name for trial in evidence])
+    if errors:
         raise FaultyStudyError(errors)
-    done = []
-    for one in evidence:
-        progress(f"{one.name}: tracking and inverse dynamics")
-        moves = find_possible_moves_of_trial(one)
-        done.append(
-            trial_result.analyse(saved.model, one.trial, saved.settings, saved.uncertainty, moves)
+    # Nothing is tracked if a trial has errors.
+    results = []
+    for preprocessed in evidence:
+        progress(f"{preprocessed.name}: tracking and inverse dynamics")
+        moves = find_possible_moves_of_trial(preprocessed)
+        results.append(
+            trial_result.analyse(
+                saved.model, preprocessed.trial, saved.settings, saved.uncertainty, moves
+            )
         )
-    late = [trial.name for trial in done if not trial.calibrated.converged]
-    findings += [
-        *_report_edited_files(saved, done),
-        *map(_report_untracked, late),
-        *(f for t in done for f in t.findings),
-    ]
-    verdict = judge(remove_consequences(findings), [trial.name for trial in done])
-    trials = tuple(trial.exclude_legs(verdict.refused_legs(trial.name)) for trial in done)
-    return FurtherTrials(trials=trials, verdict=verdict, not_converged=tuple(late))
+    not_converged = [trial.name for trial in results if not trial.calibrated.converged]
+    findings += _report_edited_files(saved, results)
+    findings += map(_report_untracked, not_converged)
+    for result in results:
+        findings += result.findings
+    verdict = judge(remove_consequences(findings), [trial.name for trial in results])
+    return FurtherTrials(
+        trials=tuple(trial.exclude_legs(verdict.refused_legs(trial.name)) for trial in results),
+        verdict=verdict,
+        not_converged=tuple(not_converged),
+    )
 
 
 def _report_edited_files(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
-    """Files of the result that somebody changed since it was written, said of every trial made with
-    them.
-    """
+    """Report files of the result that changed since it was written, for every trial."""
     return [
         Finding(
             severity=Severity.WARNING,
@@ -187,18 +207,20 @@ def _report_edited_files(saved: SavedResult, trials: Sequence[TrialResult]) -> l
 
 
 def _report_untracked(name: str) -> Finding:
+    """Report a trial for which tracking did not converge."""
     return Finding(
         severity=Severity.ERROR,
         topic="convergence",
         where=name,
         cause="tracking did not converge",
-        found="its angles and torques are no minimum",
-        cure="look at its markers",
+        found="its angles and torques are not those of the best fit",
+        cure="check its markers",
         code=Code.NOT_CONVERGED,
     )
 
 
 def _preprocess(trial: Trial, saved: SavedResult) -> TrialEvidence:
+    """Preprocess a trial; raise InputError if it has no marker of the model."""
     labels = saved.model.markers.labels
     if not set(labels) & set(trial.recording.labels):
         message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"

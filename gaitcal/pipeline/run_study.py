@@ -1,7 +1,7 @@
-"""Run a study: read it, check it, leave out what is faulty, calibrate, and write the result folder.
+"""Run a study: read, check, leave out faulty trials, calibrate, and write the result folder.
 
-The source is a study file or the draft that follows from a folder of recordings. The command line,
-a cohort and a Python program run the same steps.
+The source is a study file or the draft of a folder of recordings. The command line, cohorts and
+Python programs run the same steps.
 """
 
 from __future__ import annotations
@@ -32,7 +32,15 @@ from gaitcal.study.study_file import load_study_file
 
 
 class FaultyStudyError(InputError):
-    """The checks found errors in a study that leave nothing to calibrate."""
+    """A study has errors that leave nothing to calibrate.
+
+    Parameters
+    ----------
+    errors
+        Errors, the worst first; the message has the first.
+    study
+        Path for the hint on `gaitcal check`.
+    """
 
     def __init__(self, errors: Sequence[Finding], study: Path | None = None) -> None:
         shown = f": 'gaitcal check {study}' shows all" if study else ""
@@ -47,7 +55,7 @@ class FaultyStudyError(InputError):
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """How a study is run."""
+    """Settings of a run that the study file does not contain."""
 
     normal: Path | None = None
     """File of normal bands, drawn behind the curves of the page."""
@@ -56,39 +64,42 @@ class RunSettings:
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     """Settings given outside the study file; those that the study file gives come first."""
     leave_out: bool = False
-    """Whether the error on frames left out of the fit is found, too."""
+    """Whether the marker error in frames left out of the fit is computed, too."""
     force: bool = False
-    """Whether to go on past errors of the checks, with every trial."""
+    """Whether to continue after errors of the checks, with every trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyRun:
-    """A study that was run, and what the result folder holds of it."""
+    """A study that was run, with its calibration."""
 
     study: Study
-    """As it was read and checked, without the trials that were left out."""
+    """The study without the trials that were left out."""
     calibration: Calibration
     kept: tuple[str, ...]
-    """Folders of an earlier result that are still there."""
+    """Folders of an earlier result that were kept."""
     drafted: bool
     """Whether the study was drafted from a folder."""
 
 
 def find_study(path: Path, person: Options) -> Path | Draft:
-    """Find the study of a path: the file itself, the one in the folder, or a draft of its
-    recordings.
+    """Find the study file of a path, or draft a study from a folder.
 
     Parameters
     ----------
     path
         Study file, or folder of recordings.
     person
-        What is known of the person besides the files; for a folder without a study file only.
+        Data of the person that the files do not contain; for a folder without a study file only.
+
+    Returns
+    -------
+    Path or Draft
 
     Raises
     ------
     InputError
-        No study follows from the folder: its files, or who the person is, leave a question.
+        No study can be drafted from the folder, or data of the person are missing.
     """
     found = drafts.find_study_source(path, person)
     if isinstance(found, Path):
@@ -99,14 +110,14 @@ def find_study(path: Path, person: Options) -> Path | Draft:
 
 
 def require_one_prior(source: Path | Draft, priors: Path | None) -> None:
-    """Raise UsageError where priors are given beside those that a study file names."""
+    """Raise UsageError if priors are given although the study file names some."""
     if (
         isinstance(source, Path)
         and priors is not None
         and load_study_file(source).calibration.priors is not None
     ):
         raise UsageError(
-            f"not beside the priors that {source} names ([calibration] priors)", field="--priors"
+            f"not together with the priors of {source} ([calibration] priors)", field="--priors"
         )
 
 
@@ -124,8 +135,7 @@ def run_study(
     force: bool = False,
     progress: Progress = silent,
 ) -> Calibration:
-    """Calibrate a study, or a folder of recordings, and write the result folder, as `gaitcal
-    calibrate` does.
+    """Calibrate a study or a folder of recordings, as `gaitcal calibrate` does.
 
     Parameters
     ----------
@@ -134,13 +144,13 @@ def run_study(
     out
         The result folder; an earlier result is replaced.
     mass, height, sex, age
-        kg, m, `female` or `male`, years: for a folder in which no file gives them.
+        kg, m, `female` or `male`, years: for a folder whose files do not contain them.
     normal
-        File of normal bands, or the name of those that gaitcal brings.
+        File of normal bands, or the name of built-in ones.
     priors
         Joint priors of a cohort (`priors.json`), for a study that names none.
     force
-        Go on past errors of the checks.
+        Continue after errors of the checks.
     progress
         Called with a line of text at the beginning of each step.
 
@@ -176,8 +186,20 @@ def run_found_study(
 
     Parameters
     ----------
+    source
+        Study file or draft.
+    out
+        The result folder; an earlier result is replaced.
+    settings
+        Settings of the run.
+    progress
+        Called with a line of text at the beginning of each step.
     notes_on
-        Gives further notes on a study, for the result.
+        Gives further notes on the study for the result.
+
+    Returns
+    -------
+    StudyRun
 
     Raises
     ------
@@ -193,8 +215,8 @@ def run_found_study(
         else list_input_files(load_study_file(source), source)
     )
     bands = None if settings.normal is None else normal_bands.read_normal_bands(settings.normal)
-    besides = [file for file in (settings.normal, settings.priors) if file is not None]
-    kept = check_output_folder(out, ResultKind.CALIBRATION, [*read, *besides])
+    further = [file for file in (settings.normal, settings.priors) if file is not None]
+    kept = check_output_folder(out, ResultKind.CALIBRATION, [*read, *further])
 
     progress("reading and checking the recordings")
     study = _with_settings(
@@ -202,38 +224,42 @@ def run_found_study(
     )
     preprocessed = preprocess_study(study)
     findings = check_preprocessed(preprocessed)
+    # Trials with errors are left out of a draft always, of a study file only if it could not run.
     faulty: dict[str, str] = {}
     if not settings.force and (
         drafted is not None or select_stopping_errors(findings, study.walks)
     ):
         faulty = drafting.find_faulty_trials(study, findings)
         drafted = drafted and drafted.drop_trials(faulty)
-    if faulty:  # what the static trial gets back, and from which trials, follows from all of them
+    if faulty:
+        # Reconstructed static markers depend on all trials, so everything is preprocessed again.
         study = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
         preprocessed = preprocess_study(study)
         findings = check_preprocessed(preprocessed)
     if drafted is not None:
         findings = (*findings, *drafting.find_rejected_forces(drafted))
-    if not settings.force and (errors := select_stopping_errors(findings, study.walks)):
+    errors = () if settings.force else select_stopping_errors(findings, study.walks)
+    if errors:
         raise FaultyStudyError(errors, source if isinstance(source, Path) else source.folder.path)
 
     calibration = calibrate_preprocessed(
         preprocessed, findings, progress, leave_out=settings.leave_out
     )
-    of_source = (
+    source_notes = (
         drafts.list_draft_notes(drafted)
         if drafted is not None
         else drafting.list_faulty_notes(faulty)
     )
     calibration = replace(
         calibration,
-        notes=(*notes_on(study), *of_source, *calibration.notes),
+        notes=(*notes_on(study), *source_notes, *calibration.notes),
         left_out={**faulty, **calibration.left_out},
     )
 
+    # The result has the drafted study file, so that it can be edited and run again.
     progress("writing the results")
     normal = settings.normal
-    made_with = (
+    bands_entries = (
         {} if normal is None else {"normal": normal.name, "normal_sha256": compute_sha256(normal)}
     )
     text = None
@@ -241,7 +267,7 @@ def run_found_study(
         text = drafts.format_draft(drafted, out) + drafts.format_settings(
             settings.calibration, settings.priors, out
         )
-    write_results(calibration, out, made_with, drafted=text, normal=bands)
+    write_results(calibration, out, bands_entries, drafted=text, normal=bands)
     return StudyRun(
         study=study, calibration=calibration, kept=tuple(kept), drafted=drafted is not None
     )

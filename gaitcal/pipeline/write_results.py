@@ -134,9 +134,22 @@ def _choose_norm(
 def build_manifest(
     calibration: Calibration, settings: Mapping[str, Json] | None = None
 ) -> dict[str, Json]:
-    """Build the manifest of a result: versions, settings and input hashes."""
+    """Build the manifest of a result: versions, settings and input hashes.
+
+    Parameters
+    ----------
+    calibration
+        The result.
+    settings
+        Further entries of `settings`.
+
+    Returns
+    -------
+    dict
+        Content of `manifest.json`.
+    """
     subject, prior = calibration.model.subject, calibration.study.joint_prior
-    leaning = {} if prior is None else {"priors_sha256": prior.sha256}
+    prior_entry = {} if prior is None else {"priors_sha256": prior.sha256}
     return {
         "gaitcal": toml.get_package_version("gaitcal"),
         "versions": {name: toml.get_package_version(name) for name in VERSIONED}
@@ -145,7 +158,7 @@ def build_manifest(
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
         "settings": json.loads(calibration.study.settings.model_dump_json())
-        | leaning
+        | prior_entry
         | dict(settings or {}),
         "trials": {
             trial.name: {**calibration.study.get_input_names(trial)}
@@ -157,6 +170,7 @@ def build_manifest(
 
 
 def _write_models(model: SubjectModel, out: Path) -> None:
+    """Write the model in our format and for OpenSim, ROS and MuJoCo."""
     model_file.save_model(model, out / saved_result.MODEL)
     osim_writer.write_osim(model, out / "model.osim")
     other_formats.write_urdf(model, out / "model.urdf")
@@ -173,8 +187,17 @@ def write_trial(
 ) -> None:
     """Write the files of a trial: motion, markers and, with force plates, torques and reactions.
 
-    `relative_to`: coordinate -> rad in the static posture, subtracted from joint angles of the
-    table. The .mot moves `model.osim` and is never relative.
+    Parameters
+    ----------
+    trial
+        The trial.
+    model
+        Fitted model.
+    out
+        Result folder.
+    relative_to
+        Coordinate -> angle (rad) in the static posture, subtracted from joint angles of the table.
+        The .mot file is for `model.osim` and is never relative.
     """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
@@ -201,6 +224,7 @@ def write_trial(
 
 
 def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Path) -> None:
+    """Write moments, forces and joint kinetics of a trial."""
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, format_refused_lines(trial)

@@ -45,6 +45,19 @@ def write_further_page(
     """Write scene, page data and page of these trials, after those of `earlier`.
 
     Normative data and the description of the model come from the page of the result, if readable.
+
+    Parameters
+    ----------
+    out
+        Folder to write to.
+    trials
+        The new trials.
+    saved
+        Result with the model.
+    verdict
+        On the new trials.
+    earlier
+        Page of the trials of earlier runs that are kept.
     """
     scene = build_person_scene(
         saved.model,
@@ -67,12 +80,10 @@ def write_further_page(
         **build_further_page_data(saved.model, trials, verdict, saved.relative_to, origin),
         "bands": bands if isinstance(bands, list) else [],
     }
-    if (
-        earlier is not None
-        and earlier.data is not None
-        and (joined := prepend_trials(scene, earlier.scene)) is not None
-    ):
-        scene, page_data = joined, merge_page_data(earlier.data, page_data)
+    if earlier is not None and earlier.data is not None:
+        joined = prepend_trials(scene, earlier.scene)
+        if joined is not None:
+            scene, page_data = joined, merge_page_data(earlier.data, page_data)
     write_page(out, scene, page_data)
 
 
@@ -81,7 +92,23 @@ def read_earlier_page(
 ) -> tuple[PageContent | None, tuple[str, ...]]:
     """Read the page of the trials `kept` of an earlier run, with warnings on those left out.
 
-    `hashes`: file -> SHA-256 as it was written; `stale`: trials made with another model.
+    Parameters
+    ----------
+    folder
+        Folder of further trials.
+    hashes
+        File -> SHA-256 when it was written.
+    kept
+        Names of the trials that are kept.
+    stale
+        Those of them that were analysed with another model.
+
+    Returns
+    -------
+    PageContent or None
+        None if there is no readable page.
+    tuple of str
+        Warnings.
     """
     names = tuple(kept)
     if not names:
@@ -115,7 +142,8 @@ def _load_result_page(result: Path) -> Mapping[str, Any]:
         return {}
 
 
-RUN_AGAIN = f"; {AGAIN}"  # How warnings on stale trials end: a later run makes them anew, or not
+RUN_AGAIN = f"; {AGAIN}"
+"""End of warnings on earlier trials. A later run drops them and makes them again if needed."""
 
 
 def write_trials(
@@ -132,8 +160,8 @@ def write_trials(
     trials
         The new trials.
     saved
-        The result that they were made with. Nothing is written if one of its files has changed
-        since. The hash of the model later shows whether a trial was made with it.
+        Result with which they were analysed. Nothing is written if one of its files has changed.
+        The hash of its model is stored with each trial.
     folder
         Folder of further trials.
     inputs
@@ -144,7 +172,7 @@ def write_trials(
     Returns
     -------
     tuple of str
-        Warnings on earlier trials: made with another model, or changed since they were written.
+        Warnings on earlier trials: of another model, or changed since they were written.
 
     Raises
     ------
@@ -175,6 +203,7 @@ def write_trials(
         digests = _drop_names(get_table(manifest, "model_sha256"), names) | dict.fromkeys(
             sorted(names), digest
         )
+        # Trials of earlier runs stay, except those that are written again.
         kept = _drop_names(get_table(summary, "trials"), names)
         old_model = [name for name in kept if digests.get(name) != digest]
         page, page_warnings = read_earlier_page(folder, earlier, kept, old_model)
@@ -184,6 +213,7 @@ def write_trials(
             out, model, trials, relative_to, read_earlier_strides(folder, earlier, kept)
         )
         write_further_page(out, trials, saved, verdict, page)
+        # Warnings on stale trials are written anew.
         earlier_warnings = (
             w for w in _select_lines(kept, summary, "warnings") if not w.endswith(RUN_AGAIN)
         )
@@ -206,6 +236,7 @@ def write_trials(
             "model_sha256": digests,
         }
         (out / result_folder.MANIFEST).write_text(format_json(new_manifest), encoding="utf-8")
+        # Files of kept trials are copied with their hashes, so that an edit stays detectable.
         owners = _map_files_to_trials(kept)
         for path in sorted(folder.glob("*/*")):
             if path.is_file() and path.stem in owners:
@@ -251,6 +282,7 @@ def _warn_of_damaged_files(
 
 
 def _drop_names(table: Mapping[str, Json], names: set[str]) -> dict[str, Json]:
+    """Drop the entries of these names."""
     return {name: value for name, value in table.items() if name not in names}
 
 

@@ -150,9 +150,9 @@ def _write_trial(
         notes += (f"not copied as in the file: {', '.join(lost)}",)
     if named:
         hint = "" if instead else ", --replace writes them in place of the file's"
-        notes += (f"the file has points of such names; ours begin with {named}{hint}",)
+        notes += (f"the file has points of these names; ours begin with {named}{hint}",)
     if replaced := [point.name for point in points if point.name in original.labels]:
-        other_points = "what else it holds of another program's, also in other frames, is not ours"
+        other_points = "all other points and frames are those of the other program"
         notes += (
             f"{moments.format_count(len(replaced), 'point')} of the file replaced ({', '.join(replaced)}); "
             f"{other_points}",

@@ -205,7 +205,7 @@ PEAKS_HEADER: Final = (
     "strides, of gait the",
     "straight ones; units and signs as in cycles.csv; window: of the stance and the swing of that "
     "foot; highest and",
-    "lowest: only where the curve turns within it; of activities other than gait: in a whole phase "
+    "lowest: only if it has an extremum within it; of activities other than gait: in a whole phase "
     "of cycles.csv",
     "n of so many strides have it; sd over strides; se of the mean, with the errors that all "
     "strides share",

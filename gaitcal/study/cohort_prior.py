@@ -359,7 +359,7 @@ def read_cohort_priors(path: Path) -> CohortPriors:
     except (ValueError, RecursionError):
         raise fault(f"is no JSON; {allowed}") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise fault(f"holds no priors; {allowed}")
+        raise fault(f"contains no priors; {allowed}")
     if content.get("format") != FORMAT:
         raise fault(f"found format {format_value(content.get('format'))}; allowed: {FORMAT}")
     priors = validate_table(CohortPriors, content, path)

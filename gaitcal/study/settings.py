@@ -165,15 +165,13 @@ class CalibrationSettings(Table):
         "2007, or points of the "
         "static trial (landmarks hjc_r, hjc_l, or RHJC, R_HJC and the like, measured or computed); "
         "auto: Harrington, "
-        "which of them misses images least; Bell in the published protocol",
+        "which has the smallest error against images; Bell in the published protocol",
     )
     ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
         default=AUTOMATIC,
-        description="what stands at right angles to the shank where the ankle angle is zero: the "
-        "sole, which lies on "
-        "the floor in the static trial; the line from heel to toe marker; or the foot as the "
-        "file's static "
-        "plantarflexion angles have it; auto: the sole, by the file or the markers where a foot "
+        description="line at right angles to the shank at zero ankle angle: the sole, which is on the "
+        "floor in the static trial; the line from heel to toe marker; or the sole by the file's "
+        "static plantarflexion angles; auto: the sole, by the file or the markers where a foot "
         "does not stand flat; "
         "markers in the published protocol",
     )

@@ -1,1 +1,1 @@
-"""People with known parameters: motions, measurements, and the truth beside them."""
+"""Synthetic subjects with known parameters: motions, recordings and true values."""

@@ -1,11 +1,9 @@
-"""A synthetic subject as a laboratory would record it: C3D files, a study file, and the truth
-beside them.
+"""Recordings of a synthetic subject: C3D files, a study file, and the true values.
 
-The nominal subject of the reproduction, or one whose true joint and inertial parameters are drawn
-at random within the published bounds (10 mm, 10 degrees, 10 %). The static trial is quiet standing
-without noise; what a calibration takes from it as nominal is then wrong by the drawn amounts. The
-truth is told in the segment frames that the static trial's landmarks make, which are those of the
-calibration.
+The subject is the nominal one of the published study, or one with joint and inertial parameters
+drawn within the published bounds (10 mm, 10 degrees, 10 %). The static trial has no noise; the
+nominal values that a calibration takes from it are wrong by the drawn amounts. True values are
+given in the segment frames of the static trial's landmarks, as in a calibration.
 """
 
 import json
@@ -41,20 +39,30 @@ from gaitcal.synthetic.walk import CLEARANCE
 POSITION_BOUND = 0.010
 ORIENTATION_BOUND = np.deg2rad(10.0)
 INERTIAL_BOUND = 0.10
-PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6  # m: two long plates side by side, the right foot's at z > 0
-BELT_X, FOOTHOLD_X = (
-    (-0.5, 5.0),
-    0.2,
-)  # m: one plate under all steps of a run; half the length of one under a foothold
-
-
+"""Bounds of drawn parameters: m, rad, share of the nominal value."""
+PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6
+"""Ends and width (m) of two long plates side by side; that of the right foot is at z > 0."""
+BELT_X = (-0.5, 5.0)
+"""Ends (m) of the plate under all steps of a run."""
+FOOTHOLD_X = 0.2
+"""Half the length (m) of the plate under a foothold."""
 EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)
-"""Synthetic ground reactions are those that the motion asks for."""
+"""Plates without errors: synthetic ground reactions are exact."""
 
 
 def make_synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
-    """The nominal subject with its static-only markers, or one drawn within the published bounds
-    around it.
+    """Make the nominal subject with its static-only markers, or one drawn within the bounds.
+
+    Parameters
+    ----------
+    rng
+        Source of randomness.
+    perturb
+        Whether to draw the parameters.
+
+    Returns
+    -------
+    SubjectModel
     """
     nominal = published_model(static_only=True)
     parameters = _perturb(nominal.parameters, rng) if perturb else nominal.parameters
@@ -63,13 +71,14 @@ def make_synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectM
 
 
 def _perturb(nominal: Parameters, rng: np.random.Generator) -> Parameters:
-    reach = np.array(
+    """Draw parameters within the bounds; inertial ones until all bodies are possible."""
+    bounds = np.array(
         [
             POSITION_BOUND if p.kind is ParameterKind.POSITION else ORIENTATION_BOUND
             for p in JOINT_PARAMETERS
         ]
     )
-    joint = nominal.joint + rng.uniform(-1.0, 1.0, len(reach)) * reach
+    joint = nominal.joint + rng.uniform(-1.0, 1.0, len(bounds)) * bounds
     which = make_symmetric_set().selection
     while True:
         change = which @ rng.uniform(-INERTIAL_BOUND, INERTIAL_BOUND, which.shape[1])
@@ -87,8 +96,7 @@ def synthesize(
     perturb: bool = False,
     also: Sequence[str] = (),
 ) -> Path:
-    """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns
-    the study file.
+    """Write a synthetic subject as a study folder: C3D files, `study.toml`, and true values.
 
     Parameters
     ----------
@@ -100,16 +108,22 @@ def synthesize(
         Add the paper's marker noise, up to 10 mm (`synthetic/synthetic_motion.py`); the static
         trial has none.
     perturb
-        Draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the
-        published ones.
+        Draw the true parameters within 10 mm, 10 degrees and 10 %; else they are the published
+        ones.
     also
-        Movements that are no walk, each as a trial more: squat, sit-to-stand, jump, run, stairs.
+        Further trials: squat, sit-to-stand, jump, run, stairs.
+
+    Returns
+    -------
+    Path
+        The study file.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or holds files that are not ours; `also` names no such
-        movement.
+        The folder cannot be written, or has files of another program.
+    UsageError
+        `also` has an unknown movement.
     """
     activities = [_parse_activity(name) for name in also]
     folder = Path(out)
@@ -168,6 +182,7 @@ def synthesize(
 
 
 def _parse_activity(name: str) -> Activity:
+    """Parse the name of a movement."""
     try:
         return Activity(name.replace("-", "_"))
     except ValueError:
@@ -176,21 +191,34 @@ def _parse_activity(name: str) -> Activity:
 
 
 def make_true_gait(seed: int) -> tuple[Parameters, motions.TrueMotion]:
-    """Parameters and gait of the perturbed person that `synthesize` writes with this seed."""
+    """Make parameters and gait of the subject that `synthesize` writes with this seed, perturbed.
+
+    Returns
+    -------
+    tuple of Parameters and TrueMotion
+    """
     model = make_synthetic_model(_make_generators(seed)[0], perturb=True)
     return model.parameters, motions.simulate_two_strides(model.parameters)
 
 
 def _make_generators(seed: int) -> list[np.random.Generator]:
-    """Where randomness enters: one generator for the person's parameters, one for the noise of the
-    markers.
-    """
+    """Make the generators of the subject's parameters and of marker noise."""
     return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2)]
 
 
 def place_on_floor(model: SubjectModel, motion: motions.TrueMotion) -> motions.TrueMotion:
-    """The same motion, raised or lowered so that the lowest foot marker stays just above the floor,
-    where a gait is.
+    """Move a motion vertically so that the lowest foot marker is at its height in gait.
+
+    Parameters
+    ----------
+    model
+        Subject with markers.
+    motion
+        Motion; one with known ground stays as it is.
+
+    Returns
+    -------
+    TrueMotion
     """
     if motion.ground is not None:
         return motion
@@ -208,16 +236,47 @@ def record_motion(
     labels: tuple[str, ...],
     plates: tuple[ForcePlate, ...] = (),
 ) -> Recording:
-    """What markers with these labels show of a motion over plates."""
-    every = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)
-    chosen = every[:, [model.markers.labels.index(label) for label in labels]]
+    """Record a motion.
+
+    Parameters
+    ----------
+    name
+        Name of the recording.
+    motion
+        The motion.
+    model
+        Subject with markers.
+    labels
+        Markers to record.
+    plates
+        Plates with their forces.
+
+    Returns
+    -------
+    Recording
+        Markers without noise, m.
+    """
+    positions = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)
+    chosen = positions[:, [model.markers.labels.index(label) for label in labels]]
     return Recording(
         source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates
     )
 
 
 def place_long_plates(motion: motions.TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
-    """One long plate under each foot, with wrenches (nf, 2, 6) N, N·m about the laboratory origin."""
+    """Place one long plate under each foot.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    wrench
+        (nf, 2, 6) N, N·m on right and left foot about the laboratory origin.
+
+    Returns
+    -------
+    tuple of ForcePlate
+    """
     halves = ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
     return tuple(
         _make_plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0)
@@ -225,24 +284,35 @@ def place_long_plates(motion: motions.TrueMotion, wrench: Array) -> tuple[ForceP
     )
 
 
-def place_foothold_plates(found: SyntheticMovement, wrench: Array) -> tuple[ForcePlate, ...]:
-    """One plate under each foothold, for runners one for all; two long ones under a walk."""
-    time = found.motion.basis.time
-    if not found.contacts:
-        return place_long_plates(found.motion, wrench)
-    if found.belt:
+def place_foothold_plates(movement: SyntheticMovement, wrench: Array) -> tuple[ForcePlate, ...]:
+    """Place plates: two long ones under a walk, one under a run, else one under each foothold.
+
+    Parameters
+    ----------
+    movement
+        The movement.
+    wrench
+        (nf, 2, 6) N, N·m on right and left foot about the laboratory origin.
+
+    Returns
+    -------
+    tuple of ForcePlate
+    """
+    time = movement.motion.basis.time
+    if not movement.contacts:
+        return place_long_plates(movement.motion, wrench)
+    if movement.belt:
         return (_make_plate(0, time, wrench.sum(axis=1), BELT_X, (-PLATE_Z, PLATE_Z), 0.0),)
-    of_place: dict[tuple[int, tuple[float, float, float]], list[Contact]] = {}
-    for contact in found.contacts:
-        of_place.setdefault((contact.foot, contact.place), []).append(contact)
+    by_foothold: dict[tuple[int, tuple[float, float, float]], list[Contact]] = {}
+    for contact in movement.contacts:
+        by_foothold.setdefault((contact.foot, contact.foothold), []).append(contact)
     plates = []
-    for k, ((foot, (ahead, y, z)), stands) in enumerate(of_place.items()):
-        there = np.any([(time >= c.start) & (time <= c.stop) for c in stands], axis=0)
-        sides = (0.0, PLATE_Z) if z > 0 else (-PLATE_Z, 0.0)
-        ends = (ahead - FOOTHOLD_X, ahead + FOOTHOLD_X)
-        plates.append(
-            _make_plate(k, time, np.where(there[:, None], wrench[:, foot], 0.0), ends, sides, y)
-        )
+    for k, ((foot, (forward, height, right)), contacts) in enumerate(by_foothold.items()):
+        loaded = np.any([(time >= c.start) & (time <= c.stop) for c in contacts], axis=0)
+        sides = (0.0, PLATE_Z) if right > 0 else (-PLATE_Z, 0.0)
+        ends = (forward - FOOTHOLD_X, forward + FOOTHOLD_X)
+        load = np.where(loaded[:, None], wrench[:, foot], 0.0)
+        plates.append(_make_plate(k, time, load, ends, sides, height))
     return tuple(plates)
 
 
@@ -254,7 +324,7 @@ def _make_plate(
     z: tuple[float, float],
     height: float,
 ) -> ForcePlate:
-    """A plate from its wrench (nf, 6) about the laboratory origin."""
+    """Make a plate between x and z (m) at a height (m) from its wrench (nf, 6) about the origin."""
     raised = wrench.copy()
     raised[:, 3:] -= np.cross([0.0, height, 0.0], wrench[:, :3])
     point, torque = force_plate.split_wrench(raised)
@@ -273,6 +343,7 @@ def _make_plate(
 
 
 def _make_trial_entry(name: str) -> TrialTable:
+    """Make the entry of a trial in the study file."""
     file = Path(f"{name}.c3d")
     if name == "static":
         return TrialTable(name=name, role="static", file=file)
@@ -284,6 +355,7 @@ def _make_trial_entry(name: str) -> TrialTable:
 
 
 def _make_study_file(subject: Subject, trials: tuple[TrialTable, ...]) -> StudyFile:
+    """Make the study file: exact plates and segment axes, no force filter."""
     return StudyFile(
         subject=SubjectTable(
             name=subject.name,

@@ -1,27 +1,23 @@
-"""Known motions of the built-in subject, and what is measured of them: markers with noise, and
-ground reactions.
+"""Motions of the built-in subject with known parameters, their markers and ground reactions.
 
-Motions are the gait of `walk.py` and the six isolated trials. They are quintic splines, sampled:
-the true motion lies in a spline space exactly, so that a noiseless reproduction can be exact. A
-person whose axes lie elsewhere in the same body looks, standing and walking, as the nominal one
-does: its motion is the one in which its markers come nearest to those of the nominal person (the
-same angles about other axes would make another body).
+Motions are the gait of `walk.py` and six functional trials. They are quintic splines, so that a fit
+without noise can be exact. Angles about other joint axes would give another movement of the body.
+Therefore a person with other axes gets the motion in which its markers are nearest to those of the
+nominal person.
 
-Noise, per marker coordinate and trial: A sin(omega t + phi), A ~ U(0, 10 mm), omega ~ U(0, 25
-rad/s), phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995), from the generator that
-the caller gives.
+Noise of each marker coordinate and trial (Reinbolt et al. 2007, after Cheze et al. 1995):
+A sin(omega t + phi), with A ~ U(0, 10 mm), omega ~ U(0, 25 rad/s), phi ~ U(0, 2 pi).
 
-The total wrench of the ground is what the motion asks for (root inverse dynamics), so that the true
-pelvis residual is zero. It is divided between the feet in four steps, each exact:
+The total ground reaction follows from inverse dynamics, so that the true pelvis residual is zero.
+It is distributed between the feet exactly:
 
-1. The vertical load goes from foot to foot by a quintic ramp, in which the swinging foot has none.
-2. Each foot's centre of pressure rolls from heel to toe. The load on both has its centre where the
-   motion wants it: the rest, some millimetres, is met by the ramp along the line between the feet,
-   and by moving both centres across it.
-3. The forces of both feet meet in one point above the middle of the body, as those of walking
-   people do (Maus et al. 2010, Nature Communications 1:70), so that the front foot brakes while the
-   rear one drives.
-4. The free moment is divided like the load: forces that meet above the centre add none to it.
+1. The vertical load passes from foot to foot in a quintic ramp; a swinging foot has none.
+2. Each centre of pressure rolls from heel to toe. The mean of both, weighted by load, must be the
+   centre of pressure of the total. The difference of some millimetres is compensated along the line
+   between the feet by the load shares, and across it by a displacement of both centres.
+3. The forces of both feet meet in a point above the middle of the body, as in walking people (Maus
+   et al. 2010, Nature Communications 1:70), so that the front foot brakes and the rear foot drives.
+4. The free moment is divided like the load.
 """
 
 from dataclasses import dataclass, replace
@@ -52,38 +48,52 @@ from gaitcal.tracking.motion import track_motion
 from gaitcal.tracking.spline import NodeRule, SplineBasis, build_spline_basis, convert_to_bspline
 from gaitcal.tracking.trial_problem import build_trial_problem
 
-RATE = 200.0  # Frames per second of all published trials
-GAIT_FRAMES = 208  # Of the published study: one stride, right heel strike first
-WALK_STRIDES = (
-    -0.2,
-    1.8,
-)  # Phases of the walk of a synthetic recording: a whole stride of each foot
+RATE = 200.0
+"""Frames per second of all published trials."""
+GAIT_FRAMES = 208
+"""Frames of the published gait: one stride from right heel strike."""
+WALK_STRIDES = (-0.2, 1.8)
+"""First and last phase (strides) of a synthetic walk: one whole stride of each foot."""
 ISOLATED_FRAMES = 1200
-NODES = 20  # Of a published trial
+NODES = 20
+"""Control points of a published trial."""
 WALK_NODES = 35
-"""Of a walk of two strides: knots as far apart as in the published gait. The splines of a published
-trial are among those of so many nodes."""
+"""Control points of a walk of two strides: the spacing of knots is that of the published gait."""
 
 HIP_ROTATIONS_DEG = ((20.0, 30.0), (-15.0, 20.0))
-"""Mean and amplitude, degrees, of hip flexion in the first and adduction in the second half of the
-hip trial.
-"""
+"""Mean and amplitude of flexion in the first half of the hip trial, of adduction in the second."""
 KNEE_ROTATION_DEG = (45.0, 40.0)
+"""Mean and amplitude of knee flexion in the knee trial."""
 ANKLE_ROTATION_DEG = (-8.0, 24.0)
+"""Mean and amplitude of dorsiflexion in the ankle trial."""
 SUBTALAR_AMPLITUDE_DEG = 18.0
 ISOLATED_HZ = {"hip": 2.0 / 3.0, "knee": 0.5, "ankle": 0.5}
-NOISE_AMPLITUDE = 0.010  # m
-NOISE_OMEGA = 25.0  # rad/s
-FOOT_MARKER_WEIGHT = (
-    4.0  # Weight of the feet's markers: legs of unequal length stand on one floor all the same
-)
-MEETING_HEIGHT = 0.7  # Of body height: where the lines of both forces meet
+NOISE_AMPLITUDE = 0.010
+"""m."""
+NOISE_OMEGA = 25.0
+"""rad/s."""
+FOOT_MARKER_WEIGHT = 4.0
+"""Weight of foot markers, so that legs of unequal length stand on the same floor."""
+MEETING_HEIGHT = 0.7
+"""Height at which the forces of both feet meet, as a share of body height."""
 
 
 @with_one_blas_thread
 def compute_synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
-    """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of
-    `markers.labels`.
+    """Compute the markers of a linkage.
+
+    Parameters
+    ----------
+    parameters
+        Of the linkage.
+    markers
+        Markers with their positions in segments.
+    q
+        (nf, nq) coordinates, m and rad.
+
+    Returns
+    -------
+    (nf, nm, 3) m in the laboratory, in the order of `markers.labels`.
     """
     chain = get_chain()
     segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
@@ -98,7 +108,23 @@ def compute_synthetic_markers(parameters: Parameters, markers: MarkerPlacement, 
 def draw_marker_noise(
     time: Array, markers: int, rng: np.random.Generator, amplitude: float = NOISE_AMPLITUDE
 ) -> Array:
-    """(nf, nm, 3) m of continuous noise: one sinusoid per marker coordinate."""
+    """Draw continuous noise, one sinusoid for each marker coordinate.
+
+    Parameters
+    ----------
+    time
+        (nf,) s.
+    markers
+        Number of markers, nm.
+    rng
+        Source of randomness.
+    amplitude
+        Largest amplitude, m.
+
+    Returns
+    -------
+    (nf, nm, 3) m.
+    """
     a = rng.uniform(0.0, amplitude, (markers, 3))
     omega = rng.uniform(0.0, NOISE_OMEGA, (markers, 3))
     phi = rng.uniform(0.0, 2 * np.pi, (markers, 3))
@@ -112,13 +138,25 @@ def is_nominal(parameters: Parameters) -> bool:
 
 
 def fit_to_nominal_markers(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
-    """(nn, nq) coefficients: in this motion a person's markers are nearest to the nominal person's
-    at q (nf, nq).
+    """Fit the motion in which a person's markers are nearest to those of the nominal person.
+
+    Parameters
+    ----------
+    parameters
+        Of the person.
+    basis
+        Spline basis of the motion.
+    q
+        (nf, nq) coordinates of the nominal person, m and rad.
+
+    Returns
+    -------
+    (nn, nq) control points, m and rad.
     """
     nominal = published_model(static_only=True)
-    seen = compute_synthetic_markers(nominal.parameters, nominal.markers, q)
+    positions = compute_synthetic_markers(nominal.parameters, nominal.markers, q)
     recording = Recording(
-        source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen
+        source="nominal", time=basis.time, labels=nominal.markers.labels, markers=positions
     )
     weight = np.where(
         [s.startswith("foot") for s in nominal.markers.segments], FOOT_MARKER_WEIGHT, 1.0
@@ -133,43 +171,55 @@ def fit_to_nominal_markers(parameters: Parameters, basis: SplineBasis, q: Array)
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """A motion that lies in the spline space."""
+    """A motion that is exactly a spline."""
 
     basis: SplineBasis
-    coefficients: Array  # (nn, nq) m, rad
-    phase: Array | None = None  # (nf,) of a gait: strides since a right heel strike
-    ground: Ground | None = None  # What carries it; None: no force is known
+    coefficients: Array
+    """(nn, nq) control points, m and rad."""
+    phase: Array | None = None
+    """(nf,) of a gait: strides since a right heel strike."""
+    ground: Ground | None = None
+    """Support; None: ground reactions are not known."""
 
     @property
     def q(self) -> Array:
-        """(nf, nq)."""
+        """(nf, nq) coordinates, m and rad."""
         return self.basis.evaluate(self.coefficients)
 
 
 @cache
 @with_one_blas_thread
 def simulate_gait() -> TrueMotion:
-    """The published gait of the nominal subject: one stride, right heel strike first, 208 frames at
-    200 Hz.
+    """Simulate the published gait: one stride of the nominal subject, 208 frames at 200 Hz.
 
-    It is like that stride of a longer walk, whose ends are elsewhere: at an end nothing holds
-    accelerations.
+    It starts with a right heel strike. Its target is that stride of a longer walk, because
+    accelerations are poorly determined at the ends of a spline.
+
+    Returns
+    -------
+    TrueMotion
     """
     parameters = published_model().parameters
-    time, longer = np.arange(GAIT_FRAMES) / RATE, simulate_two_strides(parameters)
-    spline, stride = (
-        convert_to_bspline(longer.basis, longer.coefficients),
-        time - WALK_STRIDES[0] * GAIT_CYCLE,
-    )
-    return _simulate_walk(
-        parameters, time, 0.0, NODES, TargetMotion(spline(stride), spline(stride, 2), spread=0.2)
-    )
+    time = np.arange(GAIT_FRAMES) / RATE
+    walk = simulate_two_strides(parameters)
+    spline = convert_to_bspline(walk.basis, walk.coefficients)
+    walk_time = time - WALK_STRIDES[0] * GAIT_CYCLE
+    target = TargetMotion(spline(walk_time), spline(walk_time, 2), spread=0.2)
+    return _simulate_walk(parameters, time, 0.0, NODES, target)
 
 
 @with_one_blas_thread
 def simulate_two_strides(parameters: Parameters) -> TrueMotion:
-    """A walk of a person with these parameters in which both feet have a whole stride: 415 frames
-    at 200 Hz.
+    """Simulate a walk with a whole stride of each foot: 415 frames at 200 Hz.
+
+    Parameters
+    ----------
+    parameters
+        Of the person.
+
+    Returns
+    -------
+    TrueMotion
     """
     begin, end = WALK_STRIDES
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
@@ -182,27 +232,35 @@ def simulate_two_strides(parameters: Parameters) -> TrueMotion:
 
 
 def _simulate_walk(
-    parameters: Parameters, time: Array, begin: float, nodes: int, meant: TargetMotion
+    parameters: Parameters, time: Array, begin: float, nodes: int, target: TargetMotion
 ) -> TrueMotion:
-    """A walk of a person with these parameters like another; `begin`: its phase, in strides, at
-    time 0.
-    """
+    """Simulate a walk near the target; `begin` is the phase (strides) at time 0."""
     basis, phase = build_spline_basis(time, nodes), begin + time / GAIT_CYCLE
     ground = make_walking_ground(phase)
-    return TrueMotion(basis, fit_carried_motion(parameters, basis, ground, meant), phase, ground)
+    return TrueMotion(basis, fit_carried_motion(parameters, basis, ground, target), phase, ground)
 
 
 @with_one_blas_thread
 def simulate_isolated_trial(joint: str, standing: Array | None = None) -> TrueMotion:
-    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body
-    nearly still.
+    """Simulate a functional trial: 1200 frames at 200 Hz, with the other joints nearly still.
+
+    Parameters
+    ----------
+    joint
+        `hip_r`, `knee_r`, `ankle_r`, `hip_l`, `knee_l` or `ankle_l`.
+    standing
+        (nq,) coordinates of the standing person, m and rad; of the nominal person unless given.
+
+    Returns
+    -------
+    TrueMotion
     """
     kind, side = joint.split("_")
     time = np.arange(ISOLATED_FRAMES) / RATE
     q = np.tile(make_standing_pose() if standing is None else standing, (ISOLATED_FRAMES, 1))
     cycle = 2 * np.pi * ISOLATED_HZ[kind] * time
 
-    def put(name: str, degrees: Array) -> None:
+    def add_rotation(name: str, degrees: Array) -> None:
         q[:, COORDINATE_INDEX[f"{name}_{side}"]] += np.deg2rad(degrees)
 
     if kind == "hip":
@@ -213,13 +271,13 @@ def simulate_isolated_trial(joint: str, standing: Array | None = None) -> TrueMo
         for name, (mean, amplitude), window in zip(
             ("hip_flexion", "hip_adduction"), HIP_ROTATIONS_DEG, windows, strict=True
         ):
-            put(name, window * (mean + amplitude * np.sin(cycle)))
+            add_rotation(name, window * (mean + amplitude * np.sin(cycle)))
     elif kind == "knee":
-        put("knee_angle", KNEE_ROTATION_DEG[0] + KNEE_ROTATION_DEG[1] * np.sin(cycle))
-        put("hip_flexion", np.full(len(time), 30.0))
+        add_rotation("knee_angle", KNEE_ROTATION_DEG[0] + KNEE_ROTATION_DEG[1] * np.sin(cycle))
+        add_rotation("hip_flexion", np.full(len(time), 30.0))
     else:
-        put("ankle_angle", ANKLE_ROTATION_DEG[0] + ANKLE_ROTATION_DEG[1] * np.sin(cycle))
-        put("subtalar_angle", SUBTALAR_AMPLITUDE_DEG * np.cos(cycle))
+        add_rotation("ankle_angle", ANKLE_ROTATION_DEG[0] + ANKLE_ROTATION_DEG[1] * np.sin(cycle))
+        add_rotation("subtalar_angle", SUBTALAR_AMPLITUDE_DEG * np.cos(cycle))
     sway = 0.004 * np.sin(2 * np.pi * 0.3 * time)
     q[:, COORDINATE_INDEX["pelvis_tx"]] += sway
     q[:, COORDINATE_INDEX["pelvis_tz"]] += 0.5 * sway
@@ -228,8 +286,17 @@ def simulate_isolated_trial(joint: str, standing: Array | None = None) -> TrueMo
 
 
 def make_standing_pose(parameters: Parameters | None = None) -> Array:
-    """(nq,) upright, arms slightly away from the body; of a person with other joint parameters,
-    what looks so.
+    """Make the upright posture with arms slightly away from the body.
+
+    Parameters
+    ----------
+    parameters
+        Of a person whose markers are then nearest to the nominal person's; the nominal person
+        unless given.
+
+    Returns
+    -------
+    (nq,) coordinates, m and rad.
     """
     q = np.zeros(len(COORDINATES))
     q[COORDINATE_INDEX["pelvis_ty"]] = 0.95
@@ -247,7 +314,19 @@ def make_standing_pose(parameters: Parameters | None = None) -> Array:
 
 @with_one_blas_thread
 def simulate_static_trial(frames: int = 100, standing: Array | None = None) -> TrueMotion:
-    """Quiet standing."""
+    """Simulate quiet standing at 200 Hz.
+
+    Parameters
+    ----------
+    frames
+        Number of frames.
+    standing
+        (nq,) coordinates, m and rad; of the nominal person unless given.
+
+    Returns
+    -------
+    TrueMotion
+    """
     time = np.arange(frames) / RATE
     return _fit_spline(
         time, np.tile(make_standing_pose() if standing is None else standing, (frames, 1))
@@ -255,6 +334,7 @@ def simulate_static_trial(frames: int = 100, standing: Array | None = None) -> T
 
 
 def _fit_spline(time: Array, q: Array) -> TrueMotion:
+    """Fit a spline with the control points of a published trial to coordinates (nf, nq)."""
     basis = build_spline_basis(time, NODES)
     return TrueMotion(basis, basis.fit(q))
 
@@ -263,32 +343,55 @@ def _fit_spline(time: Array, q: Array) -> TrueMotion:
 class GroundOnFeet:
     """Ground reactions on the right and the left foot."""
 
-    wrench: Array  # (nf, 2, 6) N, N·m about the laboratory origin
+    wrench: Array
+    """(nf, 2, 6) N, N·m about the laboratory origin."""
     centre: Array
-    """(nf, 2, 3) m, centre of pressure on the floor, y = 0; in swing where the foot struck last or
-    will strike.
-    """
-    load_share: Array  # (nf, 2) of the vertical force; they sum to 1
+    """(nf, 2, 3) m, centre of pressure on the floor; in swing that of the last or next contact."""
+    load_share: Array
+    """(nf, 2) shares of the vertical force; they sum to 1."""
 
 
 @with_one_blas_thread
 def compute_residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
-    """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis
-    residual in gait.
+    """Compute the wrenches on both feet with which a gait has no pelvis residual.
+
+    Parameters
+    ----------
+    parameters
+        Of the person.
+    motion
+        Motion with known ground.
+
+    Returns
+    -------
+    (nf, 2, 6) N, N·m on the right and the left foot, about the laboratory origin.
     """
     return compute_ground_on_feet(parameters, motion).wrench
 
 
 @with_one_blas_thread
 def compute_ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
-    """The ground reactions of a motion of a person with these parameters; a seat bears what no foot
-    does.
+    """Compute the ground reactions of a motion; a seat bears the load that the feet do not.
 
-    Raises ValueError: Nothing is said of the ground.
+    Parameters
+    ----------
+    parameters
+        Of the person.
+    motion
+        Motion with known ground.
+
+    Returns
+    -------
+    GroundOnFeet
+
+    Raises
+    ------
+    ValueError
+        The ground of the motion is not known.
     """
     ground = motion.ground
     if ground is None:
-        raise ValueError("nothing is said of the ground that carries this motion")
+        raise ValueError("the ground of this motion is not known")
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     total = compute_pelvis_residual(
         q, Dynamics(parameters).compute_forces(q, v, a, np.zeros((len(q), 2, 6)))
@@ -296,24 +399,24 @@ def compute_ground_on_feet(parameters: Parameters, motion: TrueMotion) -> Ground
     force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
     carried = np.asarray(ground.share.any(axis=1))
     up = np.where(carried, force[:, 1], 1.0)
-    middle = np.stack(
-        [moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1
-    )  # no tipping moment there
+    # About the point `middle` the total has no horizontal moment.
+    middle = np.stack([moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1)
     free = moment[:, 1] - np.cross(middle, force)[:, 1]
-    # shares of the load and centres of pressure, whose weighted mean is the middle
-    share, rolling = ground.share, compute_feet(parameters, q).along(ground.part, ground.level)[0]
+    # Load shares and centres of pressure, whose weighted mean must be `middle`
+    share, feet = ground.share, compute_feet(parameters, q)
+    rolling = feet.interpolate_sole(ground.part, ground.level)[0]
     seated = 1.0 - share.sum(axis=1)
     height = np.einsum("fk,fk->f", share, ground.level) + seated * ground.seat[:, 1]
     middle += height[:, None] * force / up[:, None]
-    missed = middle - np.einsum("fk,fki->fi", share, rolling) - seated[:, None] * ground.seat
-    apart = rolling[:, 0] - rolling[:, 1]
-    both = (
-        16.0 * (share[:, 0] * share[:, 1]) ** 2
-    )  # 1 where the feet share alike, and 0, also in its rate, at the ends
-    moved = both * np.einsum("fi,fi->f", missed, apart) / np.einsum("fi,fi->f", apart, apart)
-    centre = rolling + (missed - moved[:, None] * apart)[:, None]
-    share = share + np.stack([moved, -moved], axis=1)
-    # forces that meet above the middle
+    missing = middle - np.einsum("fk,fki->fi", share, rolling) - seated[:, None] * ground.seat
+    between = rolling[:, 0] - rolling[:, 1]
+    # 1 if both feet have the same load; 0 with zero slope if one foot has none
+    both = 16.0 * (share[:, 0] * share[:, 1]) ** 2
+    shift = both * np.einsum("fi,fi->f", missing, between)
+    shift /= np.einsum("fi,fi->f", between, between)
+    centre = rolling + (missing - shift[:, None] * between)[:, None]
+    share = share + np.stack([shift, -shift], axis=1)
+    # Forces of both feet meet at a point above `middle`.
     meeting = middle + MEETING_HEIGHT * published_model().subject.height * force / up[:, None]
     wrench = np.zeros((len(force), len(FEET), 6))
     for foot in range(len(FEET)):

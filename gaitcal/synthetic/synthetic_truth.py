@@ -1,25 +1,23 @@
-"""The truth that a calibration should find: a known linkage, its motion and forces, in its static
-trial's frames.
+"""True values of a synthetic subject, in the segment frames of its static trial.
 
-A calibration measures its parameters in segment frames that it makes from the static trial's
-landmarks. A synthetic subject's true axes are lines and points of its segments; seen in those
-frames they are what it should find. The signed angles of A = Rx(front) Ry(trans) follow from its z
-axis, those of B = Ry(trans) Rz(sag) from its x axis; a hinge is given at the point of its axis that
-the parameter list allows (lateral position zero on the proximal side), a talocrural axis at its
-common perpendicular with the subtalar one.
+A calibration gives parameters in segment frames that follow from the landmarks of the static trial.
+The true axes are lines and points of the segments; expressed in these frames, they are what a
+calibration without error finds. The signed angles of A = Rx(front) Ry(trans) follow from the z axis
+of A, those of B = Ry(trans) Rz(sag) from the x axis of B. A hinge is given at the point of its axis
+with lateral position zero in the proximal segment, a talocrural axis at its common perpendicular
+with the subtalar axis.
 
-Joint angles are between those frames too, which differ from the true ones by up to the drawn 10
-degrees. Segments are where they are: at every frame the coordinates q' of the linkage in those
-frames are those that put its segments where the true ones are,
+Joint angles are between the same frames. At every frame the coordinates q' of the linkage in these
+frames are those with which its segments have the true poses at q:
 
-    X_s(q) F_s = X'_s(q'),      F_s the static frame of segment s in its true one, constant,
+    X_s(q) F_s = X'_s(q'),    F_s the pose of the static frame in the true frame of segment s.
 
-solved by Gauss-Newton over the corners of each segment; the linkages are one, so the residual is
-rounding. Ankle angles are counted from the static posture (`model/ankle_zero.py`): dorsiflexion as
-its landmarks have it, no inversion. The forces are those of the same bodies about the axes of the
-coordinates q', with products of inertia that segments have about axes that are not their principal
-ones (a calibration's bodies have none: what that makes is part of its error). Velocities and
-accelerations are those of the quintic spline through q', at three times as many instants.
+Gauss-Newton steps over the corners of each segment solve it up to rounding. Ankle angles are
+counted from the static posture (`model/ankle_zero.py`): dorsiflexion as in its landmarks, no
+inversion. Forces are those of the same bodies, including the products of inertia about axes that
+are not principal; bodies of a calibration have none, which is part of its error. Velocities and
+accelerations are those of a quintic spline through q' at `SAMPLES_PER_FRAME` times as many
+instants.
 """
 
 from collections.abc import Mapping
@@ -68,22 +66,31 @@ from gaitcal.tracking.spline import convert_to_bspline
 
 @dataclass(frozen=True)
 class StaticFrames:
-    """A linkage as the static trial's landmarks tell it, and what they are."""
+    """A linkage in the segment frames of the static trial, and these frames."""
 
-    parameters: params.Parameters  # In these frames, zero angles as they were
+    parameters: params.Parameters
+    """In these frames; zero angles unchanged."""
     posture: landmarks.StaticPosture
     legs: LowerBody
-    frames: Mapping[str, Frame]  # Segment -> its frame in the laboratory while standing; no talus
+    frames: Mapping[str, Frame]
+    """Segment, without talus -> its frame in the laboratory in the static posture."""
 
 
 def compute_static_frames(
     model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL
 ) -> StaticFrames:
-    """Express the linkage of a model with its static markers in the frames that quiet standing
-    gives a calibration.
+    """Express a linkage in the segment frames that a calibration makes from quiet standing.
 
-    `hip_centre`: the regression that this calibration places hips with, from which its thighs
-    begin.
+    Parameters
+    ----------
+    model
+        Subject with static markers.
+    hip_centre
+        Regression of hip centres, at which the thigh frames begin.
+
+    Returns
+    -------
+    StaticFrames
     """
     true, pose = model.parameters, make_standing_pose(model.parameters)
     markers = compute_synthetic_markers(true, model.markers, pose[None])
@@ -104,7 +111,20 @@ def compute_static_frames(
 
 
 def compute_segment_frames(parameters: params.Parameters, q: Array) -> dict[str, Frame]:
-    """Pose of every segment frame of a linkage at coordinates (nq,)."""
+    """Compute the pose of every segment frame of a linkage.
+
+    Parameters
+    ----------
+    parameters
+        Of the linkage.
+    q
+        (nq,) coordinates, m and rad.
+
+    Returns
+    -------
+    dict of str to Frame
+        Segment -> its frame in the laboratory.
+    """
     axes, origins = compute_body_poses(parameters, q[None])
     return {name: Frame(axes[name][..., 0].T, origins[name][..., 0]) for name in axes}
 
@@ -112,8 +132,20 @@ def compute_segment_frames(parameters: params.Parameters, q: Array) -> dict[str,
 def convert_joint_parameters(
     parameters: params.Parameters, q: Array, frames: dict[str, Frame]
 ) -> Array:
-    """(np,) joint parameters of the linkage, at pose q (nq,), in the segment `frames` of the same
-    pose (no talus).
+    """Convert joint parameters to other segment frames.
+
+    Parameters
+    ----------
+    parameters
+        Of the linkage in its frames.
+    q
+        (nq,) pose, m and rad.
+    frames
+        Segment, without talus -> its other frame in the laboratory in the same pose.
+
+    Returns
+    -------
+    (np,) joint parameters in the other frames, m and rad.
     """
     lines = _compute_joint_lines(parameters, q)
     points: dict[str, Array] = {}
@@ -121,23 +153,24 @@ def convert_joint_parameters(
     x_axes: dict[str, Array] = {}
     by_name: dict[str, float] = {}
     for joint in JOINTS:
-        turns = [e for e in joint.elements if e.source is Source.COORDINATE]
-        places = {
+        rotations = [e for e in joint.elements if e.source is Source.COORDINATE]
+        # Segment -> prefix of the names of its parameters
+        prefixes = {
             p.segment: p.name.rpartition(".")[0]
             for p in params.JOINT_PARAMETERS
             if p.joint == joint.name
         }
-        axis, point = lines[turns[0].name]
-        if len(turns) == 3:  # a ball: the point in which the axes meet
-            points |= dict.fromkeys(places.values(), point)
-        elif (
-            len(turns) == 1 and turns[0].axis == 2 and len(places) == 2
-        ):  # a hinge; the knee flexes about -z
-            axis, frame = turns[0].sign * axis, frames[next(iter(places))]
+        axis, point = lines[rotations[0].name]
+        if len(rotations) == 3:
+            # A ball joint: the point in which its axes meet
+            points |= dict.fromkeys(prefixes.values(), point)
+        elif len(rotations) == 1 and rotations[0].axis == 2 and len(prefixes) == 2:
+            # A hinge; the knee flexes about -z
+            axis, frame = rotations[0].sign * axis, frames[next(iter(prefixes))]
             lateral = frame.rotation[:, 2]
             point = point - axis * ((point - frame.origin) @ lateral) / (axis @ lateral)
-            points |= dict.fromkeys(places.values(), point)
-            z_axes |= dict.fromkeys(places.values(), axis)
+            points |= dict.fromkeys(prefixes.values(), point)
+            z_axes |= dict.fromkeys(prefixes.values(), axis)
     for side in SIDES:
         mirrored = 1.0 if side == "r" else -1.0
         z, point_of_z = lines[f"ankle_angle_{side}"]
@@ -159,58 +192,88 @@ def convert_joint_parameters(
         }
     out = np.full(len(params.JP_INDEX), np.nan)
     for k, parameter in enumerate(params.JOINT_PARAMETERS):
-        place, _, direction = parameter.name.rpartition(".")
+        prefix, _, direction = parameter.name.rpartition(".")
         if parameter.name in by_name:
             out[k] = by_name[parameter.name]
-        elif parameter.kind is params.ParameterKind.POSITION:
-            out[k] = frames[parameter.segment].local(points[place])[
-                ("ant", "sup", "lat").index(direction)
-            ]
-        elif place in z_axes:
-            d = frames[parameter.segment].rotation.T @ z_axes[place]
-            out[k] = (
-                np.arctan2(-d[1], d[2]) if direction == "front" else np.arcsin(np.clip(d[0], -1, 1))
-            )
+            continue
+        frame = frames[parameter.segment]
+        if parameter.kind is params.ParameterKind.POSITION:
+            index = ("ant", "sup", "lat").index(direction)
+            out[k] = frame.local(points[prefix])[index]
+        elif prefix in z_axes:
+            d = frame.rotation.T @ z_axes[prefix]
+            tilt = np.arctan2(-d[1], d[2]), np.arcsin(np.clip(d[0], -1, 1))
+            out[k] = tilt[0] if direction == "front" else tilt[1]
         else:
-            d = frames[parameter.segment].rotation.T @ x_axes[place]
-            out[k] = (
-                np.arctan2(-d[2], d[0]) if direction == "trans" else np.arcsin(np.clip(d[1], -1, 1))
-            )
+            d = frame.rotation.T @ x_axes[prefix]
+            tilt = np.arctan2(-d[2], d[0]), np.arcsin(np.clip(d[1], -1, 1))
+            out[k] = tilt[0] if direction == "trans" else tilt[1]
     return out
 
 
 def convert_inertial_parameters(
     inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]
 ) -> Array:
-    """(ni,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
+    """Convert inertial parameters to other segment frames.
+
+    Parameters
+    ----------
+    inertial
+        (ni,) in the true frames, SI units.
+    true, frames
+        Segment -> its true and its other frame in the laboratory, in the same pose.
+
+    Returns
+    -------
+    (ni,) in the other frames, SI units; moments of inertia about the other axes, without products.
+    """
     out = params.view_as_table(inertial).copy()
     for row, segment in zip(out, params.MASSIVE_SEGMENTS, strict=True):
-        turn = frames[segment].rotation.T @ true[segment].rotation
+        rotation_between = frames[segment].rotation.T @ true[segment].rotation
         row[1:4] = frames[segment].local(true[segment].point(row[1:4]))
-        row[4:7] = np.diag(turn @ np.diag(row[4:7]) @ turn.T)
+        row[4:7] = np.diag(rotation_between @ np.diag(row[4:7]) @ rotation_between.T)
     return out.ravel()
 
 
 def _compute_joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
-    """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
+    """Compute coordinate -> direction and point of its rotation axis in the laboratory."""
     chain = get_chain()
     axes, points = compute_coordinate_axes(chain.body(parameters), q[None])
-    turning = [e.name for joint in JOINTS for e in joint.elements if e.source is Source.COORDINATE]
-    at = {name: chain.coordinates.index(name) for name in turning}
+    rotations = [
+        e.name for joint in JOINTS for e in joint.elements if e.source is Source.COORDINATE
+    ]
+    at = {name: chain.coordinates.index(name) for name in rotations}
     return {name: (axes[0, k], points[0, k]) for name, k in at.items()}
 
 
 def compute_common_perpendicular(
     a: Array, point_of_a: Array, b: Array, point_of_b: Array
 ) -> tuple[Array, Array]:
-    """Nearest points of two lines, each given by its direction and one of its points."""
+    """Compute the nearest points of two lines.
+
+    Parameters
+    ----------
+    a, point_of_a, b, point_of_b
+        (3,) direction and a point of each line.
+
+    Returns
+    -------
+    tuple of (3,) and (3,)
+        Nearest point on each line.
+    """
     between = point_of_b - point_of_a
     s, t = np.linalg.solve(np.array([[a @ a, -a @ b], [a @ b, -b @ b]]), [a @ between, b @ between])
     return point_of_a + s * a, point_of_b + t * b
 
 
 def format_truth_table(truth: params.Parameters) -> str:
-    """The content of `truth.csv`: name, unit, value."""
+    """Format the content of `truth.csv`: name, unit, value of each parameter.
+
+    Parameters
+    ----------
+    truth
+        True parameters in the frames of the static trial.
+    """
     lines = ["name,unit,value"]
     for name, p, value in zip(params.JP_NAMES, params.JOINT_PARAMETERS, truth.joint, strict=True):
         lines.append(f"{name},{p.kind.unit},{float(value / p.kind.to_si)!r}")
@@ -222,56 +285,81 @@ def format_truth_table(truth: params.Parameters) -> str:
 
 
 DEGREE = 5
-CORNER_M = 0.1  # m from a segment's origin to its corners
+CORNER_M = 0.1
+"""Distance (m) of the corners of a segment from its origin."""
 STEPS, TOLERANCE = 30, 1e-8
-"""Gauss-Newton steps, and the step (m, rad) that ends them: its square, the next one, is rounding.
-"""
-# Instants a frame at which a motion is told, so that accelerations are right at its ends, too
+"""Most Gauss-Newton steps, and the last step (m, rad); the error of the next is its square."""
 SAMPLES_PER_FRAME = 3
+"""Samples of a motion for each frame, so that accelerations are right at its ends, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedTrial:
-    """One trial of the truth, as a calibration without error would tell it."""
+    """Motion and forces of a trial as a calibration without error gives them."""
 
-    time: Array  # (nf,) s
-    q: Array  # (nf, nq) m, rad
-    velocity: Array  # (nf, nq) m/s, rad/s
-    acceleration: Array  # (nf, nq) m/s^2, rad/s^2
+    time: Array
+    """(nf,) s."""
+    q: Array
+    """(nf, nq) m, rad."""
+    velocity: Array
+    """(nf, nq) m/s, rad/s."""
+    acceleration: Array
+    """(nf, nq) m/s^2, rad/s^2."""
     forces: Array | None
-    """(nf, nt) N·m (pelvis translations: N), the 27 coordinates and the two knee reactions; None
-    without plates.
+    """(nf, nt) N·m (pelvis translations: N) of the 27 coordinates and two knee reactions.
+
+    None without plates.
     """
 
 
 class TruthConverter:
-    """Tells motions of one person: its linkage in the static trial's frames, found once."""
+    """Converts motions of a subject to its linkage in the frames of the static trial.
+
+    Parameters
+    ----------
+    model
+        Subject with true parameters.
+    static
+        The linkage in these frames.
+    zero_rule
+        How the zero of ankle angles is defined.
+    """
 
     def __init__(
         self, model: SubjectModel, static: StaticFrames, zero_rule: AnkleZero = AnkleZero.MARKERS
     ) -> None:
         self._true, still = model.parameters, make_standing_pose(model.parameters)
-        own = compute_segment_frames(self._true, still)
-        massive = [s for s in own if s in static.frames]
-        self._offset = {s: _express_frame(own[s], static.frames[s]) for s in massive}
+        true_frames = compute_segment_frames(self._true, still)
+        segments = [s for s in true_frames if s in static.frames]
+        self._offset = {s: _express_frame(true_frames[s], static.frames[s]) for s in segments}
         posture = measure_standing_ankles(static.posture, static.legs, {}, zero_rule).dorsiflexion
-        told, pose = static.parameters, self._coordinates(static.parameters, still[None])[0]
-        zero = told.zero_angles.copy()
+        linkage = static.parameters
+        pose = self._solve_coordinates(linkage, still[None])[0]
+        zero = linkage.zero_angles.copy()
         for side in SIDES:
             mirrored = 1.0 if side == "r" else -1.0
-            ankle, subtalar = (
-                pose[COORDINATE_INDEX[f"{name}_{side}"]]
-                for name in ("ankle_angle", "subtalar_angle")
-            )
+            ankle = pose[COORDINATE_INDEX[f"ankle_angle_{side}"]]
+            subtalar = pose[COORDINATE_INDEX[f"subtalar_angle_{side}"]]
             zero[ZERO_ANGLES.index(f"talocrural_{side}.zero")] += ankle - posture[side]
             zero[ZERO_ANGLES.index(f"subtalar_{side}.zero")] += mirrored * subtalar
-        self.parameters = params.Parameters(told.joint, told.inertial, zero)
-        """Of the linkage in static frames, its ankle angles counted from the static posture."""
-        self._standing_off = self._coordinates(self.parameters, still[None])[0] - still
+        self.parameters = params.Parameters(linkage.joint, linkage.inertial, zero)
+        """Parameters in static frames, with ankle angles counted from the static posture."""
+        self._standing_off = self._solve_coordinates(self.parameters, still[None])[0] - still
 
-    def tell(self, motion: TrueMotion, wrench: Array | None = None) -> ExpectedTrial:
-        """A motion of the true linkage, with its forces where wrenches (nf, 2, 6) on the feet are
-        given.
+    def convert(self, motion: TrueMotion, wrench: Array | None = None) -> ExpectedTrial:
+        """Convert a motion of the true linkage.
+
+        Parameters
+        ----------
+        motion
+            Motion of the true linkage.
+        wrench
+            (nf, 2, 6) N, N·m on right and left foot about the laboratory origin.
+
+        Returns
+        -------
+        ExpectedTrial
+            With forces if a wrench is given.
         """
         time = motion.basis.time
         finer = np.interp(
@@ -281,18 +369,22 @@ class TruthConverter:
         )
         true = convert_to_bspline(motion.basis, motion.coefficients)(finer)
         spline = make_interp_spline(
-            finer, self._coordinates(self.parameters, true, true + self._standing_off), k=DEGREE
+            finer,
+            self._solve_coordinates(self.parameters, true, true + self._standing_off),
+            k=DEGREE,
         )
         q, velocity, acceleration = (spline(time, k) for k in range(3))
         forces = None
         if wrench is not None:
             bodies, rows = {}, params.view_as_table(self.parameters.inertial)
-            for k, (row, own) in enumerate(
-                zip(rows, params.view_as_table(self._true.inertial), strict=True)
+            true_rows = params.view_as_table(self._true.inertial)
+            for segment, row, true_row in zip(
+                params.MASSIVE_SEGMENTS, rows, true_rows, strict=True
             ):
-                turn = self._offset[params.MASSIVE_SEGMENTS[k]].rotation  # products of inertia too
-                moments = turn.T @ np.diag(own[4:7]) @ turn
-                bodies[params.MASSIVE_SEGMENTS[k]] = pin.Inertia(float(row[0]), row[1:4], moments)
+                # The rotated inertia has products of inertia, too.
+                rotation = self._offset[segment].rotation
+                moments = rotation.T @ np.diag(true_row[4:7]) @ rotation
+                bodies[segment] = pin.Inertia(float(row[0]), row[1:4], moments)
             forces = Dynamics(self.parameters, bodies=bodies).compute_forces(
                 q, velocity, acceleration, wrench
             )
@@ -300,23 +392,27 @@ class TruthConverter:
             time=time, q=q, velocity=velocity, acceleration=acceleration, forces=forces
         )
 
-    def _coordinates(self, told: params.Parameters, q: Array, start: Array | None = None) -> Array:
-        """(nf, nq) coordinates of the linkage `told` that put its segments where the true ones are
-        at q (nf, nq), sought from `start`.
+    def _solve_coordinates(
+        self, linkage: params.Parameters, q: Array, start: Array | None = None
+    ) -> Array:
+        """Solve (nf, nq) coordinates of a linkage with which its segments have the true poses.
+
+        `q`: (nf, nq) of the true linkage; `start`: first guess, `q` unless given.
         """
         chain = get_chain()
-        wanted = _compute_corners(
+        target = _compute_corners(
             Kinematics(chain.body(self._true), q, columns=False), self._offset
         )
-        body, out = chain.body(told), (q if start is None else start).copy()
+        body, out = chain.body(linkage), (q if start is None else start).copy()
+        # (coordinate, segment): whether the coordinate moves the segment
         moves = np.stack([chain.support[:, chain.segments.index(s)] for s in self._offset])
         for _ in range(STEPS):
             placed = Kinematics(body, out)
             points, columns = _compute_corners(placed), placed.columns_by_frame
-            turned = np.cross(columns[:, :, None, None, 3:], points[:, None])
-            rows = (columns[:, :, None, None, :3] + turned) * moves.T[None, :, :, None, None]
+            rotated = np.cross(columns[:, :, None, None, 3:], points[:, None])
+            rows = (columns[:, :, None, None, :3] + rotated) * moves.T[None, :, :, None, None]
             rows = rows.reshape(*rows.shape[:2], -1)
-            gap = (wanted - points).reshape(len(q), -1, 1)
+            gap = (target - points).reshape(len(q), -1, 1)
             step = np.linalg.solve(rows @ rows.transpose(0, 2, 1), rows @ gap)[..., 0]
             out += step
             if np.abs(step).max() < TOLERANCE:
@@ -325,22 +421,24 @@ class TruthConverter:
 
 
 def _express_frame(frame: Frame, other: Frame) -> Frame:
-    """`other` as seen from `frame`."""
+    """Express the frame `other` in `frame`."""
     return Frame(frame.rotation.T @ other.rotation, frame.local(other.origin))
 
 
 def _compute_corners(placed: Kinematics, offset: dict[str, Frame] | None = None) -> Array:
-    """(nf, ns, 4, 3) m: origin and three corners of the frames that `offset` places in segments, or
-    of their own.
+    """Compute (nf, ns, 4, 3) m, origin and three corners of frames of segments.
+
+    `offset`: segment -> pose of its frame in the segment; the segment frames unless given.
     """
     axes, origins = placed.axes, placed.origins
     local = np.concatenate([np.zeros((1, 3)), CORNER_M * np.eye(3)])
     out = []
     for k, segment in enumerate(placed.chain.segments):
-        if segment not in MARKED_SEGMENTS:  # the talus has no frame of its own
+        # The talus has no frame in the static trial.
+        if segment not in MARKED_SEGMENTS:
             continue
-        place = None if offset is None else offset[segment]
-        points = local if place is None else np.array([place.point(p) for p in local])
+        pose = None if offset is None else offset[segment]
+        points = local if pose is None else np.array([pose.point(p) for p in local])
         out.append(np.einsum("cj,jif->fci", points, axes[k]) + origins[k].T[:, None])
     return np.stack(out, axis=1)
 
@@ -355,31 +453,39 @@ TRUTH: Final = TruthTable(
     hip_centre=HipCentre.HARRINGTON.value,
     ankle_zero=AnkleZero.AUTO.value,
 )
-"""`[truth]` of the study: where the files lie, and the rules of the frames that `truth.py` makes:
-those of a calibration that is told nothing."""
+"""`[truth]` of the study: paths of the files, and the rules of the frames of a calibration with
+default settings."""
 
 
 def write_truth(
     folder: Path, model: SubjectModel, trials: Mapping[str, tuple[TrueMotion, Array | None]]
 ) -> None:
-    """Write `truth.csv`, `truth/static_landmarks.csv`, and `truth/TRIAL_motion.csv` and
-    `TRIAL_moments.csv` of each trial; velocities and accelerations, on which forces depend, where
-    there are forces.
+    """Write the true parameters, landmarks, motions and moments of a synthetic subject.
 
-    `folder`: of the study. `model`: with the true parameters. `trials`: name -> the true motion,
-    and the wrenches (nf, 2, 6) on right and left foot about the laboratory origin that it was
-    given; None without plates.
+    The files are `truth.csv`, `truth/static_landmarks.csv`, and `truth/TRIAL_motion.csv` and
+    `truth/TRIAL_moments.csv` of each trial. Motions of trials with forces have velocities and
+    accelerations.
+
+    Parameters
+    ----------
+    folder
+        Of the study.
+    model
+        Subject with true parameters.
+    trials
+        Name -> true motion, and wrenches (nf, 2, 6) on right and left foot about the laboratory
+        origin, None without plates.
     """
     frames = compute_static_frames(model, HipCentre(TRUTH.hip_centre))
     (folder / PARAMETERS).write_text(format_truth_table(frames.parameters), encoding="utf-8")
     (folder / CURVES).mkdir()
     (folder / LANDMARKS).write_text(format_landmarks(frames.posture.landmarks), encoding="utf-8")
-    teller = TruthConverter(model, frames, AnkleZero(TRUTH.ankle_zero))
+    converter = TruthConverter(model, frames, AnkleZero(TRUTH.ankle_zero))
     for name, (motion, wrench) in trials.items():
-        told = teller.tell(motion, wrench)
-        derivatives = () if wrench is None else (told.velocity, told.acceleration)
-        text = format_motion(told.time, told.q, *derivatives)
+        expected = converter.convert(motion, wrench)
+        derivatives = () if wrench is None else (expected.velocity, expected.acceleration)
+        text = format_motion(expected.time, expected.q, *derivatives)
         (folder / CURVES / (name + MOTION_SUFFIX)).write_text(text, encoding="utf-8")
-        if told.forces is not None:
-            text = format_moments(told.time, told.forces, model.subject.bwh)
+        if expected.forces is not None:
+            text = format_moments(expected.time, expected.forces, model.subject.bwh)
             (folder / CURVES / (name + MOMENTS_SUFFIX)).write_text(text, encoding="utf-8")

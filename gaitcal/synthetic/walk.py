@@ -1,26 +1,26 @@
-"""A walk that the ground can carry: the nominal gait, changed for one person as little as the
-ground asks for.
+"""A walk of one person that obeys Newton's law: the nominal gait, changed as little as necessary.
 
-The nominal gait is the coordinates of one person over the gait cycle, as six harmonics each
-(`models/nominal_subject.json`, derived from OpenSim's Gait2392 `subject01`, CC BY 3.0). Feet strike
-with the heel and leave with the toes: the centre of pressure goes along the line from heel to toe
-marker, quickly over the heel and slowly under the forefoot, as in walking people (Perry 1992). The
-left foot does the same half a stride later.
+The nominal gait is the coordinates of one person over the gait cycle, with six harmonics each
+(`models/nominal_subject.json`, derived from OpenSim's Gait2392 `subject01`, CC BY 3.0). The centre
+of pressure rolls from heel to toe, fast under the heel and slowly under the forefoot (Perry 1992).
+The left side follows half a stride later.
 
-Motion and masses alone say which force the ground exerts in all, and about which point of the
-floor, its centre of pressure, it has no tipping moment. A person walks where that point lies under
-the foot that stands, or between both feet; curves that were measured on somebody else and smoothed
-do not. So the nodes of the motion are moved, by least squares, until
+Motion and masses determine the total ground reaction and the point of the floor about which it has
+no horizontal moment, its centre of pressure. In a walk this point is under the standing foot or
+between both feet; in smoothed curves of another person it is not. Therefore the control points x of
+the motion minimise
 
-- the total ground reaction has its centre where the load of the feet rolls, and hardly a moment
-  about the vertical,
-- it rises and falls, brakes and drives as that of walking people does,
-- heel and ball rest where they stand, and the feet go where the nominal person's feet go,
-- angles and accelerations stay near the curves.
+    sum |r_k(x) / s_k|^2,
 
-What each may deviate by is a standard deviation below. The result is no fit to moments of anybody:
-joint torques are what they then are. It holds for any linkage; the nominal person's angles change
-by 0.3 to 1 degree (RMS).
+where the residuals r_k, each with its standard deviation s_k below, are
+
+- the moment of the total ground reaction about the point to which the load has rolled,
+- the total force less that of walking people,
+- velocities of heel and ball while they rest, and positions of the feet less the nominal ones,
+- coordinates and accelerations less the nominal ones.
+
+It is solved by Gauss-Newton steps with a banded matrix. Joint torques are not fitted. It works for
+any linkage; the nominal person's angles change by 0.3 to 1 degree (RMS).
 """
 
 import json
@@ -43,132 +43,151 @@ from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, SIDES, is_trans
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking.spline import ORDER, SplineBasis
 
-GAIT_CYCLE = 1.035  # s, `cycle_s` of the nominal gait
-STANCE = (
-    0.62  # Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice
-)
+GAIT_CYCLE = 1.035
+"""Duration of a stride (s): `cycle_s` of the nominal gait."""
+STANCE = 0.62
+"""Share of a stride in which a foot is on the ground."""
 DOUBLE_SUPPORT = STANCE - 0.5
+"""Share of a stride of each of the two phases of double support."""
 POINTS = ("Heel", "Toe.Tip", "Toe.Lat", "Toe.Med")
-"""Markers of a foot; the second ends the line along which its load rolls, the last two are at the
-ball of the foot.
-"""
+"""Markers of a foot. The load rolls along the line from the first to the second; the last two are
+at the ball."""
 ROLL = ((0.0, 0.12, 0.3, 0.55, 0.8, 1.0), (0.10, 0.28, 0.42, 0.58, 0.72, 0.86))
-"""Part of stance, and where the centre of pressure is then between the back of the heel and the tip
-of the foot.
-"""
-HEEL_RESTS, BALL_RESTS, SETTLING = (0.01, 0.35), (0.1, 0.54), 0.06
-"""Phases of the foot's own stride between which heel and ball do not move, and the time to come to
-rest and leave.
-"""
+"""Share of stance, and share of the way from the back of the heel to the tip of the foot at which
+the centre of pressure is then."""
+HEEL_REST, BALL_REST = (0.01, 0.35), (0.1, 0.54)
+"""Phases of the foot's stride between which heel and ball do not move."""
+REST_RAMP_PHASE = 0.06
+"""Share of a stride in which a point comes to rest, and in which it starts to move."""
+CLEARANCE = 0.02
+"""Height (m) of the lowest foot marker of the nominal person above the floor."""
+FORCE_PHASE_LAG = 0.076 - 0.5 * DOUBLE_SUPPORT
+"""Strides by which the load of the recording passes to the other foot later than here."""
+
+# Standard deviations of the residuals
 CENTRE_OF_PRESSURE_M = 0.006
-"""m, of the centre of pressure from where the load rolls; times body weight, of every moment about
-that point.
-"""
-FORCE_SPREAD = np.array(
-    [0.10, 0.03, 0.01]
-)  # Body weights, of the total force from that of walking people
-FORCE_PHASE_LAG = (
-    0.076 - 0.5 * DOUBLE_SUPPORT
-)  # Strides by which the usual force comes later in the recording that it is from
-ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
-ANGULAR_ACCELERATION, ACCELERATION = (
-    25.0,
-    2.0,
-)  # rad/s^2, m/s^2: without these the ends of a spline swing
-FOOT_PLACE_M = 0.02
-FOOT_SPEED = 0.03  # m/s, of a resting point
-CLEARANCE = 0.02  # m between the floor and the lowest foot marker of the nominal person
-SMALLEST_STEP = 1e-3  # m or rad, largest change of a node in the last step
+"""Of the centre of pressure; times body weight, of each moment about that point."""
+FORCE_SPREAD = np.array([0.10, 0.03, 0.01])
+"""Of the total force (forward, up, right), body weights."""
+ANGLE, ARM_ANGLE, POSITION_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
+"""Of angles (rad), of the arms' angles (rad), and of the pelvis position (m)."""
+ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0
+"""rad/s^2, m/s^2; without them splines oscillate at their ends."""
+FOOT_POSITION_M = 0.02
+FOOT_SPEED = 0.03
+"""Of a resting point, m/s."""
+
+SMALLEST_STEP = 1e-3
+"""Largest change of a control point (m, rad) in the last step."""
 MAX_STEPS = 30
 
 
 @dataclass(frozen=True)
 class FeetOnGround:
-    """Points of both feet of one linkage in some frames."""
+    """Points of both feet over time."""
 
-    points: Array  # (nf, 2, 4, 3) m, of the right and the left foot, in the order of `POINTS`
-    slopes: Array  # (nf, 2, 4, 3, nq) their derivatives by the coordinates
+    points: Array
+    """(nf, 2, 4, 3) m, of the right and the left foot, in the order of `POINTS`."""
+    jacobians: Array
+    """(nf, 2, 4, 3, nq) derivatives of the points by the coordinates."""
 
-    def along(self, part: Array, level: Array | float = 0.0) -> tuple[Array, Array]:
-        """Points on the ground (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and
-        their derivatives.
+    def interpolate_sole(self, part: Array, level: Array | float = 0.0) -> tuple[Array, Array]:
+        """Interpolate points on the ground between heel and tip of each foot.
 
-        `level`: (nf, 2) m, height of the ground.
+        Parameters
+        ----------
+        part
+            (nf, 2) share of the way from heel to tip.
+        level
+            (nf, 2) m, height of the ground.
+
+        Returns
+        -------
+        points : (nf, 2, 3) m
+        jacobians : (nf, 2, 3, nq)
         """
         share = (part * _compute_foot_length_ratio())[..., None]
-        of = [(1.0 - share) * self.points[:, :, 0] + share * self.points[:, :, 1]]
+        points = (1.0 - share) * self.points[:, :, 0] + share * self.points[:, :, 1]
         share = share[..., None]
-        of.append((1.0 - share) * self.slopes[:, :, 0] + share * self.slopes[:, :, 1])
-        of[0][:, :, 1], of[1][:, :, 1] = level, 0.0
-        return of[0], of[1]
+        jacobians = (1.0 - share) * self.jacobians[:, :, 0] + share * self.jacobians[:, :, 1]
+        points[:, :, 1], jacobians[:, :, 1] = level, 0.0
+        return points, jacobians
 
 
 def compute_feet(parameters: Parameters, q: Array) -> FeetOnGround:
-    """Where the points of the feet are at coordinates (nf, nq)."""
+    """Compute the points of both feet and their Jacobians.
+
+    Parameters
+    ----------
+    parameters
+        Of the linkage.
+    q
+        (nf, nq) coordinates, m and rad.
+
+    Returns
+    -------
+    FeetOnGround
+        In the laboratory.
+    """
     chain = get_chain()
     placed = Kinematics(chain.body(parameters), q)
     axes, origins = placed.axes, placed.origins
     columns = placed.columns.transpose(2, 1, 0)  # (nf, 6, nq)
     points = np.empty((len(q), len(inverse_dynamics.FEET), len(POINTS), 3))
-    slopes = np.zeros((*points.shape, q.shape[1]))
+    jacobians = np.zeros((*points.shape, q.shape[1]))
     for foot, segment in enumerate(inverse_dynamics.FEET):
         k = chain.segments.index(segment)
         moved = np.flatnonzero(chain.support[:, k])
         for n, local in enumerate(_get_local_points()[foot]):
-            place = np.einsum("j,jif->fi", local, axes[k]) + origins[k].T
-            turned = np.cross(columns[:, 3:, moved], place[:, :, None], axis=1)
-            points[:, foot, n] = place
-            slopes[:, foot, n][:, :, moved] = columns[:, :3, moved] + turned
-    return FeetOnGround(points, slopes)
+            point = np.einsum("j,jif->fi", local, axes[k]) + origins[k].T
+            rotated = np.cross(columns[:, 3:, moved], point[:, :, None], axis=1)
+            points[:, foot, n] = point
+            jacobians[:, foot, n][:, :, moved] = columns[:, :3, moved] + rotated
+    return FeetOnGround(points, jacobians)
 
 
 def compute_foot_phases(phase: Array) -> Array:
-    """(nf, 2) phase of the right and the left foot's own stride, 0 to 1 from its strike on."""
+    """Compute (nf, 2) phases of the right and the left foot's stride, 0 to 1 from its strike."""
     return np.stack([phase % 1.0, (phase - 0.5) % 1.0], axis=1)
 
 
 def compute_rolled_part(phase: Array) -> Array:
-    """(nf, 2) part of the way from heel to tip to which the load of each foot has rolled; in swing
-    it stays.
+    """Compute (nf, 2) the share of the way from heel to tip to which each load has rolled.
+
+    In swing it is that of the end of stance.
     """
     part: Array = PchipInterpolator(*ROLL)(np.minimum(compute_foot_phases(phase) / STANCE, 1.0))
     return part
 
 
 def compute_right_share(phase: Array) -> Array:
-    """(nf,) share of the right foot in the vertical load over the gait cycle (0: right heel
-    strike).
-    """
-    own = phase % 1.0
-    rise, fall = (
-        compute_ramp(own / DOUBLE_SUPPORT),
-        1.0 - compute_ramp((own - 0.5) / DOUBLE_SUPPORT),
-    )
+    """Compute (nf,) the right foot's share of the vertical load; phase 0: right heel strike."""
+    cycle = phase % 1.0
+    rise = compute_ramp(cycle / DOUBLE_SUPPORT)
+    fall = 1.0 - compute_ramp((cycle - 0.5) / DOUBLE_SUPPORT)
     return np.where(
-        own < DOUBLE_SUPPORT, rise, np.where(own < 0.5, 1.0, np.where(own < STANCE, fall, 0.0))
+        cycle < DOUBLE_SUPPORT,
+        rise,
+        np.where(cycle < 0.5, 1.0, np.where(cycle < STANCE, fall, 0.0)),
     )
 
 
 def compute_rest_weights(phase: Array) -> Array:
-    """(nf, 2, 4) how much of the points of the feet stands still on the ground: 0 to 1, smooth in
-    time.
-    """
-    own = compute_foot_phases(phase)
-    heel, ball = (
-        compute_ramp((own - begin) / SETTLING)
-        * (1.0 - compute_ramp((own - end + SETTLING) / SETTLING))
-        for begin, end in (HEEL_RESTS, BALL_RESTS)
-    )
+    """Compute (nf, 2, 4) how much each point of the feet rests: 0 to 1, smooth in time."""
+    cycle = compute_foot_phases(phase)
     out = np.zeros((len(phase), len(inverse_dynamics.FEET), len(POINTS)))
-    out[:, :, 0], out[:, :, 2], out[:, :, 3] = heel, ball, ball
+    # Point 0 is the heel, points 2 and 3 are at the ball.
+    for points, (begin, end) in (((0,), HEEL_REST), ((2, 3), BALL_REST)):
+        comes = compute_ramp((cycle - begin) / REST_RAMP_PHASE)
+        leaves = compute_ramp((cycle - end + REST_RAMP_PHASE) / REST_RAMP_PHASE)
+        for point in points:
+            out[:, :, point] = comes * (1.0 - leaves)
     return out
 
 
 @cache
 def _get_local_points() -> Array:
-    """(2, 4, 3) m, points of the right and the left foot in their segments: those of every built-in
-    person.
-    """
+    """Get (2, 4, 3) m, points of the right and the left foot in their segments, of all subjects."""
     markers = nominal.published_model().markers
     rows = [[markers.labels.index(f"{side.upper()}.{name}") for name in POINTS] for side in SIDES]
     out: Array = markers.local[rows]
@@ -177,16 +196,15 @@ def _get_local_points() -> Array:
 
 @cache
 def _compute_foot_length_ratio() -> float:
-    """The length of a foot, as a part of the distance from its heel to its toe marker."""
+    """Compute the ratio of the length of a foot to the distance of its heel and toe markers."""
     heel, toe = _get_local_points()[0, :2]
-    marked = float(np.linalg.norm(toe - heel))
-    return max(
-        1.0, measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height / marked
-    )
+    distance = float(np.linalg.norm(toe - heel))
+    foot_length = measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height
+    return max(1.0, foot_length / distance)
 
 
 def compute_ramp(x: Array) -> Array:
-    """From 0 at x = 0 to 1 at x = 1, with no velocity nor acceleration at the ends."""
+    """Compute a quintic ramp from 0 at x = 0 to 1 at x = 1, with zero slope and curvature there."""
     x = np.clip(x, 0.0, 1.0)
     out: Array = x**3 * (10.0 + x * (-15.0 + 6.0 * x))
     return out
@@ -194,6 +212,7 @@ def compute_ramp(x: Array) -> Array:
 
 @cache
 def _load_nominal_gait() -> dict[str, Any]:
+    """Load the harmonics of the nominal gait."""
     content = json.loads(
         (find_models_folder() / "nominal_subject.json").read_text(encoding="utf-8")
     )
@@ -202,8 +221,17 @@ def _load_nominal_gait() -> dict[str, Any]:
 
 
 def compute_gait_curves(phase: Array) -> tuple[Array, Array]:
-    """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their
-    accelerations.
+    """Compute coordinates and accelerations of the nominal gait.
+
+    Parameters
+    ----------
+    phase
+        (nf,) strides since a right heel strike.
+
+    Returns
+    -------
+    q : (nf, nq) m, rad
+    acceleration : (nf, nq) m/s^2, rad/s^2
     """
     data = _load_nominal_gait()
     q, acceleration = np.empty((2, len(phase), len(COORDINATES)))
@@ -214,6 +242,7 @@ def compute_gait_curves(phase: Array) -> tuple[Array, Array]:
             2 * np.pi * np.outer(phase + (0.5 if name.endswith("_l") else 0.0), np.arange(len(a)))
         )
         omega = 2 * np.pi * np.arange(len(a)) / GAIT_CYCLE
+        # The second derivative of each harmonic is -omega^2 times the harmonic.
         for out, factor in ((q, np.ones(len(a))), (acceleration, -(omega**2))):
             values = np.cos(angle) @ (factor * a) + np.sin(angle) @ (factor * b)
             out[:, i] = values if harmonics["unit"] == "m" else np.deg2rad(values)
@@ -222,50 +251,63 @@ def compute_gait_curves(phase: Array) -> tuple[Array, Array]:
 
 
 _Rows = tuple[Array, dict[int, Array]]
-"""Residuals (nf, n) of every frame in units of their standard deviations, and their derivatives
-(nf, n, nq) by the coordinates, 0, their velocities, 1, or accelerations, 2."""
+"""Residuals (nf, n) of every frame, divided by their standard deviations, and their derivatives
+(nf, n, nq) by coordinates (key 0), velocities (1) and accelerations (2)."""
 
 
 @dataclass(frozen=True)
 class TargetMotion:
-    """The motion that a walk is to be like."""
+    """The motion to which a fitted motion should be near."""
 
-    q: Array  # (nf, nq) m, rad
-    acceleration: Array  # (nf, nq) m/s^2, rad/s^2
-    spread: float = (
-        1.0  # Of how far from it the walk may be: less where the ground carries it already
-    )
+    q: Array
+    """(nf, nq) m, rad."""
+    acceleration: Array
+    """(nf, nq) m/s^2, rad/s^2."""
+    spread: float = 1.0
+    """Factor of the standard deviations: less than 1 if the target nearly obeys Newton's law."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """What the ground does in the frames of a motion, and where the feet are on it."""
+    """Support of a motion over time, and positions of the feet on it."""
 
-    footsteps: Array  # (nf, 2, 4, 3) m, where the points of the feet should be
-    held: Array  # (nf, 2, 4) how much of that is asked for: 0 to 1
-    resting: Array  # (nf, 2, 4) how much of the points stands still: 0 to 1
-    share: Array  # (nf, 2) of the vertical load on each foot; 0 in flight
-    part: Array  # (nf, 2) of the way from heel to tip to which the load has rolled
-    level: Array  # (nf, 2) m, height of the ground under each foot
-    # (nf, 3) m, where a seat bears what the feet do not: it counts where their shares do not sum to
-    # 1
+    footsteps: Array
+    """(nf, 2, 4, 3) m, target positions of the points of the feet."""
+    held: Array
+    """(nf, 2, 4) weight of these positions, 0 to 1."""
+    resting: Array
+    """(nf, 2, 4) how much each point rests, 0 to 1."""
+    share: Array
+    """(nf, 2) share of each foot in the vertical load; 0 in flight."""
+    part: Array
+    """(nf, 2) share of the way from heel to tip to which the load has rolled."""
+    level: Array
+    """(nf, 2) m, height of the ground under each foot."""
     seat: Array
-    force: Array  # (nf, 3) body weights, of the total force
-    # (nf, 3) body weights, by which the force may be another; infinite where nothing is known of it
+    """(nf, 3) m, point at which a seat bears the load that the shares of the feet leave."""
+    force: Array
+    """(nf, 3) body weights, target of the total force."""
     spread: Array
+    """(nf, 3) body weights, standard deviation of the total force; infinite: unknown force."""
 
 
 def make_walking_ground(phase: Array) -> Ground:
-    """The floor under a walk, where the nominal person's feet go; `phase`: (nf,) strides since a
-    right heel strike.
+    """Make the floor under a walk whose feet are those of the nominal person.
+
+    Parameters
+    ----------
+    phase
+        (nf,) strides since a right heel strike.
+
+    Returns
+    -------
+    Ground
     """
-    footsteps, right = (
-        compute_feet(nominal.published_model().parameters, compute_nominal_curves(phase).q).points,
-        compute_right_share(phase),
-    )
+    feet = compute_feet(nominal.published_model().parameters, compute_nominal_curves(phase).q)
+    right = compute_right_share(phase)
     nf = len(phase)
     return Ground(
-        footsteps=footsteps,
+        footsteps=feet.points,
         held=np.ones((nf, len(inverse_dynamics.FEET), len(POINTS))),
         resting=compute_rest_weights(phase),
         share=np.stack([right, 1.0 - right], axis=1),
@@ -278,20 +320,30 @@ def make_walking_ground(phase: Array) -> Ground:
 
 
 def fit_carried_motion(
-    parameters: Parameters, basis: SplineBasis, ground: Ground, meant: TargetMotion
+    parameters: Parameters, basis: SplineBasis, ground: Ground, target: TargetMotion
 ) -> Array:
-    """(nn, nq) m, rad: nodes of a motion of the person with these parameters that the ground
-    carries.
+    """Fit a motion near the target for which the ground gives the total force.
+
+    Parameters
+    ----------
+    parameters
+        Of the person.
+    basis
+        Spline basis of the motion.
+    ground
+        Support in the frames of the basis.
+    target
+        Coordinates and accelerations in the frames of the basis.
+
+    Returns
+    -------
+    (nn, nq) control points of the motion, m and rad.
     """
-    coefficients = basis.fit(meant.q)
+    coefficients = basis.fit(target.q)
     for _ in range(MAX_STEPS):
-        step = _solve_step(
-            basis,
-            [
-                *_build_ground_rows(parameters, basis, coefficients, ground),
-                *_build_target_rows(basis, coefficients, meant),
-            ],
-        )
+        rows = _build_ground_rows(parameters, basis, coefficients, ground)
+        rows += _build_target_rows(basis, coefficients, target)
+        step = _solve_step(basis, rows)
         coefficients += step
         if np.abs(step).max() < SMALLEST_STEP:
             break
@@ -299,7 +351,7 @@ def fit_carried_motion(
 
 
 def compute_nominal_curves(phase: Array) -> TargetMotion:
-    """The nominal gait with the nominal person's feet on the floor, y = 0."""
+    """Compute the nominal gait at phases (nf,), strides, with the feet on the floor, y = 0."""
     q, acceleration = compute_gait_curves(phase)
     q[:, COORDINATES.index("pelvis_ty")] += _compute_floor_shift()
     return TargetMotion(q, acceleration)
@@ -307,6 +359,7 @@ def compute_nominal_curves(phase: Array) -> TargetMotion:
 
 @cache
 def _compute_floor_shift() -> float:
+    """Compute the vertical translation (m) that puts the nominal gait on the floor."""
     heights = compute_feet(
         nominal.published_model().parameters, compute_gait_curves(np.arange(0.0, 1.0, 0.005))[0]
     ).points[..., 1]
@@ -316,60 +369,57 @@ def _compute_floor_shift() -> float:
 def _build_ground_rows(
     parameters: Parameters, basis: SplineBasis, coefficients: Array, ground: Ground
 ) -> list[_Rows]:
-    """What the ground asks for: balance, a force like that of people, feet that stand where they
-    stand.
-    """
+    """Build the residuals of the ground: moment and force, positions of feet, resting points."""
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     feet, (nf, nq) = compute_feet(parameters, q), q.shape
     still, held = ground.resting[..., None] / FOOT_SPEED, ground.held[..., None]
-    speed = np.einsum("fknic,fc->fkni", feet.slopes, v)
-    places = (
-        ((feet.points - ground.footsteps) / FOOT_PLACE_M * held).reshape(nf, -1),
-        (feet.slopes / FOOT_PLACE_M * held[..., None]).reshape(nf, -1, nq),
-    )
-    # how the slopes change with the posture is left out: resting points hardly move
-    rests = (speed * still).reshape(nf, -1), (feet.slopes * still[..., None]).reshape(nf, -1, nq)
+    speed = np.einsum("fknic,fc->fkni", feet.jacobians, v)
+    position = ((feet.points - ground.footsteps) / FOOT_POSITION_M * held).reshape(nf, -1)
+    by_position = (feet.jacobians / FOOT_POSITION_M * held[..., None]).reshape(nf, -1, nq)
+    rest = (speed * still).reshape(nf, -1)
+    # The derivative of the Jacobian is omitted: resting points hardly move.
+    by_speed = (feet.jacobians * still[..., None]).reshape(nf, -1, nq)
     return [
         *_build_force_rows(parameters, (q, v, a), ground, feet),
-        (places[0], {0: places[1]}),
-        (rests[0], {1: rests[1]}),
+        (position, {0: by_position}),
+        (rest, {1: by_speed}),
     ]
 
 
 def _build_force_rows(
     parameters: Parameters, state: tuple[Array, Array, Array], ground: Ground, feet: FeetOnGround
 ) -> list[_Rows]:
-    """The total ground reaction: its moment about where the load rolls, and its force."""
+    """Build the residuals of the total ground reaction: moment about the loaded point, force."""
     q, weight = state[0], parameters.mass * subject_model.GRAVITY
     total = compute_root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
     force, moment = total.value[:, :3], total.value[:, 3:]
     share = ground.share[:, :, None]
-    points, slopes = feet.along(ground.part, ground.level)
+    points, jacobians = feet.interpolate_sole(ground.part, ground.level)
     seated = 1.0 - share.sum(axis=1)
     arm = (
         q[:, :3] - (share[:, 0] * points[:, 0] + share[:, 1] * points[:, 1]) - seated * ground.seat
     )
-    by_arm = -(share[:, 0, :, None] * slopes[:, 0] + share[:, 1, :, None] * slopes[:, 1])
+    by_arm = -(share[:, 0, :, None] * jacobians[:, 0] + share[:, 1, :, None] * jacobians[:, 1])
     by_arm[:, :, :3] += np.eye(3)
-    tipping, pushing = {}, {}
+    by_moment, by_force = {}, {}
     for order, by in enumerate((total.by_position, total.by_velocity, total.by_acceleration)):
-        tipping[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (
+        by_moment[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (
             CENTRE_OF_PRESSURE_M * weight
         )
-        pushing[order] = by[:, :3] / (ground.spread * weight)[:, :, None]
-    tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_OF_PRESSURE_M * weight)
+        by_force[order] = by[:, :3] / (ground.spread * weight)[:, :, None]
+    by_moment[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_OF_PRESSURE_M * weight)
     return [
-        ((moment + np.cross(arm, force)) / (CENTRE_OF_PRESSURE_M * weight), tipping),
-        ((force / weight - ground.force) / ground.spread, pushing),
+        ((moment + np.cross(arm, force)) / (CENTRE_OF_PRESSURE_M * weight), by_moment),
+        ((force / weight - ground.force) / ground.spread, by_force),
     ]
 
 
 def _compute_typical_force(phase: Array) -> Array:
-    """(nf, 3) body weights, what the ground does to both feet of a walking person in all.
+    """Compute (nf, 3) the total ground reaction of a walking person, body weights.
 
-    The first two harmonics that symmetry leaves of OpenSim's `subject01` (the recording from which
-    the curves come): forward and up once and twice a step, sideways once and three times a stride.
-    Its load passes from one foot to the other at 0.076 of a stride, here it does in the middle of
+    The first two harmonics that symmetry allows, of OpenSim's `subject01` (from whose recording the
+    curves are): forward and up once and twice a step, sideways once and three times a stride. In
+    the recording the load passes to the other foot at 0.076 of a stride, here in the middle of
     double support.
     """
     step, stride = 4 * np.pi * (phase + FORCE_PHASE_LAG), 2 * np.pi * (phase + FORCE_PHASE_LAG)
@@ -386,23 +436,26 @@ def _compute_typical_force(phase: Array) -> Array:
     )
 
 
-def _build_target_rows(basis: SplineBasis, coefficients: Array, meant: TargetMotion) -> list[_Rows]:
-    """Coordinates and accelerations as meant."""
-    slides = np.array([is_translation(name) for name in COORDINATES])
+def _build_target_rows(
+    basis: SplineBasis, coefficients: Array, target: TargetMotion
+) -> list[_Rows]:
+    """Build the residuals of coordinates and accelerations against the target."""
+    translations = np.array([is_translation(name) for name in COORDINATES])
     arms = np.array([coordinates.group_of(name) == "arm" for name in COORDINATES])
-    place = meant.spread * np.where(slides, PLACE_M, np.where(arms, ARM_ANGLE, ANGLE))
-    acceleration = meant.spread * np.where(slides, ACCELERATION, ANGULAR_ACCELERATION)
+    angle = np.where(arms, ARM_ANGLE, ANGLE)
+    position = target.spread * np.where(translations, POSITION_M, angle)
+    acceleration = target.spread * np.where(translations, ACCELERATION, ANGULAR_ACCELERATION)
     rows: list[_Rows] = []
-    for order, wanted, scale in ((0, meant.q, place), (2, meant.acceleration, acceleration)):
-        slope = np.broadcast_to(np.diag(1.0 / scale), (len(basis.time), len(scale), len(scale)))
-        rows.append(((basis.evaluate(coefficients, order) - wanted) / scale, {order: slope}))
+    for order, values, scale in ((0, target.q, position), (2, target.acceleration, acceleration)):
+        shape = (len(basis.time), len(scale), len(scale))
+        derivative = np.broadcast_to(np.diag(1.0 / scale), shape)
+        residual = (basis.evaluate(coefficients, order) - values) / scale
+        rows.append((residual, {order: derivative}))
     return rows
 
 
 def _solve_step(basis: SplineBasis, rows: list[_Rows]) -> Array:
-    """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations
-    are a band.
-    """
+    """Solve the Gauss-Newton step (nn, nq); six control points a frame make the matrix banded."""
     nq, nf = len(COORDINATES), len(basis.time)
     width = ORDER * nq
     value = np.concatenate([values for values, _ in rows], axis=1)
@@ -414,10 +467,10 @@ def _solve_step(basis: SplineBasis, rows: list[_Rows]) -> Array:
         for order, by in derivatives.items():
             weights = (basis.value, basis.rate, basis.acceleration)[order]
             by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
-    slopes = by_node.reshape(nf, -1, width)
+    jacobian = by_node.reshape(nf, -1, width)
     band, right = np.zeros((width, basis.nodes * nq)), np.zeros(basis.nodes * nq)
     for node, frames in basis.spans:
-        matrix = slopes[frames].reshape(-1, width)
+        matrix = jacobian[frames].reshape(-1, width)
         product, begin = matrix.T @ matrix, node * nq
         for d in range(width):
             band[d, begin : begin + width - d] += np.diagonal(product, -d)

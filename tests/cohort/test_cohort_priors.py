@@ -217,7 +217,7 @@ def test_another_version_and_another_size_are_told(priors: CohortPriors, study: 
             "no joint parameter",
         ),
         (lambda content: content.update(format=9), "found format 9"),
-        (lambda content: content.update(kind="other"), "holds no priors"),
+        (lambda content: content.update(kind="other"), "contains no priors"),
         (lambda content: content.pop("people"), "people"),
     ],
 )

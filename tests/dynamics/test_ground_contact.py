@@ -91,10 +91,8 @@ def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
     pushing_off = (TIME > 0.8) & (TIME < 0.8 + LEAVING_S - 1e-6)
     np.testing.assert_array_equal(reactions.valid_r, HEEL_ONLY | ~STANCE & ~pushing_off)
     assert reactions.valid_l.all(), "the left leg swings"
-    told = [
-        f for f in reactions.findings if "of the sole of the right foot lie beside it" in f.found
-    ]
-    assert len(told) == 1 and told[0].leg == "r" and "0.30-0.89 s" in told[0].found
+    (finding,) = [f for f in reactions.findings if f.code is Code.FOOT_BESIDE_PLATE]
+    assert finding.leg == "r" and "0.30-0.89 s" in finding.found
 
 
 def test_a_foot_across_two_plates_gets_the_sum_of_both() -> None:

@@ -825,7 +825,7 @@ def test_the_command(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--into", "m.osim"), "--out: found nothing; allowed: a file FILE.osim to be written"),
+        (("--into", "m.osim"), "--out: found nothing; allowed: a file to write, FILE.osim"),
         (
             ("--into", "m.osim", "--out", "m.osim"),
             "--out: found the model that is read; allowed: another file",

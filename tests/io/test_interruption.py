@@ -86,9 +86,9 @@ def test_nohup_is_respected() -> None:
         (
             Stopped(signal.SIGTERM),
             143,
-            "ended by SIGTERM; what was being written is as it was before",
+            "ended by SIGTERM; the output is as it was before this command",
         ),
-        (Stopped(signal.SIGHUP), 129, "ended by SIGHUP; what"),
+        (Stopped(signal.SIGHUP), 129, "ended by SIGHUP; the output"),
         (
             InterruptedWork(Stopped(signal.SIGTERM), "draws are kept"),
             143,

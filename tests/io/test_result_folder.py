@@ -240,9 +240,7 @@ def test_a_file_that_is_not_ours_is_named(name: str, tmp_path: Path) -> None:
     (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
     (tmp_path / "out" / name).write_text("hours of work")
     assert_refused(
-        tmp_path / "out",
-        ResultKind.CALIBRATION,
-        f"holds '{name}', which gaitcal did not write there",
+        tmp_path / "out", ResultKind.CALIBRATION, f"contains '{name}', which gaitcal did not write"
     )
 
 
@@ -255,7 +253,7 @@ def test_a_folder_of_the_users_is_refused_and_an_empty_one_used(
     (tmp_path / "out").mkdir()
     for name, text in there.items():
         (tmp_path / "out" / name).write_text(text)
-    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, "gaitcal did not write there")
+    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, "which gaitcal did not write")
     (tmp_path / "empty").mkdir()
     write_result(tmp_path / "empty", "one")
 
@@ -271,7 +269,7 @@ def test_a_link_and_a_file_that_appears_during_the_run_are_not_ours(tmp_path: Pa
     (tmp_path / "out/notes.txt").unlink()
     (tmp_path / "data").mkdir()
     (tmp_path / "out/data").symlink_to(tmp_path / "data")
-    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, "holds 'data'")
+    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, "contains 'data'")
 
 
 def test_inputs_are_never_replaced(tmp_path: Path) -> None:

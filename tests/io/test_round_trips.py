@@ -179,7 +179,7 @@ def test_c3d_refuses_what_it_cannot_hold(tmp_path: Path) -> None:
     odd = replace(recording.plates[0], time=recording.plates[0].time + 0.0005)
     unknown.plates[0].force[3] = np.nan
     for wrong, told in (
-        (replace(recording, time=uneven), "uniform clock"),
+        (replace(recording, time=uneven), "constant frame rate"),
         (replace(recording, plates=(odd,)), "plate 1: 1000 samples"),
         (replace(body(), time=body().time + 700), "1 to 65535 are allowed"),
         (unknown, "NaN"),

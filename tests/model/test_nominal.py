@@ -354,7 +354,7 @@ def test_raised_arms_lower_the_weights_of_shoulders_and_arms(data_dir: Path) -> 
 def test_exchanged_elbow_markers_are_noticed(data_dir: Path) -> None:
     person = PEOPLE["functional"]
     notes = person.model(person.static(data_dir)).notes
-    assert sum("the two markers were exchanged" in note for note in notes) == 2
+    assert sum("the two labels were swapped" in note for note in notes) == 2
 
 
 def with_path(
@@ -390,7 +390,7 @@ def mirrored_sacrum(r: Recording) -> np.ndarray:
         (lambda r: without(r, "V.Sacral"), "landmark sacrum: the file has no marker 'V.Sacral'"),
         (
             with_path("L.ASIS", lambda _: np.nan),
-            "asis_l: marker 'L.ASIS' was not seen while the subject stood still",
+            "asis_l: marker 'L.ASIS' was not visible while the subject stood still",
         ),
         (
             lambda r: replace(r, markers=1e3 * r.markers),

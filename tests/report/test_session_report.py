@@ -147,7 +147,7 @@ def test_a_folder_that_is_taken_is_told_first(tmp_path: Path) -> None:
     out = tmp_path / "full"
     out.mkdir()
     (out / "thesis.txt").write_text("")
-    with pytest.raises(InputError, match="holds 'thesis.txt'") as caught:
+    with pytest.raises(InputError, match="contains 'thesis.txt'") as caught:
         run(Console(quiet=True, verbose=False), tmp_path / "not", tmp_path / "read", out=out)
     assert caught.value.code is Code.FOLDER_TAKEN
 

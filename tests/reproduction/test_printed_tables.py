@@ -273,7 +273,7 @@ def test_command_refuses_a_foreign_folder_and_data_that_are_not_there_before_it_
     assert not (tmp_path / "out").exists()
     monkeypatch.delenv("GAITCAL_DATA")
     (tmp_path / "notes.txt").write_text("mine")
-    assert "holds 'notes.txt'" in refusal(reproduced, tmp_path)
+    assert "contains 'notes.txt'" in refusal(reproduced, tmp_path)
 
 
 @pytest.mark.slow

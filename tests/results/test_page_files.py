@@ -208,7 +208,7 @@ def test_the_view_of_two_results_is_their_comparison(folder: Path) -> None:
     run("view", folder / "result", other, "--html", folder / "own.html")
     run("compare", folder / "result", other, "--out", folder / "comparison", "-q")
     assert (folder / "own.html").read_text() == (folder / "comparison/comparison.html").read_text()
-    with pytest.raises(UsageError, match="--geometry: found two results"):
+    with pytest.raises(UsageError, match="--geometry: found with two results"):
         view_result(Console(quiet=True, verbose=False), folder / "result", other, geometry=folder)
 
 

@@ -45,12 +45,12 @@ Told = tuple[TruthConverter, TrueMotion, np.ndarray, ExpectedTrial]
 def told() -> Told:
     model, motion = person(), make_true_gait(SEED)[1]
     wrench = compute_residual_free_wrench(model.parameters, motion)
-    teller = TruthConverter(model, compute_static_frames(model))
-    return teller, motion, wrench, teller.tell(motion, wrench)
+    converter = TruthConverter(model, compute_static_frames(model))
+    return converter, motion, wrench, converter.convert(motion, wrench)
 
 
 def test_markers_are_where_they_were(told: Told) -> None:
-    teller, motion, _, result = told
+    converter, motion, _, result = told
     model = person()
     own, static = (
         compute_segment_frames(model.parameters, make_standing_pose(model.parameters)),
@@ -64,7 +64,7 @@ def test_markers_are_where_they_were(told: Told) -> None:
         model.markers.labels, model.markers.segments, there, model.markers.weight
     )
     before = compute_synthetic_markers(model.parameters, model.markers, motion.q)
-    after = compute_synthetic_markers(teller.parameters, placed, result.q)
+    after = compute_synthetic_markers(converter.parameters, placed, result.q)
     np.testing.assert_allclose(after, before, atol=1e-12)
     assert np.abs(result.q - motion.q).max() > np.deg2rad(
         1.0
@@ -90,13 +90,13 @@ def test_the_same_work_and_nothing_left_at_the_pelvis(told: Told) -> None:
 def test_ankles_are_counted_from_the_static_posture() -> None:
     """Standing, the feet have the dorsiflexion of their heel and toe markers, and no inversion."""
     model = person()
-    teller = TruthConverter(model, compute_static_frames(model))
+    converter = TruthConverter(model, compute_static_frames(model))
     placed = compute_synthetic_markers(
         model.parameters, model.markers, make_standing_pose(model.parameters)[None]
     )[0]
     marker = dict(zip(model.markers.labels, placed, strict=True))
     still = np.tile(make_standing_pose(model.parameters), (6, 1))
-    pose = teller.tell(TrueMotion(build_spline_basis(np.arange(20) / 100.0, 6), still)).q[0]
+    pose = converter.convert(TrueMotion(build_spline_basis(np.arange(20) / 100.0, 6), still)).q[0]
     for side in "rl":
         sole = marker[f"{side.upper()}.Toe.Tip"] - marker[f"{side.upper()}.Heel"]
         shank = compute_static_frames(model).frames[f"shank_{side}"].rotation[:, 1]

@@ -148,11 +148,11 @@ def check_c3d_header(path: Path) -> C3DHeader:
         )
     needed = header.start + header.data_bytes
     if size < needed:
-        what = (
+        sizes = (
             f"{size} bytes found, {needed} needed for its {header.frames} frames of "
             f"{header.points} points"
         )
-        raise FileFault(f"cut short: {what}", code=Code.DAMAGED_RECORDING)
+        raise FileFault(f"cut short: {sizes}", code=Code.DAMAGED_RECORDING)
     return header
 
 

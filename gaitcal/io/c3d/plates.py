@@ -69,7 +69,7 @@ def read_force_plates(
     if count < 1:
         return (), ()
     if analogs.size == 0:
-        return (), (f"{count} force plate(s) left out: the file holds no analog samples.",)
+        return (), (f"{count} force plate(s) left out: the file has no analog samples.",)
     plates: list[MeasuredPlate] = []
     notes: list[str] = []
     for index in range(count):
@@ -154,15 +154,15 @@ def _read_plate(
     declared, torque = torque is not None and kind != 4, metres if torque is None else torque
     scale = _find_unit_scale(int(kind), channels, origin, metres, torque, frame)
     if scale != 1.0:
-        what, unit, size = (
+        quantity, unit, size = (
             ("centres of pressure", "m", metres) if kind == 1 else ("moments", "N·m", torque)
         )
         why = (
             f"not {size:g} {unit} as the file "
             f"{CONTRADICTED if declared or kind == 1 else 'leads to expect'}"
         )
-        why += ": only so does the centre of pressure move under the foot, on the plate"
-        notes.append(f"its {what} are in units of {scale * size:g} {unit}, {why}")
+        why += ": only then is the centre of pressure under the foot, on the plate"
+        notes.append(f"its {quantity} are in units of {scale * size:g} {unit}, {why}")
         metres, torque = (metres * scale if kind == 1 else metres), torque * scale
     force, moment = compute_wrench(int(kind), channels, origin, metres, torque)
     # The sign of ORIGIN is wrong where only the opposite one keeps the centre on the plate
@@ -171,18 +171,18 @@ def _read_plate(
         if force_plate.compute_outside_share(force, other, frame) < 0.1:
             moment = other
             notes.append(
-                "ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)"
+                "ORIGIN has the opposite sign (only then is the centre of pressure on the plate)"
             )
     frames = np.arange(begin, end) * len(markers) // analogs.shape[1]
     empty = force_plate.estimate_offset(
         force, moment, rate, *(mask[frames] for mask in _find_presence(group, frame, markers))
     )
     if empty is None:
-        notes.append("never empty, so that its offset is unknown and was left in")
+        notes.append("never empty, so its offset is unknown and was not removed")
     elif np.linalg.norm(empty[:3]) > force_plate.LEAST_OFFSET_N:
         force, moment = force - empty[:3], moment - empty[3:]
         removed = ", ".join(f"{value:.1f}" for value in empty[:3])
-        notes.append(f"offset of the empty plate removed, {removed} N in its own axes")
+        notes.append(f"offset of the empty plate removed, {removed} N in the axes of the plate")
     notes += _note_doubtful_corners(force, moment, frame)
     turn, time = (
         frame.rotation.T,
@@ -199,7 +199,7 @@ def _note_doubtful_corners(force: Array, moment: Array, frame: force_plate.Plate
     if share > DOUBTFUL_SHARE:
         return [
             f"{100 * share:.0f} % of the centres of pressure under more than "
-            f"{force_plate.BODY_N:.0f} N lie over "
+            f"{force_plate.BODY_N:.0f} N are over "
             f"{1e3 * force_plate.OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and "
             "CHANNEL"
         ]
@@ -313,7 +313,7 @@ def _select_channels(
     numbers = table[:count, index]
     if not np.all((numbers >= 1) & (numbers <= len(analogs))):
         raise ValueError(
-            f"it uses channels {numbers.astype(int).tolist()}; the file holds 1 to {len(analogs)}"
+            f"it uses channels {numbers.astype(int).tolist()}; the file has 1 to {len(analogs)}"
         )
     rows = numbers.astype(int) - 1
     units = parameters.get("ANALOG", {}).get("UNITS", [])
@@ -330,7 +330,7 @@ def _read_numbers(group: Mapping[str, Any], name: str) -> Array:
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"FORCE_PLATFORM:{name} holds no numbers") from None
+        raise ValueError(f"FORCE_PLATFORM:{name} has no numbers") from None
 
 
 def _read_column(group: Mapping[str, Any], name: str, index: int, shape: tuple[int, ...]) -> Array:
@@ -344,5 +344,5 @@ def _read_column(group: Mapping[str, Any], name: str, index: int, shape: tuple[i
         )
     part = value[..., index]
     if not np.all(np.isfinite(part)):
-        raise ValueError(f"FORCE_PLATFORM:{name} holds no finite numbers")
+        raise ValueError(f"FORCE_PLATFORM:{name} has no finite numbers")
     return part

@@ -442,7 +442,7 @@ def _read_unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tupl
     if name.lower() in PER_METRE:
         return PER_METRE[name.lower()], ()
     given = f"'{name[:20]}'" if name else "no unit"
-    return 1e3, (f"POINT:UNITS holds {given}; millimetres were taken.",)
+    return 1e3, (f"POINT:UNITS is {given}; millimetres were assumed.",)
 
 
 def _read_texts(group: Mapping[str, Any], name: str) -> list[str]:

@@ -101,7 +101,9 @@ def _find_uniform_rate(time: Array) -> tuple[float, int]:
     first = round(float(time[0]) * rate)
     away = float(np.max(np.abs((first + np.arange(len(time))) - time * rate)))
     if away > UNIFORM_TOLERANCE_SAMPLES:
-        raise _make_fault(f"times lie up to {away:.2g} frames off a uniform clock; C3D allows none")
+        raise _make_fault(
+            f"times differ by up to {away:.2g} frames from a constant frame rate; C3D needs one"
+        )
     if first < 0 or first + len(time) > MOST_FRAMES:
         raise _make_fault(
             f"frames {first + 1} to {first + len(time)} found; 1 to {MOST_FRAMES} are allowed"
@@ -125,7 +127,9 @@ def _add_plates(
                 f"plate {plate.name}",
             )
         if not np.isfinite(plate.wrench()).all():
-            raise _make_fault("its wrench holds NaN; channels cannot", f"plate {plate.name}")
+            raise _make_fault(
+                "its wrench contains NaN, which C3D channels cannot store", f"plate {plate.name}"
+            )
     parts = [_express_in_plate_frame(plate) for plate in plates]
     channels = 6 * len(plates)
     values = {
