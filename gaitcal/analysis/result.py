@@ -418,7 +418,7 @@ def withdrawn(calibration: Calibration) -> Calibration:
     the whole.
     """
     verdict = calibration.verdict
-    trials = tuple(t.refused(verdict.refused_legs(t.name)) for t in calibration.trials)
+    trials = tuple(t.refused(verdict.list_refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty
     if verdict.judgement is Judgement.REFUSED:
         uncertainty = Uncertainty(None, None)

@@ -94,7 +94,7 @@ def calibrate_study(
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
         raise _refused("the result is refused (it was written, with no torque valid)", verdict)
-    if verdict.trials and all(map(verdict.refused_legs, verdict.trials)) and not force:
+    if verdict.trials and all(map(verdict.list_refused_legs, verdict.trials)) and not force:
         raise _refused("a leg is refused in every walk (the result was written)", verdict)
     if not calibration.converged:
         late = next(phase for phase in calibration.phases if not phase.converged)
@@ -151,7 +151,7 @@ def analyse_further(
     )
     console.line(f"results: {folder}")
     console.line(f"page:    {folder / PAGE}")
-    if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
+    if not late and any(map(verdict.list_refused_legs, verdict.trials)) and not verdict.refused:
         raise _refused("a leg is refused (written, with none of its torques valid)", verdict)
     if verdict.refused and not late:
         raise _refused("refused (written, with no torque valid)", verdict)

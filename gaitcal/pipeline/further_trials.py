@@ -161,7 +161,7 @@ def analyse_trials(
         *(f for t in done for f in t.findings),
     ]
     verdict = judge(remove_consequences(findings), [trial.name for trial in done])
-    trials = tuple(trial.refused(verdict.refused_legs(trial.name)) for trial in done)
+    trials = tuple(trial.refused(verdict.list_refused_legs(trial.name)) for trial in done)
     return FurtherTrials(trials=trials, verdict=verdict, not_converged=tuple(late))
 
 

@@ -195,7 +195,9 @@ def _whiten(residual: ForceResidual, cause: Cause | None, x: Array) -> Array:
     undone = [
         (t, Corrected(t.wrenches) if cause is None else cause.undo(t, x)) for t in residual.trials
     ]
-    return residual.whiten([trial.compute_residual(u.wrenches, u.required_wrench) for trial, u in undone])
+    return residual.whiten(
+        [trial.compute_residual(u.wrenches, u.required_wrench) for trial, u in undone]
+    )
 
 
 def _assemble_fit(
