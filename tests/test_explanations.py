@@ -90,7 +90,7 @@ def test_explain_lists_all_codes() -> None:
 def test_explain_prints_a_page_wrapped(word: str) -> None:
     done = CliRunner().invoke(app, ["explain", word])
     assert done.exit_code == 0
-    assert done.output.startswith("GC-020: Two markers carry each other's label\n")
+    assert done.output.startswith("GC-020: The labels of two markers are swapped\n")
     assert all(part in done.output.splitlines() for part in PARTS)
     assert max(map(len, done.output.splitlines())) <= 100
 

@@ -473,7 +473,7 @@ def remove_refused_results(calibration: Calibration) -> Calibration:
     Calibration
     """
     verdict = calibration.verdict
-    trials = tuple(t.exclude_legs(verdict.refused_legs(t.name)) for t in calibration.trials)
+    trials = tuple(t.exclude_legs(verdict.list_refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty
     if verdict.judgement is Judgement.REFUSED:
         uncertainty = Uncertainty(None, None)

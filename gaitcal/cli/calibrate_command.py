@@ -103,7 +103,7 @@ def calibrate_study(
         raise _make_refusal_error(
             "the result is refused (it was written, with no torque valid)", verdict
         )
-    if verdict.trials and all(map(verdict.refused_legs, verdict.trials)) and not force:
+    if verdict.trials and all(map(verdict.list_refused_legs, verdict.trials)) and not force:
         raise _make_refusal_error(
             "a leg is refused in every walk (the result was written)", verdict
         )
@@ -182,7 +182,7 @@ def analyse_further(
     )
     console.print_line(f"results: {folder}")
     console.print_line(f"page:    {folder / PAGE}")
-    if not not_converged and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
+    if not not_converged and any(map(verdict.list_refused_legs, verdict.trials)) and not verdict.refused:
         raise _make_refusal_error(
             "a leg is refused (written, with none of its torques valid)", verdict
         )

@@ -445,7 +445,7 @@ def _legs(walks: Iterable[Mapping[str, Any]]) -> dict[str, Cell]:
     for side in SIDES:
         said = [Judgement(walk[f"verdict_{side}"]) for walk in walks if f"verdict_{side}" in walk]
         left = [judgement for judgement in said if judgement is not Judgement.REFUSED]
-        judged = Judgement.worst(left) if left else Judgement.REFUSED
+        judged = Judgement.select_worst(left) if left else Judgement.REFUSED
         out[f"verdict_{side}"] = judged.value if said else ""
         out[f"walks_refused_{side}"] = len(said) - len(left)
     return out

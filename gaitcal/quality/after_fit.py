@@ -445,7 +445,7 @@ def _check_residual(moments: Moments, valid: BoolArray, weight: float) -> Iterat
         (f"residual moment {100 * of_moment:.0f} %BW*H RMS", of_moment, RESIDUAL_MOMENT_SHARE),
     ):
         if share > limit:
-            yield _Excess(f"{message} (allowed: {100 * limit:.0f})", share / limit, valid)
+            yield _Excess(f"{message} (allowed: {100 * limit:.0f} %)", share / limit, valid)
 
 
 def check_angle_changes(

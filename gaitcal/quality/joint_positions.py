@@ -286,7 +286,7 @@ def _describe_offset(name: str, value: float) -> str:
     if direction == "lat":
         word = "outward" if (value > 0) == joint.endswith("_r") else "inward"
     else:
-        word = _DIRECTIONS[direction][value < 0]
+        word = _DIRECTIONS[direction][bool(value < 0)]
     return f"{size} mm {word}"
 
 

@@ -1,18 +1,17 @@
-"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen, lost,
-beside their segment.
+"""Check markers of the set in a trial: far away, missing, unknown, duplicated, invisible, misplaced.
 
 In the static trial each segment is a line between landmarks: ASIS to knee, knee to ankle, heel to
-toe, sacrum to the middle of the ASIS. A marker lies at most 0.088 body heights from the line of its
+toe, sacrum to the middle of the ASIS. A marker is at most 0.088 body heights from the line of its
 segment on thirteen people.
 
-A segment of a leg that one marker follows is no rigid body, but the joints beside it may tell how
-it turns. Whether they do is asked of the trial: pelvis and legs are tracked with the nominal model,
-and s_f is how uncertain markers leave the angles of frame f (`tracking/coordinate_prior.py`).
+The pose of a leg segment with a single marker is not determined by its markers, but the adjacent
+joints may determine it. This is tested on the trial: pelvis and legs are tracked with the nominal
+model, and s_f is the uncertainty of the angles of frame f (`tracking/coordinate_prior.py`).
 
 Without the second marker of both thighs, both shanks, or all four (9 Plug-in Gait walks of 5
-people) hip, knee and ankle came out within 5 deg RMS of those with all markers, s being 6 to 12
-deg; without the toes, s was 29 to 55 deg and angles were wrong by up to 31. With one marker on each
-of the three, s is no guide: a leg has two postures then.
+people) hip, knee and ankle were within 5 deg RMS of those with all markers, s being 6 to 12 deg.
+Without the toes, s was 29 to 55 deg and angles were wrong by up to 31 deg. With one marker on each
+of the three segments of a leg, s is no guide, as the leg has two possible postures.
 """
 
 from collections import Counter
@@ -48,35 +47,41 @@ from gaitcal.tracking.trial_problem import (
 
 SAME_M = 1e-4  # Two markers always nearer than this are one trajectory under two names
 HALF = 0.5
-"""Share of the frames: in which a marker must be seen to say much, and a segment show two to be
-called followed.
-"""
+"""Share of the frames: below it a marker is rarely visible, or a segment has a single marker."""
 LANDMARK_M = 0.008
-"""Uncertainty from which a rebuilt landmark is doubted: palpated again they scatter by 6 to 21 mm
-(Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
+"""Uncertainty from which a reconstructed landmark is doubtful: repeated palpation scatters by 6 to
+21 mm (Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
 LIMBS = ("thigh", "shank")
-FARTHEST_SHARE = (
-    0.14  # Share of body height; a marker on a stick is farther off than skin, by some 0.05
-)
+# Largest distance from the segment in body heights; a marker on a wand adds some 0.05
+FARTHEST_SHARE = 0.14
 OFF_SEGMENT, NEARER_SHARE = 0.06, 0.4
-"""From the first share of body height on, a marker of a thigh or shank that another of these is
-nearer to by the second belongs to that one: on thirteen people the nearest such neighbour is 0.9
-times as far as the marker's own segment."""
+"""A marker of a thigh or shank farther than the first share of body height from its segment is
+misplaced if another of these is nearer by the second factor: on thirteen people the nearest such
+neighbour is 0.9 times as far as the marker's segment."""
 ONE_MARKER = "one marker"
-TWO = 2  # Markers that follow a segment, at least, where the joints beside it say the rest
-UNDETERMINED_RAD = np.deg2rad(
-    12.0
-)  # Uncertainty from which an angle is not determined, in a tenth of the frames
-WORST_SHARE = 0.9
+TWO = 2  # Fewest markers of a segment whose adjacent joints determine the rest
+# Uncertainty from which an angle is not determined, in the worst tenth of the frames
+UNDETERMINED_RAD = np.deg2rad(12.0)
+WORST_SHARE = 0.9  # Quantile over frames
 FIXED_DISTANCE_M, BESIDE_JOINT_M, MOVES_M = 0.010, 0.015, 0.030
-"""Standard deviation of the distance from a marker of the same segment, at most, and from one near
-its upper joint; and from others, at least: in a trial in which nothing moves every distance is
-kept."""
-COMMON_FRAMES = 20  # Frames in which two markers must be seen together for that
+"""Standard deviation of the distance to a marker of the same segment, and to one near its upper
+joint, at most; and to others, at least: if nothing moves, every distance is constant."""
+COMMON_FRAMES = 20  # Fewest frames in which both markers are visible
 
 
 def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers metres away from the body, which take no part there."""
+    """Report markers metres away from the body; they are left out there.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning, or a note if they have little weight.
+    """
     if not trial.outliers:
         return
     names = listed([f"'{outlier.label}'" for outlier in trial.outliers])
@@ -85,23 +90,34 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
         Severity.WARNING if weighed else Severity.INFO,
         "strays",
         listed([outlier.description for outlier in trial.outliers]),
-        "they take no part there; label the trial again if they are needed",
+        "these samples are left out; relabel the trial if they are needed",
         cause=f"{names} {'is' if len(trial.outliers) == 1 else 'are'} metres away from the body",
         code=Code.STRAY_MARKER,
     )
 
 
 def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers of the set that the trial lacks, with the label that may be meant."""
+    """Report markers of the set that the file lacks, with similar labels of the file.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        A warning on markers that torques need, a note on others.
+    """
     absent = [label for label in trial.expected if label not in trial.column]
     needed = [] if trial.is_isolated else [label for label in absent if _is_needed(trial, label)]
     strangers = list_unknown_labels(trial)
     cure = (
-        'name them in the file, or with rename = { "label in file" = "label in set" } under '
-        "[markers]"
+        'correct the labels in the file, or set rename = { "label in file" = "label in set" } '
+        "under [markers]"
     )
-    rest = [label for label in absent if label not in needed]
-    for labels, severity in ((needed, Severity.WARNING), (rest, Severity.INFO)):
+    others = [label for label in absent if label not in needed]
+    for labels, severity in ((needed, Severity.WARNING), (others, Severity.INFO)):
         if labels:
             close = {label: alike(label, strangers) for label in labels}
             names = [
@@ -112,9 +128,10 @@ def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _is_needed(trial: TrialEvidence, label: str) -> bool:
-    """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial
-    side of a joint, which the static trial shows and which is not worn to move; or one of a trunk
-    that too few others show. No torque needs arms.
+    """Return whether torques need a marker.
+
+    They need markers with weight of pelvis and legs, and those of a trunk with too few others. They
+    do not need arms, nor medial markers of moving trials that the static trial shows.
     """
     segment = trial.marker_set.segment_of.get(label, "pelvis")
     if trial.weight(label) <= NEGLIGIBLE_WEIGHT:
@@ -135,43 +152,61 @@ def _is_needed(trial: TrialEvidence, label: str) -> bool:
 
 
 def check_base_segment(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the first segment of the part that is fitted has three markers: the pelvis, or what
-    carries it.
+    """Report a base segment with fewer than three markers.
+
+    The base segment is the pelvis or, if it is hidden, the segment proximal to a functional trial's
+    joint.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        An error; a note if another segment replaces the pelvis.
     """
     if trial.is_static or trial.model is None:
         return
     joint, of_pelvis = trial.trial.joint, trial.list_weighted_markers("pelvis")
-    carrier = linkage.find_base_segment(joint) or "pelvis"
-    shown = trial.list_weighted_markers(carrier)
+    base = linkage.find_base_segment(joint) or "pelvis"
+    shown = trial.list_weighted_markers(base)
     if len(shown) < FEWEST_MARKERS:
-        of = "the pelvis" if carrier == "pelvis" else f"{carrier}, which carries {joint},"
+        name = "the pelvis" if base == "pelvis" else f"{base}, the base segment of {joint},"
         yield trial.error(
             "labels",
-            f"found {len(shown)} markers of {of} with weight ({', '.join(shown) or 'none'}); "
-            "allowed: at least "
-            f"{FEWEST_MARKERS}",
-            "label them in this trial, or name others of that segment in the marker set",
+            f"found {len(shown)} markers of {name} with weight ({', '.join(shown) or 'none'}); "
+            f"allowed: at least {FEWEST_MARKERS}",
+            "label them in this trial, or add others of that segment to the marker set",
             code=Code.FEW_MARKERS,
         )
-    elif carrier != "pelvis":
+    elif base != "pelvis":
         columns = [trial.column[m] for m in of_pelvis]
         if (
             compute_visible_share(trial.visible[:, columns].T.astype(float))
             < MIN_ROOT_VISIBLE_SHARE
         ):
             found = (
-                f"the pelvis does not show three markers in half of the frames: {carrier} carries "
-                "the body, the "
+                f"three pelvis markers are visible in less than half of the frames: {base} is the "
+                "base segment, and the joints between it and the pelvis are held at zero"
             )
-            found += "joints between them are held straight"
             yield trial.info("labels", found, code=Code.PELVIS_CARRIED)
 
 
 def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers whose label is in the file without a single position: as if it had no such label.
+    """Report markers whose label is in the file without a single position.
 
-    An error where pelvis or leg lose all that they have, in an isolated trial the segments of its
-    joint: then somebody meant these columns.
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        An error if pelvis or a leg (in a functional trial a segment of its joint) lose all markers;
+        otherwise a warning or a note.
     """
     empty = [m for m in trial.present if not trial.is_ever_visible(m)]
     if not empty:
@@ -189,8 +224,8 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     )
     harmless = trial.is_isolated or light
     found = (
-        f"{listed([repr(m) for m in empty])} named in the file, but never seen: found 0 of "
-        f"{len(trial.visible)} frames"
+        f"{listed([repr(m) for m in empty])} without a position in any of the {len(trial.visible)} "
+        "frames"
     )
     if lost:
         found += f"; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker"
@@ -198,14 +233,23 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
         Severity.ERROR if lost else Severity.INFO if harmless else Severity.WARNING,
         "labels",
         found,
-        f"label {'it' if len(empty) == 1 else 'them'}, where worn in this trial",
+        f"label {'it' if len(empty) == 1 else 'them'}, if worn in this trial",
         code=Code.NEVER_SEEN,
     )
 
 
 def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
-    """A static trial in which one posterior spine of two is marked: the model's pelvis stands on
-    its mirror image.
+    """Report a static trial with one posterior spine marker of two.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning for each such marker.
     """
     if not trial.is_static or trial.model is None:
         return
@@ -213,56 +257,87 @@ def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
         trial.marker_set, [m for m in trial.present if trial.is_ever_visible(m)]
     ):
         found = (
-            f"{describe_guessed_sacrum(label)}; 10 mm that it sits higher or lower than the other turn the "
-            "pelvis by 2 deg"
+            f"{describe_guessed_sacrum(label)}; if it is 10 mm higher or lower than the other, the "
+            "pelvis is rotated by 2 deg"
         )
-        cure = "record the static trial again with both, or give one marker midway between the two"
-        cause = "one posterior spine alone tells where the sacrum is"
+        cure = "record the static trial again with both, or with one marker midway between the two"
+        cause = "the sacrum is located by a single posterior spine"
         yield trial.warning("landmarks", found, cure, cause=cause, code=Code.ONE_POSTERIOR_SPINE)
 
 
 def check_unknown_labels(trial: TrialEvidence) -> Iterator[Finding]:
-    """Labels that the marker set does not know: they are not used."""
+    """Report labels that are not in the marker set; they are not used.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One note, or nothing.
+    """
     strangers = list_unknown_labels(trial)
     if strangers:
         found = f"{len(strangers)} labels unknown to the set: {listed(strangers)}"
         yield trial.info(
-            "labels", found, "nothing, if they are meant to be left out", code=Code.UNKNOWN_LABELS
+            "labels", found, "no action if they are not needed", code=Code.UNKNOWN_LABELS
         )
 
 
 def list_unknown_labels(trial: TrialEvidence) -> list[str]:
-    """Labels of the file that the marker set does not know."""
+    """List labels of the file that are neither in the marker set nor those of devices.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Returns
+    -------
+    list of str
+    """
     known = {*trial.marker_set.labels, *trial.marker_set.devices}
     return [label for label in trial.recording.labels if label not in known]
 
 
 def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
-    """Labels that occur twice, and trajectories that have two names: markers that always lie on
-    each other.
+    """Report labels that occur twice, and trajectories with two labels.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        A warning on labels, an error on trajectories.
     """
     names = [label.rpartition("#")[0] for label in trial.recording.labels if "#" in label]
-    if twice := [name for name in names if name in trial.column]:
-        found = f"labels that occur twice: {listed(twice)}; the first was taken"
+    twice = [name for name in names if name in trial.column]
+    if twice:
+        found = f"labels that occur twice: {listed(twice)}; the first one is used"
         yield trial.warning(
-            "labels", found, "give every marker a label of its own", code=Code.LABEL_TWICE
+            "labels", found, "give every marker a unique label", code=Code.LABEL_TWICE
         )
     labels = [
         label
         for label in trial.marker_set.labels
         if label in trial.column and trial.weight(label) > 0
     ]
-    some = slice(None, None, max(1, len(trial.visible) // 20))  # some twenty frames tell
+    some = slice(None, None, max(1, len(trial.visible) // 20))  # some twenty frames are enough
     paths = trial.recording.markers[some][:, [trial.column[label] for label in labels]]
     same = []
     for i, label in enumerate(labels):
-        apart = np.abs(paths[:, i, None] - paths[:, :i])
-        both = find_visible(apart)
-        farthest = np.where(both[:, :, None], apart, 0.0).max(axis=(0, 2), initial=0.0)
+        distance = np.abs(paths[:, i, None] - paths[:, :i])
+        both = find_visible(distance)
+        farthest = np.where(both[:, :, None], distance, 0.0).max(axis=(0, 2), initial=0.0)
         on_it = np.flatnonzero((both.sum(axis=0) >= 3) & (farthest < SAME_M))
         same += [f"'{labels[k]}' and '{label}'" for k in on_it]
     if same:
-        cure = "one of the two is wrong: label the trial again, or give it no weight"
+        cure = "relabel the trial, or set the weight of the wrong label to 0"
         yield trial.error(
             "labels",
             f"one trajectory under two labels: {listed(same)}",
@@ -272,8 +347,17 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
-    """Segments of the legs, and others that the model tracks, that show no marker with weight in a
-    trial.
+    """Report segments of the legs, and other tracked ones, without a visible marker with weight.
+
+    Parameters
+    ----------
+    trial
+        A whole-body trial; others are not checked.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
     """
     if not trial.is_whole_body or trial.model is None:
         return
@@ -293,8 +377,8 @@ def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
         )
         yield trial.warning(
             "labels",
-            f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
-            "label them in this trial, or see [markers] rename and weights of the study",
+            f"no marker with weight of {listed(bare)}: its motion is not determined{torques}",
+            "label them in this trial, or check rename and weights under [markers]",
             leg=next(iter(sides))
             if len(sides) == 1 and set(bare) <= set(linkage.LEG_SEGMENTS)
             else "",
@@ -303,7 +387,18 @@ def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
-    """Long gaps, and markers that are missing most of the time."""
+    """Report long gaps, markers that are missing most of the time, and gaps of the pelvis.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        A warning if a segment keeps too few other markers; otherwise notes.
+    """
     used = {m for m in trial.as_fitted.present if trial.is_ever_visible(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
     rare = {
@@ -325,14 +420,14 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     ):
         if labels:
             found = (
-                "seen in less than half of the frames: "
-                f"{listed([told for m, told in rare.items() if m in labels])}"
+                "visible in less than half of the frames: "
+                f"{listed([share for m, share in rare.items() if m in labels])}"
             )
-            cure = "they say little of this trial; label it further, or look at the camera setup"
+            cure = "label more of the trial, or check the camera setup"
             if severity is Severity.INFO:
                 cure = (
-                    f"{FEWEST_MARKERS} others tell how their segments lie, or they have hardly any "
-                    "weight"
+                    f"no action: {FEWEST_MARKERS} others determine the pose of their segments, or "
+                    "they have little weight"
                 )
             yield trial.make_finding(severity, "gaps", found, cure, code=Code.GAPS)
     long = sorted(
@@ -341,7 +436,7 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     )
     if long:
         longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
-        cure = "gaps get no weight and are not filled; the rest of the segment carries it"
+        cure = "no action: gaps have no weight and are not filled; the segment's others are used"
         yield trial.info(
             "gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS
         )
@@ -349,9 +444,7 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _check_pelvis_gaps(trial: TrialEvidence) -> Iterator[Finding]:
-    """Where the pelvis has no pose: the splines carry it over moments, and no trial is longer than
-    what shows it.
-    """
+    """Report frames without a pelvis pose: short ones are bridged, long ones shorten the trial."""
     cure = "label or fill the markers of the pelvis there"
     if trial.trial.cut:
         yield trial.info("gaps", trial.trial.cut, cure, code=Code.PELVIS_LOST)
@@ -369,7 +462,18 @@ def _check_pelvis_gaps(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers that stand in the model where other trials say that they were."""
+    """Report markers of the model that were reconstructed from other trials.
+
+    Parameters
+    ----------
+    trial
+        The static trial that makes the model; others are not checked.
+
+    Yields
+    ------
+    Finding
+        A warning for each uncertain landmark, one note on the others.
+    """
     if trial.rebuilding is None or trial.model is None:
         return
     markers = trial.rebuilding.markers
@@ -378,41 +482,63 @@ def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
     ]
     for marker in doubted:
         cure = (
-            "look whether the angles of that segment are plausible; a static trial that shows it "
-            "is better"
+            "check the angles of that segment, or use a static trial in which the marker is visible"
         )
         if marker.unknown_marker:
             cure = (
-                f'rename = {{ "{marker.unknown_marker}" = "{marker.label}" }} under [markers], if it is '
-                "the same"
+                f'set rename = {{ "{marker.unknown_marker}" = "{marker.label}" }} under [markers], if it '
+                "is the same marker"
             )
         yield trial.warning(
             "lost markers",
             marker.description,
             cure,
-            cause=f"the static trial lost '{marker.label}', which makes "
-            f"{listed(list(marker.landmarks))}",
+            cause=f"'{marker.label}', needed for {listed(list(marker.landmarks))}, is missing in "
+            "the static trial",
             weight=marker.uncertainty / LANDMARK_M,
             code=Code.REBUILT_MARKER,
         )
-    if rest := [marker.description for marker in markers if marker not in doubted]:
-        yield trial.info("lost markers", listed(rest), code=Code.REBUILT_MARKER)
+    certain = [marker.description for marker in markers if marker not in doubted]
+    if certain:
+        yield trial.info("lost markers", listed(certain), code=Code.REBUILT_MARKER)
 
 
 def check_not_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers that moving trials show and the static one does not, and that nothing places."""
+    """Report markers that only moving trials show and that could not be reconstructed.
+
+    Parameters
+    ----------
+    trial
+        The static trial that makes the model; others are not checked.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
+    """
     if trial.rebuilding is None or trial.model is None or not trial.rebuilding.left:
         return
     reasons = [f"'{label}': {why}" for label, why in trial.rebuilding.left.items()]
     found = (
-        f"not seen in this trial, seen in others, and left out of the model: {'; '.join(reasons)}"
+        f"not visible in this trial but in others, and left out of the model: {'; '.join(reasons)}"
     )
-    cure = "name a static trial that shows them, or give them no weight"
+    cure = "use a static trial in which they are visible, or set their weights to 0"
     yield trial.warning("lost markers", found, cure, code=Code.MARKER_LEFT_OUT)
 
 
 def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers of a static trial that lie elsewhere than at their segment."""
+    """Report markers of a static trial that are not at their segment.
+
+    Parameters
+    ----------
+    trial
+        The trial; moving trials are not checked.
+
+    Yields
+    ------
+    Finding
+        One error, or nothing.
+    """
     lines, height = _locate_segment_lines(trial), trial.subject.height
     wrong = []
     for label, position in trial.still_positions.items() if lines else ():
@@ -438,18 +564,15 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
             f"{listed(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than any "
             "other"
         )
-        cure = (
-            "label the static trial again, or give the marker no weight and leave it out of the "
-            "file"
-        )
-        cause = "markers do not lie at the segments that they are to follow"
+        cure = "relabel the static trial, or set the weight of the marker to 0"
+        cause = "markers are not at their segments"
         yield trial.error(
             "marker places", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE
         )
 
 
 def _locate_segment_lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
-    """Segment -> its two ends, (3,) m."""
+    """Locate segments: name -> its two ends, (3,) m."""
     p, parts = (
         trial.posture or {},
         (("thigh", "asis", "knee_lat"), ("shank", "knee_lat", "ankle_lat")),
@@ -466,7 +589,18 @@ def _locate_segment_lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]
 
 
 def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
-    """Segments of the legs that show fewer than two markers: in most frames, or for a while."""
+    """Report segments of the legs with fewer than two markers: in most frames, or for a while.
+
+    Parameters
+    ----------
+    trial
+        A moving trial; static ones are not checked.
+
+    Yields
+    ------
+    Finding
+        A note for a while; in most frames a warning, or an error if angles are undetermined.
+    """
     if trial.is_static or trial.model is None:
         return
     counts = {segment: count for segment, count in _count_markers(trial).items() if count.any()}
@@ -479,7 +613,7 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
         ]
         if segment not in single and lasting:
             found = (
-                f"{segment} shows fewer than two markers with weight in "
+                f"{segment} has fewer than two visible markers with weight in "
                 f"{format_spans(trial.recording.time, lasting)}"
             )
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
@@ -487,12 +621,16 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
     for segment in single:
         side, labels = segment[-1], listed([f"'{m}'" for m in trial.list_weighted_markers(segment)])
         share = 100 * np.mean(counts[segment] >= TWO)
-        found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({labels})"
+        found = (
+            f"{segment} has two visible markers with weight in {share:.0f} % of the frames "
+            f"({labels})"
+        )
         cure = (
             "label its other markers, here and in the static trial, or add them to this segment in "
             "the marker set"
         )
-        if along := listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)]):
+        along = listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
+        if along:
             cure = (
                 f"{along} of the file moves with it: add it to this segment in the marker set, or "
                 "rename it"
@@ -500,7 +638,7 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
         angles = {name: s for name, s in (unsure or {}).items() if name.endswith(f"_{side}")}
         severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
         if unsure is None or sum(s[-1] == side for s in single) == len(linkage.LEG_SEGMENTS) // 2:
-            found += "; what the joints beside it leave open has no one answer"
+            found += "; the adjacent joints do not determine its pose"
         elif worst > UNDETERMINED_RAD:
             named = listed(
                 [
@@ -509,16 +647,17 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
                     if s > UNDETERMINED_RAD
                 ]
             )
-            found += f"; markers {1e3 * MARKER_M:.0f} mm off leave {named} undetermined"
+            found += f"; with marker errors of {1e3 * MARKER_M:.0f} mm undetermined: {named}"
         else:
-            severity, found = Severity.WARNING, f"{found}; the joints beside it tell how it turns"
-            found += (
-                f", to {np.rad2deg(worst):.0f} deg where markers are {1e3 * MARKER_M:.0f} mm off"
-                if worst
-                else ""
-            )
+            severity = Severity.WARNING
+            found += "; the adjacent joints determine its rotation"
+            if worst:
+                found += (
+                    f", to {np.rad2deg(worst):.0f} deg with marker errors of "
+                    f"{1e3 * MARKER_M:.0f} mm"
+                )
         weight = 3.0 if severity is Severity.WARNING else 1.0
-        cause = f"one marker alone follows {segment}"
+        cause = f"{segment} has a single marker"
         code = Code.ONE_MARKER_SEGMENT
         yield trial.make_finding(
             severity, ONE_MARKER, found, cure, cause=cause, leg=side, weight=weight, code=code
@@ -526,24 +665,27 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _count_markers(trial: TrialEvidence) -> dict[str, Array]:
-    """Segment -> (nf,) markers with weight that are seen, of the segments of the legs whose turns
-    the trial is to show; what carries an isolated joint needs three markers.
+    """Count visible markers with weight, segment -> (nf,), of segments that the trial must show.
+
+    These are the legs, or in a functional trial the moving segments of its joint; the base segment
+    of the joint needs three markers.
     """
     joint = trial.trial.joint
-    judged = (
+    checked = (
         linkage.LEG_SEGMENTS
         if joint is None
         else tuple(s for s in linkage.list_joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
     )
     return {
         s: trial.visible[:, [trial.column[m] for m in trial.list_weighted_markers(s)]].sum(axis=1)
-        for s in judged
+        for s in checked
     }
 
 
 def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
-    """Angle of a leg -> rad, how uncertain it is in the worst tenth of the frames; None where
-    tracking fails.
+    """Estimate the uncertainty (rad) of leg angles in the worst tenth of the frames.
+
+    Returns None if tracking fails.
     """
     nominal = model.nominal
     try:
@@ -573,10 +715,22 @@ def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str
 
 
 def find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
-    """Labels unknown to the set whose distance from the markers of a leg's segment stays the same.
+    """Find unknown labels whose distances to the markers of a leg segment are constant.
 
-    A shank or a foot must keep its distance from the lateral marker of the joint above, too: near
-    that joint's axis a marker keeps its distance from both segments.
+    A shank or foot marker must also keep its distance from the lateral marker of the joint above:
+    near that joint's axis a marker keeps its distance from both segments.
+
+    Parameters
+    ----------
+    trial
+        A moving trial.
+    segment
+        A leg segment, such as `shank_r`.
+
+    Returns
+    -------
+    list of str
+        Labels of the file.
     """
     part, _, side = segment.partition("_")
     below = {"thigh": f"shank_{side}", "shank": f"foot_{side}"}.get(part)
@@ -594,6 +748,7 @@ def find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
 
 
 def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool:
+    """Return whether a label keeps its distances to a segment while it moves against others."""
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
     near_joint = {
@@ -614,9 +769,7 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
 
 
 def _measure_scatter(trial: TrialEvidence, one: str, other: str) -> float | None:
-    """m, standard deviation of the distance of two markers; None where they are hardly seen
-    together.
-    """
+    """Measure the standard deviation (m) of two markers' distance; None in too few frames."""
     away = np.linalg.norm(trial.path(one) - trial.path(other), axis=1)
     away = away[np.isfinite(away)]
     return float(np.std(away)) if len(away) >= COMMON_FRAMES else None

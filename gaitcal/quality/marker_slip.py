@@ -1,7 +1,7 @@
-"""Markers that leave their place, slip or freeze.
+"""Check markers that are displaced, slip or freeze.
 
-When a marker is elsewhere is found by `preprocess/displaced_markers.py`. A position repeated bit
-for bit while others move, or a coordinate that never changes, needs no static trial to be told.
+Displaced markers are found by `preprocess/displaced_markers.py`. A position repeated exactly while
+others move, or a coordinate that never changes, is found without a static trial.
 """
 
 from collections.abc import Iterator
@@ -17,48 +17,58 @@ from gaitcal.preprocess.trial_evidence import TrialEvidence, get_side
 
 REFUSED_M = 0.025
 REFUSED_SURE_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
-"""The same where it slipped or its path was made up, which skin never does."""
-LONG_S = 0.1  # So far for so long moves the joints' angles by more than their error bars: an error
+"""The same where it slipped or its path was interpolated, which soft tissue never does."""
+# For so long such a displacement changes joint angles by more than their error bars: an error
+LONG_S = 0.1
 HALF = 0.5  # Share of the markers
-FROZEN_S = (
-    0.1  # A position repeated bit for bit for so long, while others move, is held by software
-)
+# A position repeated exactly for so long, while others move, is held by software
+FROZEN_S = 0.1
 MOVED_M = 0.01
-"""How far the others must have moved meanwhile: somebody who stands still repeats rounded positions
-honestly. As far must a marker have moved in one coordinate for another, which never changes, to be
-odd."""
+"""Distance that the others must have moved meanwhile: a person who stands still repeats rounded
+positions. A marker must move as far in one coordinate before a constant one is reported."""
 
 
 def check_displaced_markers(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers that leave their place for a while, one finding a marker."""
+    """Report markers that are displaced for a while.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One error or warning a marker.
+    """
     time = trial.recording.time
     for label, of_marker in trial.displaced.items():
         frames = [s.frames for s in of_marker]
         worst = max(of_marker, key=lambda s: s.distance)
         part = worst.cluster.segment
-        what = (
-            f"marker '{label}' "
-            f"{'slipped' if any(s.slipped for s in of_marker) else 'left its place'} on {part}"
-        )
+        verb = "slipped" if any(s.slipped for s in of_marker) else "is displaced for a while"
+        cause = f"marker '{label}' {verb} on {part}"
         if worst.straight:
-            what = (
-                f"the path of marker '{label}' on {part} was held or drawn as a straight or smooth "
-                "line over a gap"
+            cause = (
+                f"a gap of marker '{label}' on {part} was filled with a constant, straight or "
+                "smooth line"
             )
-        cure = f'export gaps as gaps, or weights = {{ "{worst.label}" = 0 }} under [markers]'
+        cure = (
+            "export the trial without gap filling, or set weights = "
+            f'{{ "{worst.label}" = 0 }} under [markers]'
+        )
         if worst.cluster.marker_count < FEWEST:
             cure = (
-                "or export gaps as gaps: without this marker the other does not tell how the "
-                "segment lies"
+                "or export the trial without gap filling; the weight cannot be 0, as the other "
+                "marker alone does not determine the pose of the segment"
             )
         yield trial.make_finding(
             Severity.ERROR if any(_is_harmful(s, time) for s in of_marker) else Severity.WARNING,
             "left its place",
             f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} "
-            "frames, "
-            f"{format_spans(time, frames)}",
-            f"leave that part out with time = [start, end], {cure}",
-            cause=what,
+            f"frames, {format_spans(time, frames)}",
+            f"leave this interval out with time = [start, end], {cure}",
+            cause=cause,
             leg=get_side(part),
             weight=worst.distance / AWAY_M[worst.cluster.part],
             code=Code.MARKER_LEFT_PLACE,
@@ -66,6 +76,7 @@ def check_displaced_markers(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _is_harmful(stretch: DisplacedInterval, time: Array) -> bool:
+    """Return whether a displacement is large and long enough for an error."""
     sure = stretch.slipped or stretch.straight
     lasts = float(time[min(stretch.frames.stop, len(time) - 1)] - time[stretch.frames.start])
     return (
@@ -75,7 +86,18 @@ def _is_harmful(stretch: DisplacedInterval, time: Array) -> bool:
 
 
 def check_frozen(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers that repeat their position bit for bit while the others move."""
+    """Report markers that repeat their position exactly while the others move.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
+    """
     x = trial.recording.markers
     if len(x) < 5:
         return
@@ -94,18 +116,16 @@ def check_frozen(trial: TrialEvidence) -> Iterator[Finding]:
     if labels:
         yield trial.warning(
             "frozen",
-            f"positions repeated bit for bit while others move: {listed(labels)} "
+            f"positions repeated exactly while others move: {listed(labels)} "
             f"({format_spans(trial.recording.time, when)})",
-            "software held the last value over a gap: export gaps as gaps, or give the marker no "
-            "weight",
+            "software filled a gap with the last value: export the trial without gap filling, or "
+            "set the weight of the marker to 0",
             code=Code.FROZEN_MARKER,
         )
 
 
 def _has_body_moved(x: Array, run: slice) -> bool:
-    """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at
-    its beginning.
-    """
+    """Return whether most markers (nf, nm, 3) move by more than `MOVED_M` over a run of steps."""
     moved = np.linalg.norm(x[run.stop] - x[run.start], axis=1)
     return (
         bool(np.median(moved[np.isfinite(moved)]) > MOVED_M) if np.isfinite(moved).any() else False
@@ -113,18 +133,28 @@ def _has_body_moved(x: Array, run: slice) -> bool:
 
 
 def check_constant_coordinates(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers with a coordinate that never changes."""
+    """Report markers with a coordinate that never changes.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
+    """
     trial, labels = trial.as_fitted, []
     for label in trial.present:
         x = trial.path(label)[trial.visible[:, trial.column[label]]]
         if len(x) <= 10:
             continue
-        way = np.ptp(x, axis=0)
-        # A segment that is held still moves by rounding alone: there a coordinate without a change
-        # says nothing.
-        if (way == 0).any() and way.max() > MOVED_M:
+        movement = np.ptp(x, axis=0)
+        # a segment that is held still changes by rounding alone: a constant coordinate is usual
+        if (movement == 0).any() and movement.max() > MOVED_M:
             labels.append(label)
     if 0 < len(labels) < HALF * len(trial.present):
         found = f"one coordinate never changes: {listed(labels)}"
-        cure = "a column of the file is constant: export the trial again"
+        cure = "check this column of the file, and export the trial again"
         yield trial.warning("frozen", found, cure, code=Code.CONSTANT_COORDINATE)

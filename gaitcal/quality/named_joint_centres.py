@@ -1,10 +1,10 @@
-"""Joint centres under the names of lateral markers: a program exports what it computed beside what
-it measured.
+"""Detect computed joint centres under the labels of lateral markers.
 
-Of two points that stay together, no skin is half a joint's width outwards of a lateral epicondyle
-or malleolus: then the inner one, whatever its name, is the centre of the joint, and the outer one
-the marker. Nor are two points that keep their distance to a hundredth of a millimetre, while
-somebody moves, both on skin: the inner one is computed.
+Some programs export computed points beside measured ones. Of two points that move together, soft
+tissue is never half a joint width outward of a lateral epicondyle or malleolus. The inner one,
+whatever its label, is then the joint centre, and the outer one the marker. Two points that keep
+their distance to a hundredth of a millimetre in motion are not both on the skin: the inner one is
+computed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,28 +23,34 @@ from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.marker_checks import COMMON_FRAMES, FIXED_DISTANCE_M
 
 MEASURED_M = 1e-5
-"""Least scatter of a distance that cameras measure while somebody moves; of less, a program
-computed a point.
-"""
-CENTRE = " (centre)"  # Ends the name of a joint centre that bore the label of a marker
+"""Least scatter (m) of a measured distance in motion; below it one of the points is computed."""
+CENTRE = " (centre)"  # Suffix for the label of a joint centre that had the label of a marker
 
 
 def find_measured_markers(
     standing: Recording, moving: Sequence[Recording], marker_set: MarkerSet
 ) -> dict[str, str]:
-    """Find the measured markers of joints whose centres bear the names of lateral markers.
+    """Find the measured markers of joints whose centres have the labels of lateral markers.
 
     Parameters
     ----------
-    standing, moving : Recording, sequence of Recording
-        Where points are, and which stay together, spelt as in the set; InputError where nobody
-        stands still.
+    standing
+        The static trial, with the labels of the set.
+    moving
+        Moving trials: points that belong together keep their distance in them.
+    marker_set
+        The marker set.
 
     Returns
     -------
     dict of str to str
-        Lateral marker of the set -> the label that the set does not know, of joints of which both
-        sides show it.
+        Lateral marker of the set -> the unknown label of its measured point, for joints with one on
+        both sides.
+
+    Raises
+    ------
+    InputError
+        If the person never stands still in `standing`.
     """
     window = find_still_window(standing, marker_set.labels).frames
     at = average_visible({m: standing.markers[window, i] for i, m in enumerate(standing.labels)})
@@ -60,6 +66,7 @@ def find_measured_markers(
         return {}
     right = (at[named["asis_r"]] - at[named["asis_l"]]) * [1.0, 0.0, 1.0]
     right /= np.linalg.norm(right)
+    # body height from the length of a shank
     height = (
         float(np.linalg.norm(at[named["knee_lat_r"]] - at[named["ankle_lat_r"]]))
         / LENGTHS["shank"][2]
@@ -90,33 +97,41 @@ def find_measured_markers(
 def _is_rigid_pair(
     moving: Sequence[Recording], one: str, other: str, strangers: Sequence[str]
 ) -> bool:
-    """Whether two points keep their distance, and the second one is no computed point that a third
-    one shows.
-    """
+    """Return whether two points keep their distance, and `other` is not computed from others."""
 
-    def scatter(recording: Recording, label: str) -> float:
+    def measure_scatter(recording: Recording, label: str) -> float:
         if not {label, other} <= set(recording.labels):
             return np.nan
         a, b = (recording.markers[:, recording.labels.index(m)] for m in (label, other))
-        apart = np.linalg.norm(a - b, axis=1)
-        return (
-            float(np.nanstd(apart))
-            if np.isfinite(apart).sum() >= min(COMMON_FRAMES, len(apart))
-            else np.nan
-        )
+        distance = np.linalg.norm(a - b, axis=1)
+        if np.isfinite(distance).sum() < min(COMMON_FRAMES, len(distance)):
+            return np.nan
+        return float(np.nanstd(distance))
 
-    kept = [value for r in moving if np.isfinite(value := scatter(r, one))]
+    scatters = [measure_scatter(recording, one) for recording in moving]
+    known = [scatter for scatter in scatters if np.isfinite(scatter)]
     thirds = (m for m in strangers if m != other)
     return (
-        bool(kept)
-        and max(kept) < FIXED_DISTANCE_M
-        and not any(scatter(r, m) < MEASURED_M for m in thirds for r in moving)
+        bool(known)
+        and max(known) < FIXED_DISTANCE_M
+        and not any(measure_scatter(r, m) < MEASURED_M for m in thirds for r in moving)
     )
 
 
 def identify_computed_points(one: Array, other: Array, middle: Array) -> tuple[bool, bool]:
-    """Which of two points (3,) that keep their distance exactly are computed: the inner one; both,
-    where the body's `middle` (3,) lies between them.
+    """Identify which of two points that keep their distance exactly is computed: the inner one.
+
+    Parameters
+    ----------
+    one, other
+        (3,) m.
+    middle
+        (3,) m, middle of the body.
+
+    Returns
+    -------
+    tuple of bool
+        Whether `one` and whether `other` is computed; both if `middle` is between them.
     """
     along = (other - one) * [1.0, 0.0, 1.0]
     first, second = along @ (one - middle), along @ (other - middle)
@@ -124,23 +139,34 @@ def identify_computed_points(one: Array, other: Array, middle: Array) -> tuple[b
 
 
 def check_named_centres(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
-    """Joint centres that a study takes for lateral markers."""
+    """Report joint centres that have the labels of lateral markers.
+
+    Parameters
+    ----------
+    trials
+        All trials of the study.
+
+    Yields
+    ------
+    Finding
+        One error of the static trial, or nothing.
+    """
     static = next((t for t in trials if t.makes_model and t.model is not None), None)
     if static is None or static.marker_set.noise is not None:
         return
     moving = [t.recording for t in trials if not t.is_static]
-    if found := find_measured_markers(static.recording, moving, static.marker_set):
+    found = find_measured_markers(static.recording, moving, static.marker_set)
+    if found:
         names = ", ".join(
             f'"{label}" = "{label}{CENTRE}", "{other}" = "{label}"'
             for label, other in found.items()
         )
-        pairs = ", ".join(f"'{other}' outwards of '{label}'" for label, other in found.items())
+        pairs = ", ".join(f"'{other}' outward of '{label}'" for label, other in found.items())
         yield static.error(
             "landmarks",
-            f"half a joint's width apart, and together in every trial: {pairs}",
-            f"rename = {{ {names} }} under [markers]",
-            cause=f"{', '.join(map(repr, found))} are joint centres that a program computed, not "
-            "lateral markers",
+            f"half a joint width apart, at a constant distance in every trial: {pairs}",
+            f"set rename = {{ {names} }} under [markers]",
+            cause=f"{', '.join(map(repr, found))} are computed joint centres, not lateral markers",
             weight=10.0,
             code=Code.LANDMARK_DISPLACED,
         )

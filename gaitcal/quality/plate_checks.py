@@ -1,26 +1,24 @@
-"""Force plates: what the reader found, sign, offset, saturation, corners, and what their forces do
-on every walk.
+"""Check force plates: reader notes, sign, offset, saturation, corners, and forces of every walk.
 
-A leg brakes when it touches down and drives when it leaves, and both legs push the body towards its
-middle. Where whole steps say the opposite, a column of forces has the wrong sign. Where the centres
-of pressure of both feet lie off their feet to the same side of the room, the plates lie elsewhere.
+A leg brakes after touch-down and drives before lift-off, and both legs push the body medially. If
+whole steps show the opposite, a column of forces has the wrong sign. If the centres of pressure of
+both feet are off the feet to the same side of the room, the plates are displaced.
 
-The free moment T about the vertical through the centre of pressure holds the foot against turning
-inwards in the first half of stance and outwards in the second (Almosnino et al., BMC Sports Sci Med
-Rehabil 1:19, 2009: 11 people, feet turned in, straight and out). With T along the vertical upwards,
-s = 1 on the right foot and -1 on the left, t from 0 to 1 over a step and W H body weight times
-height, each whole step says
+The free moment T about the vertical through the centre of pressure holds the foot against internal
+rotation in the first half of stance and external rotation in the second (Almosnino et al., BMC
+Sports Sci Med Rehabil 1:19, 2009: 11 people, feet turned in, straight and out). With T along the
+upward vertical, s = 1 on the right foot and -1 on the left, t from 0 to 1 over a step and W H body
+weight times height, each whole step gives
 
     d = s (mean of T over LATE - mean of T over EARLY) / (W H)
 
-which is positive. Its mean x over the steps of each leg, and then over the legs that have any, is
-N(MEAN, v) with v = PERSON^2 + LEG^2 / legs, and N(-MEAN, v) where the sign is wrong. The evidence
-for that is -2 MEAN x / v nats.
+which is positive. Its mean x over the steps of each leg, and then over the legs with steps, is
+N(MEAN, v) with v = PERSON^2 + LEG^2 / legs, and N(-MEAN, v) if the sign is wrong. The evidence
+for a wrong sign is -2 MEAN x / v nats.
 
-Mass: over a stretch in which every foot on the ground is on a plate, from ta to tb, the vertical
-force changes the body's momentum: mean force = m (g + (v_b - v_a) / (t_b - t_a)). The pelvis stands
-for the mass centre, so that the velocities are a little wrong; the longer the stretch, the less
-that matters.
+Mass: while every foot on the ground is on a plate, from ta to tb, the vertical force changes the
+momentum of the body: mean force = m (g + (v_b - v_a) / (t_b - t_a)). The velocity of the pelvis
+replaces that of the mass centre; its error matters less over longer intervals.
 """
 
 import re
@@ -55,16 +53,15 @@ from gaitcal.preprocess.plate_contacts import Feet, PlateContact
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, TOPIC, check_overhang
 
-OFFSET_N = 15.0  # Reading of an empty plate that a file of forces should not have
-UNKNOWN_OFFSET_N = 20.0  # What plates that were not zeroed read in real files
-CLIPPED = 5  # Samples in a row at the very same largest value: an amplifier at its end
-CLIPPED_N = 200.0
+OFFSET_N = 15.0  # Reading of an empty plate from which it is reported
+UNKNOWN_OFFSET_N = 20.0  # Reading of empty plates that were not zeroed, in real files
+CLIPPED = 5  # Consecutive samples at the same largest value: an amplifier at its limit
+CLIPPED_N = 200.0  # Least force that counts as saturated
 DEAD_N, DEAD_SAMPLES = 0.5, 20
-"""A horizontal force that changes by less over so many loaded samples is no measured one: noise
-alone changes more.
-"""
-# Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1
-# to 0.2
+"""A horizontal force that changes by less (N) over so many loaded samples is not measured: noise
+alone changes more."""
+# Median ratio of horizontal to vertical force under load from which axes are doubted; walking has
+# 0.1 to 0.2
 MAX_HORIZONTAL_RATIO = 0.5
 DRIVING = -0.1
 """Drift of the force along the walk from braking to driving, sum(F t) / sum(|F|) with t from -1 to
@@ -74,83 +71,99 @@ OUTWARD = 0.01
 """Mean sideways force, in body weights, above which legs push outwards: real and synthetic ones
 push inwards, 0.03 to 0.06."""
 BESIDE_M = 0.025
-"""How far the centres of pressure of both feet must lie to one side; on real walks they lie 13 to
-22 mm beside the line from heel to toe, to either side."""
-LOADED_SHARE = 0.5  # Of body weight: a foot that carries as much lies flat
+"""Least distance of the centres of pressure of both feet to one side; on real walks they are 13 to
+22 mm beside the line from heel to toe, on either side."""
+LOADED_SHARE = 0.5  # Of body weight: a foot that carries as much is flat
 EARLY, LATE = (0.10, 0.40), (0.55, 0.95)
-"""Of a step; impact and lifting off, whose centres of pressure are uncertain, are left out."""
+"""Parts of a step; impact and lift-off, whose centres of pressure are uncertain, are left out."""
 MEAN, PERSON, LEG = 3.5e-3, 1.0e-3, 1.8e-3
 """Of body weight times height. Straight walks of eight recorded people, four of them children: 1.9
 to 4.4 a person, 3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5 to 12.8 a step, 1.9 to 6.8 in the
 mean of both legs. Simulated: 0.6 and 2.1 on two people of OpenSim's, 7 to 9 where the body is made
 to walk without a residual."""
-# From which a wrong sign is told: one laboratory in 100 has one, and ten such warnings to a false
-# one
+# Odds from which a wrong sign is reported: one laboratory in 100 has one, and at most one warning
+# in ten is to be false
 WRONG_SIGN_ODDS = 1000.0
 CARRIED = (0.9, 1.5)
-"""Of body weight: the largest vertical force of a foot that carries the body alone, and does not
-run.
-"""
+"""Largest vertical force, in body weights, of a foot that carries the body alone in walking."""
 MASS_DIFFERENCE = 0.05
-"""Of the mass, from which it is told; over strides, beside what the velocities may be wrong by; and
-beside the unknown offsets of plates that are never empty."""
-STANCE_SHARE = (
-    0.55,
-    1.25,
-)  # Mean vertical force over a stance phase of walking, in body weights: about 0.8
-PEAK = 3.0
-SHORTEST_S = 0.5  # About a step: over less, the pelvis is no measure of the mass centre
+"""Difference from the given mass, as a share, from which it is reported; errors of the velocities,
+and of the unknown offsets of plates that are never empty, are added."""
+# Mean vertical force over a stance phase of walking, in body weights: about 0.8
+STANCE_SHARE = (0.55, 1.25)
+PEAK = 3.0  # Largest vertical force of a step, body weights
+SHORTEST_S = 0.5  # About a step: over less, the pelvis does not represent the mass centre
 PELVIS_M_S = 0.4
-"""By which the change of the pelvis' velocity may differ from that of the mass centre: 8 % of the
-mass over 0.5 s, as `pig_c3d` differs over its single step, 2 % over two strides."""
-VELOCITY_S = 0.1  # Stretch over which the velocity at either end is fitted
+"""Error of the change of the pelvis' velocity, relative to the mass centre: 8 % of the mass over
+0.5 s, as `pig_c3d` differs over its single step, 2 % over two strides."""
+VELOCITY_S = 0.1  # Time over which the velocity at either end is fitted
 
 _ALARMING = re.compile(rf"left out|never empty|outside its corners|no numbers|{CONTRADICTED}")
 
 
 def report_reader_notes(trial: TrialEvidence) -> Iterator[Finding]:
-    """What the reader noted on plates: type, sign, corners, offset, samples without numbers."""
+    """Report the reader's notes on plates: type, sign, corners, offset, samples without numbers.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        A warning if forces may be wrong; otherwise notes.
+    """
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
             continue
         found = note.rstrip(".")
-        standing = "never empty" in note and not trial.is_gait  # who squats steps off no plate
+        # in a squat, the person never steps off the plate
+        standing = "never empty" in note and not trial.is_gait
         if standing or not (_ALARMING.search(note) and trial.is_whole_body):
             yield trial.info("plates", found, code=Code.PLATE_DESCRIPTION)
             continue
-        cure = (
-            "check FORCE_PLATFORM in the file; forces of this plate are not to be trusted without"
-        )
+        cure = "check FORCE_PLATFORM in the file: forces of this plate may be wrong"
         if "never empty" in note:
-            cure = (
-                "record some seconds with nobody on the plate, or remove its offset before export"
-            )
-        cause = "a force plate is not described as it should be"
+            cure = "record some seconds with the plate empty, or remove its offset before export"
+        cause = "the description of a force plate is incomplete or contradictory"
         yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_DESCRIPTION)
 
 
 def check_signals(trial: TrialEvidence) -> Iterator[Finding]:
-    """Sign, offset, saturation and direction of every plate's force."""
+    """Check sign, offset, saturation, constant channels and direction of every plate's force.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        Warnings, plate by plate.
+    """
     for plate in trial.recording.plates:
         force = plate.force[np.isfinite(plate.force).all(axis=1)]
         if not len(force):
             continue
         up, name = force[:, 1], f"plate {plate.name}"
-        if (pulled := int((up < -BODY_N).sum())) > 0:
+        pulled = int((up < -BODY_N).sum())
+        if pulled > 0:
             found = (
-                f"{name}: pulls the body down with up to {-up.min():.0f} N in {pulled} samples; it "
-                "can only push"
+                f"{name}: downward force on the body of up to {-up.min():.0f} N in {pulled} "
+                "samples; a plate can only push upward"
             )
             cure = "check the sign and the offset of its channels"
-            yield trial.warning("plates", found, cure, cause=f"{name} pulls", code=Code.PLATE_PULLS)
+            cause = f"the vertical force of {name} points down"
+            yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_PULLS)
         empty = np.abs(up) < UNLOADED_N
         empty &= np.abs(up - np.median(up[empty])) < QUIET_N if empty.any() else False
-        if empty.mean() > 0.1 and abs(rest := float(np.median(up[empty]))) > OFFSET_N:
-            found = f"{name}: reads {rest:.0f} N where nobody stands on it"
-            cause, cure = (
-                f"{name} is not at zero when empty",
-                "remove the offset of the empty plate",
-            )
+        offset = float(np.median(up[empty])) if empty.mean() > 0.1 else 0.0
+        if abs(offset) > OFFSET_N:
+            found = f"{name}: reads {offset:.0f} N while it is empty"
+            cause = f"{name} does not read zero when it is empty"
+            cure = "subtract the reading of the empty plate"
             yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_OFFSET)
         yield from _check_saturation(trial, plate)
         loaded = up > BODY_N
@@ -159,17 +172,15 @@ def check_signals(trial: TrialEvidence) -> Iterator[Finding]:
             ratio = float(np.median(np.hypot(force[loaded, 0], force[loaded, 2]) / up[loaded]))
             if ratio > MAX_HORIZONTAL_RATIO:
                 found = f"{name}: its horizontal force is {ratio:.2f} times the vertical one"
-                cause, cure = (
-                    f"the axes of {name} are not those of the room",
-                    "are its axes those of the file, y up?",
-                )
+                cause = f"the axes of {name} are not those of the room"
+                cure = "check that its axes are those of the file, y up"
                 yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_AXES)
 
 
 def _check_constant_channels(
     trial: TrialEvidence, plate: ForcePlate, loaded: Array
 ) -> Iterator[Finding]:
-    """Horizontal components that never change while somebody walks on the plate, `loaded` (n, 3) N."""
+    """Report horizontal forces that never change while a person walks on the plate, (n, 3) N."""
     if not trial.is_gait or len(loaded) < DEAD_SAMPLES:
         return
     still = {
@@ -181,11 +192,11 @@ def _check_constant_channels(
         missing = " and ".join(still)
         found = f"plate {plate.name}: {missing} stays at {next(iter(still.values())):.0f} N in all "
         found += (
-            f"{len(loaded)} samples under load; walking moves it by some 100 N (fore-aft) and 40 N "
-            "(sideways)"
+            f"{len(loaded)} samples under load; in walking it varies by some 100 N (fore-aft) and "
+            "40 N (sideways)"
         )
         cure = (
-            "look for the channel, its cable and its column in the file; without it leave the "
+            "check the channel, its cable and its column in the file; if it is lost, leave the "
             "plate out of torques"
         )
         cause = f"a horizontal force of plate {plate.name} is missing: {missing} is constant"
@@ -193,11 +204,11 @@ def _check_constant_channels(
 
 
 def _check_saturation(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
-    """Components of the force that stay at their largest value."""
+    """Report components of the force that stay at their largest value."""
     for axis, name in enumerate("xyz"):
         size = np.abs(np.nan_to_num(plate.force[:, axis]))
         top = float(size.max())
-        # Smooth data may rest at its peak for a sample or two, never for five.
+        # smooth data may stay at their peak for a sample or two, never for five
         held = find_runs(size >= top * (1 - 1e-9), CLIPPED) if top >= CLIPPED_N else []
         if held:
             yield trial.warning(
@@ -205,7 +216,7 @@ def _check_saturation(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Findi
                 f"plate {plate.name}: F{name} stays at {top:.0f} N for "
                 f"{sum(s.stop - s.start for s in held)} samples "
                 f"({format_spans(plate.time, held)})",
-                "choose a larger range of the amplifier; leave these frames out with time = "
+                "use a larger range of the amplifier; leave these frames out with time = "
                 "[start, end]",
                 cause=f"plate {plate.name} is saturated",
                 code=Code.SATURATED_PLATE,
@@ -213,7 +224,18 @@ def _check_saturation(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Findi
 
 
 def check_corners(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether centres of pressure lie on their plate."""
+    """Report plates with centres of pressure outside their corners.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        At most one warning a plate.
+    """
     for plate in trial.recording.plates:
         share, farthest = (
             (0.0, 0.0)
@@ -222,30 +244,39 @@ def check_corners(trial: TrialEvidence) -> Iterator[Finding]:
         )
         if share > MAX_OUTSIDE_SHARE:
             found = (
-                f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load "
-                "lies over "
+                f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load is "
+                f"more than {1e3 * OUTSIDE_M:.0f} mm outside its corners (up to "
+                f"{1e3 * farthest:.0f} mm)"
             )
-            found += f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)"
             cure = "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL"
-            cause = f"the corners of plate {plate.name} do not hold its centre of pressure"
+            cause = f"the centre of pressure of plate {plate.name} is outside its corners"
             yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_CORNERS)
 
 
 def check_time_overlap(trial: TrialEvidence) -> Iterator[Finding]:
-    """How the clocks of markers and forces overlap."""
+    """Report plates whose times do not overlap with those of the markers.
+
+    Parameters
+    ----------
+    trial
+        A whole-body trial; others are not checked.
+
+    Yields
+    ------
+    Finding
+        One error, or nothing.
+    """
     time = trial.recording.time
     for plate in trial.recording.plates if trial.is_whole_body else ():
         if min(time[-1], plate.time[-1]) <= max(time[0], plate.time[0]):
             found = f"plate {plate.name}: forces from {plate.time[0]:g} to {plate.time[-1]:g} s, "
             found += f"markers from {time[0]:g} to {time[-1]:g} s"
-            yield trial.error(
-                "time", found, "give the forces of this very trial", code=Code.OTHER_TIMES
-            )
+            yield trial.error("time", found, "use the forces of this trial", code=Code.OTHER_TIMES)
             return
 
 
 def _select_long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
-    """Steps of a walk that are long enough and under a foot."""
+    """Select steps of a walk that are long enough and under a foot."""
     if trial.pelvis is None:
         return ()
     time = trial.recording.time
@@ -257,8 +288,9 @@ def _select_long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
 
 
 def _compute_directions(trial: TrialEvidence) -> tuple[Array, Array]:
-    """(2,) unit vectors in x and z: where the person walks, and to the right, which is behind who
-    walks backwards.
+    """Compute unit vectors (2,) in x and z: walking direction, and the person's right.
+
+    The right is that of the body, also in backward walking.
     """
     forward = trial.walked / max(float(np.linalg.norm(trial.walked)), 1e-12)
     right = np.array([-forward[1], forward[0]])
@@ -266,7 +298,18 @@ def _compute_directions(trial: TrialEvidence) -> tuple[Array, Array]:
 
 
 def compute_drifts(trial: TrialEvidence) -> list[float]:
-    """Of every whole step, how far it brakes before it drives along the walk, -1 to 1."""
+    """Compute how far each whole step changes from braking to driving.
+
+    Parameters
+    ----------
+    trial
+        A gait trial.
+
+    Returns
+    -------
+    list of float
+        sum(F t) / sum(|F|) of the force F along the walk, t from -1 to 1 over the step.
+    """
     (forward, _), time, out = _compute_directions(trial), trial.recording.time, []
     for step in _select_long_steps(trial):
         if step.is_whole(time):
@@ -280,8 +323,19 @@ def compute_drifts(trial: TrialEvidence) -> list[float]:
 
 
 def check_horizontal_signs(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether legs brake before they drive, and both push inwards: one alone pushes outwards in a
-    turn.
+    """Report horizontal forces of the wrong sign.
+
+    Signs are driving before braking, and both legs pushing outward. In a turn one leg alone pushes outward.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
     """
     steps, time = _select_long_steps(trial), trial.recording.time
     if not steps:
@@ -296,31 +350,40 @@ def check_horizontal_signs(trial: TrialEvidence) -> Iterator[Finding]:
     wrong = {}
     if drift and max(drift) < DRIVING:
         message = (
-            f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual "
-            "0.4 to 0.6)"
+            f"the fore-aft force drives before it brakes (drift {np.mean(drift):.2f}, usual: 0.4 "
+            "to 0.6)"
         )
         wrong["fore-aft"] = message
     pushes = [push for of_leg in outward.values() for push in of_leg]
     if len(outward) == 2 and min(pushes) > OUTWARD:
         message = (
-            f"sideways both push outwards, {np.mean(pushes):.2f} body weights on average (usual "
-            "-0.06 to -0.03)"
+            f"the sideways force of both legs points outward, {np.mean(pushes):.2f} body weights "
+            "on average (usual: -0.06 to -0.03)"
         )
         wrong["sideways"] = message
     if wrong:
         cause = f"the {next(iter(wrong))} force of all plates has the wrong sign"
-        cure = "turn the sign of that column of the forces"
+        cure = "change the sign of that column of the forces"
         if len(wrong) > 1:
             cause = "both horizontal forces of all plates have the wrong sign"
-            cure += (
-                "; where a note says that a plate was turned round: of the vertical column alone"
-            )
+            cure += "; if a note reports that a plate was reversed: of the vertical column alone"
         found = f"in {len(steps)} steps: {'; '.join(wrong.values())}"
         yield trial.warning("forces", found, cure, cause=cause, code=Code.FORCE_SIGN)
 
 
 def check_pressure_beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the centres of pressure of both feet lie off their feet to the same side of the room."""
+    """Report centres of pressure of both feet that are off the feet to the same side of the room.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
+    """
     feet = trial.feet
     if feet is None:
         return
@@ -335,8 +398,7 @@ def check_pressure_beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
         heel, toe = (
             path[step.frames, step.foot][flat][:, [0, 2]] for path in (feet.heel, feet.toe)
         )
-        # x and z seen from above: z is to the right of x, so (-z, x) lies across the line, to its
-        # right
+        # viewed from above, z is to the right of x, so (-z, x) is across the line, to its right
         line = (toe - heel) / np.linalg.norm(toe - heel, axis=1, keepdims=True)
         across = np.stack([-line[:, 1], line[:, 0]], axis=1)
         away = np.sum((step.point[flat][:, [0, 2]] - heel) * across, axis=1)
@@ -346,19 +408,29 @@ def check_pressure_beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
         means = [1e3 * abs(float(np.mean(of_foot))) for of_foot in shifts]
         yield trial.warning(
             TOPIC,
-            f"the centres of pressure lie to the {'right' if every[0] > 0 else 'left'} of the line "
-            "heel-toe of both "
-            f"feet: {means[0]:.0f} mm (right foot) and {means[1]:.0f} mm (left foot)",
-            "check the positions of the plates in the room (corners), and the origin of the "
-            "markers",
+            f"the centres of pressure are to the {'right' if every[0] > 0 else 'left'} of the line "
+            f"heel-toe of both feet: {means[0]:.0f} mm (right foot) and {means[1]:.0f} mm (left "
+            "foot)",
+            "check the corners of the plates and the origin of the markers",
             cause=PLATES_ELSEWHERE,
             code=Code.PLATES_ELSEWHERE,
         )
 
 
 def check_free_moment_sign(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether free moments hold the feet against turning, or turn them on."""
-    if trial.facing is None or trial.walked @ trial.facing <= 0:  # whoever walks backwards
+    """Report a free moment of the wrong sign, by the sequence of internal and external rotation.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
+    """
+    if trial.facing is None or trial.walked @ trial.facing <= 0:  # backward walking
         return
     of_leg: dict[int, list[float]] = {}
     for step in trial.plate_contacts:
@@ -374,24 +446,21 @@ def check_free_moment_sign(trial: TrialEvidence) -> Iterator[Finding]:
     mean = float(np.mean([np.mean(found) for found in of_leg.values()]))
     evidence = -2.0 * MEAN * mean / (PERSON**2 + LEG**2 / len(of_leg))
     if evidence < np.log(WRONG_SIGN_ODDS) or any(check_horizontal_signs(trial)):
-        # what turns horizontal forces round is told there, and may turn the moment round with them
+        # a reversal of horizontal forces is reported there, and may reverse the moment as well
         return
     yield trial.warning(
         "forces",
-        f"in {sum(map(len, of_leg.values()))} whole steps the free moment turns the foot inwards "
-        "first and outwards "
-        f"later, by {-1e3 * mean:.1f} thousandths of body weight times height; of walking people "
-        "it is the other way "
-        f"round, by {1e3 * MEAN:.1f}",
-        "turn the sign of the moment about the vertical, or look about which point and axis it is "
-        "given",
+        f"in {sum(map(len, of_leg.values()))} whole steps the free moment rotates the foot first "
+        f"inward and then outward, by {-1e3 * mean:.1f} thousandths of body weight times height; "
+        f"usual: first outward and then inward, by {1e3 * MEAN:.1f}",
+        "change the sign of the moment about the vertical, or check its reference point and axis",
         cause="the free moment of all plates has the wrong sign",
         code=Code.FREE_MOMENT,
     )
 
 
 def _measure_free_moment(trial: TrialEvidence, step: PlateContact) -> float:
-    """The d of one step."""
+    """Measure the change d of the free moment over one step, positive as in walking people."""
     wrench = np.nan_to_num(resample_wrench(step.plate, trial.recording.time))[step.frames]
     moment = (wrench[:, 3:] - cross(step.point, wrench[:, :3]))[:, 1]
     t = np.linspace(0.0, 1.0, len(moment))
@@ -401,7 +470,18 @@ def _measure_free_moment(trial: TrialEvidence, step: PlateContact) -> float:
 
 
 def check_step_loads(trial: TrialEvidence) -> Iterator[Finding]:
-    """Body weight against the mean and the largest force of whole steps."""
+    """Compare the mean and the largest vertical force of whole steps with body weight.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Yields
+    ------
+    Finding
+        One warning for each step out of range.
+    """
     if not trial.is_gait:
         return
     weight, parts = trial.subject.weight, _list_partial_loadings(trial)
@@ -413,28 +493,25 @@ def check_step_loads(trial: TrialEvidence) -> Iterator[Finding]:
                 or run.start == 0
                 or run.stop == len(up)
             ):
-                continue  # a knock, or a step that the recording cuts off
+                continue  # a knock, or a step cut off by the recording
             begin, end = plate.time[run.start], plate.time[run.stop - 1]
-            if any(plate is own and start < end and begin < stop for own, start, stop in parts):
-                continue  # a part of the foot is elsewhere
+            partial = (p is plate and start < end and begin < stop for p, start, stop in parts)
+            if any(partial):
+                continue  # a part of the foot is beside this plate
             share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
             if not (STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK):
                 found = (
                     f"plate {plate.name}, {format_spans(plate.time, [run])}: mean {share:.2f} and peak "
                     f"{peak:.2f} body "
                 )
-                found += (
-                    f"weights of {trial.subject.mass:g} kg; a step of walking has about 0.8 and 1.1"
-                )
+                found += f"weights of {trial.subject.mass:g} kg; usual in walking: 0.8 and 1.1"
                 cure = "check mass_kg, the gain of the plate, and whether the whole foot was on it"
-                cause = f"steps on plate {plate.name} do not carry the body"
+                cause = f"forces of steps on plate {plate.name} do not match body weight"
                 yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)
 
 
 def _list_partial_loadings(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
-    """Loadings, plate and s from when to when, of feet on two plates at once, or partly beside
-    theirs.
-    """
+    """List plate, start and end (s) of loadings by a foot partly beside or on a second plate."""
     found, time = trial.plate_contacts, trial.recording.time
     parts = [step for step in found if step.under_foot and any(check_overhang(trial, step))]
     for one, other in permutations(found, 2):
@@ -445,9 +522,21 @@ def _list_partial_loadings(trial: TrialEvidence) -> list[tuple[ForcePlate, float
 
 
 def check_body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
-    """Body mass against all that plates carry: told as wrong where a trial says so that no other
-    one contradicts: all weigh nearer to what it weighs than to the mass, as a trial that weighs
-    roughly says little for the mass.
+    """Compare the given body mass with the force on all plates.
+
+    It is wrong if one trial differs by more than its error and no other contradicts it: all others
+    are nearer to that trial's mass than to the given one, as a trial with a large error hardly
+    supports the given mass.
+
+    Parameters
+    ----------
+    trials
+        All trials of the study, or one.
+
+    Yields
+    ------
+    Finding
+        A warning or a note for each trial with a measured mass.
     """
     weighings = [
         (t, *found)
@@ -463,19 +552,20 @@ def check_body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     for (t, _, _, message, cure), (share, allowed) in zip(weighings, off, strict=True):
         message += f"; subject.mass_kg is {t.subject.mass:g}"
         if wrong:
-            cause = "mass_kg is not what the plates weigh"
+            cause = "mass_kg differs from the mass measured by the plates"
             yield t.warning("body mass", message, cure, cause=cause, code=Code.BODY_MASS)
         else:
             others = listed([f"{c:.1f} kg in {o.name}" for o, c, *_ in weighings if o is not t])
             message += (
-                f": too far off, but not in all trials ({others})" if abs(share) > allowed else ""
+                f": too different, but not in all trials ({others})" if abs(share) > allowed else ""
             )
             yield t.info("body mass", message, code=Code.BODY_MASS)
 
 
 def _weigh_standing(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
-    """Kg under the standing person, by which share that may be off, in words, and the cure; None
-    where not all is on plates.
+    """Weigh a standing person: kg, its relative error, description and remedy.
+
+    Returns None if a foot is beside the plates.
     """
     if not trial.is_static or trial.model is None:
         return None
@@ -490,7 +580,7 @@ def _weigh_standing(trial: TrialEvidence) -> tuple[float, float, str, str] | Non
         force = float(np.median(plate.force[within, 1])) if within.any() else 0.0
         total, loaded = total + force, [*loaded, *([plate] if force > BODY_N else [])]
     if total < 0.5 * trial.subject.weight:
-        return None  # a foot stood beside the plates
+        return None  # a foot is beside the plates
     message = f"the plates carry {total:.0f} N = {total / GRAVITY:.1f} kg while standing"
     cure = "correct mass_kg, if both feet stood on plates: torques and inertia follow from it"
     return (
@@ -502,8 +592,9 @@ def _weigh_standing(trial: TrialEvidence) -> tuple[float, float, str, str] | Non
 
 
 def _weigh_walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
-    """The same while every foot of a walking person is on a plate; None where that is for less than
-    a step.
+    """Weigh a walking person: kg, relative error, description and remedy.
+
+    Returns None if every foot is on a plate for less than a step.
     """
     feet = trial.feet if trial.is_gait else None
     if feet is None or trial.pelvis is None:
@@ -528,7 +619,7 @@ def _weigh_walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None
     )
     cure = (
         "correct mass_kg, or the gain and offset of the plates: joint torques are wrong by the "
-        "same share"
+        "same factor"
     )
     allowed = MASS_DIFFERENCE + PELVIS_M_S / (GRAVITY * float(np.sum(lengths)))
     allowed += _estimate_offsets(trial.recording.plates) / trial.subject.weight
@@ -536,7 +627,7 @@ def _weigh_walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None
 
 
 def _estimate_offsets(plates: Sequence[ForcePlate]) -> float:
-    """N, by which the readings of all plates that were never empty may be off together."""
+    """Estimate the joint offset (N) of all plates that were never empty."""
     unknown = [
         p
         for p in plates
@@ -546,7 +637,7 @@ def _estimate_offsets(plates: Sequence[ForcePlate]) -> float:
 
 
 def _mark_fully_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
-    """(nf,) where some foot is loaded and no foot stands beside a plate or partly so."""
+    """Mark frames (nf,) in which a foot is loaded and no foot is beside a plate or partly so."""
     loaded = np.zeros((len(feet.time), 2), dtype=bool)
     doubtful = np.zeros(len(feet.time), dtype=bool)
     for step in trial.plate_contacts:
@@ -554,9 +645,8 @@ def _mark_fully_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
             loaded[step.frames, step.foot] = True
         if not step.under_foot or any(check_overhang(trial, step)):
             doubtful[step.frames] = True
-    doubtful = mark_near(
-        doubtful, feet.time
-    )  # beside a plate a foot may bear before and after that plate is loaded
+    # a foot beside a plate may carry load before and after that plate is loaded
+    doubtful = mark_near(doubtful, feet.time)
     for foot in range(2):
         beside = feet.resting[:, foot] & ~mark_near(loaded[:, foot], feet.time)
         doubtful |= mark_near(beside, feet.time) | ~feet.visible[:, foot]
@@ -565,9 +655,7 @@ def _mark_fully_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
 
 
 def _estimate_mass(trial: TrialEvidence, run: slice) -> float | None:
-    """Mass (kg) that the plates carry in the frames `run`; None where the pelvis is not seen at
-    both ends.
-    """
+    """Estimate the mass (kg) on the plates in frames `run`; None without a pelvis at both ends."""
     time, pelvis, velocity = trial.recording.time, trial.pelvis, []
     for moment in (float(time[run.start]), float(time[run.stop - 1])):
         if pelvis is None:

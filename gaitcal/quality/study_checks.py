@@ -39,12 +39,10 @@ UNIT_CHECKS: tuple[TrialCheck, ...] = (
     static_consistency.check_size,
     static_consistency.check_scale,
 )
-"""Where these find an error, distances mean nothing, and the other checks of the trial are left
-out.
-"""
+"""An error of these makes all distances meaningless: the other checks of the trial are skipped."""
 
 AS_READ: tuple[TrialCheck, ...] = (label_checks.check_sides, label_checks.check_swapped_labels)
-"""These look for exchanged labels; all others see the trial with what was exchanged undone."""
+"""These check swapped labels; all others use the trial with swaps corrected."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     marker_checks.check_outliers,
@@ -101,15 +99,22 @@ SKIN_MARKER_CHECKS: tuple[TrialCheck, ...] = (
     trial_role.check_flat_feet,
     static_landmarks.check_proportions,
 )
-"""These ask where a hand put each marker, and whether it stayed there: nothing to ask of points
-that are no markers.
-"""
+"""These check the placement of markers on the skin: not for computed points without markers."""
 
 
 @with_one_blas_thread
 def check_file(path: Path | str) -> tuple[Finding, ...]:
-    """Check the study file at `path` and everything that it names; a file that cannot be read is a
-    finding too.
+    """Check a study file and everything that it names.
+
+    Parameters
+    ----------
+    path
+        The study file.
+
+    Returns
+    -------
+    tuple of Finding
+        As of `check_study`; a file that cannot be read is a finding as well.
     """
     path = Path(path)
     try:
@@ -127,22 +132,21 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
 def _read_trials(
     file: StudyFile, marker_set: MarkerSet
 ) -> tuple[tuple[Trial, ...], tuple[Finding, ...]]:
-    """The trials that can be read, and why the others cannot."""
+    """Read the trials; return those that can be read, and the reasons why others cannot."""
 
-    def read(trial: TrialTable) -> Trial | Finding:
+    def read_or_report(trial: TrialTable) -> Trial | Finding:
         try:
             return read_trial(trial, file.markers.rename, marker_set)
         except InputError as fault:
             return Finding.of_fault(fault, trial.name, str(trial.file), "reading")
 
-    found = [read(trial) for trial in file.trials]
+    found = [read_or_report(trial) for trial in file.trials]
     unreadable = tuple(trial for trial in found if isinstance(trial, Finding))
     return tuple(trial for trial in found if isinstance(trial, Trial)), unreadable
 
 
-@np.errstate(
-    all="ignore"
-)  # absurd numbers of a damaged file may overflow on their way to a message
+# numbers of a damaged file may overflow before a finding reports them
+@np.errstate(all="ignore")
 @with_one_blas_thread
 def check_study(study: Study) -> tuple[Finding, ...]:
     """Check the recordings of a study before anything is fitted, as `gaitcal check` does.
@@ -162,12 +166,12 @@ def check_study(study: Study) -> tuple[Finding, ...]:
 
 @np.errstate(all="ignore")
 @with_one_blas_thread
-def check_preprocessed(of: PreprocessedStudy) -> tuple[Finding, ...]:
-    """Check a study that is prepared, as `check_study` does.
+def check_preprocessed(prepared: PreprocessedStudy) -> tuple[Finding, ...]:
+    """Check a preprocessed study, as `check_study` does.
 
     Parameters
     ----------
-    of
+    prepared
         From `preprocess_study`.
 
     Returns
@@ -175,13 +179,13 @@ def check_preprocessed(of: PreprocessedStudy) -> tuple[Finding, ...]:
     tuple of Finding
         As of `check_study`.
     """
-    study, static = of.study, of.study.static.name
-    findings: list[Finding] = [one.finding for one in of.placed]
+    study, static = prepared.study, prepared.study.static.name
+    findings: list[Finding] = [one.finding for one in prepared.placed]
     measured: list[TrialEvidence] = []
-    for trial in of.trials:
+    for trial in prepared.trials:
         found = _check_trial(trial)
         findings += _sort_worst_first(
-            remove_consequences([*(of.faults if trial.name == static else ()), *found])
+            remove_consequences([*(prepared.faults if trial.name == static else ()), *found])
         )
         if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
             measured.append(trial.with_labels_restored)
@@ -190,17 +194,28 @@ def check_preprocessed(of: PreprocessedStudy) -> tuple[Finding, ...]:
     return (
         *findings,
         *(knee_axes.check_knee_lines(measured, findings) if study.marker_set.noise is None else ()),
-        *named_joint_centres.check_named_centres(of.trials),
-        *plate_checks.check_body_mass(of.trials),
-        *sampling.check_equal_rates(of.trials),
-        *sampling.check_duplicate_recordings(of.trials),
-        *trial_role.check_statics_agree(of.trials),
+        *named_joint_centres.check_named_centres(prepared.trials),
+        *plate_checks.check_body_mass(prepared.trials),
+        *sampling.check_equal_rates(prepared.trials),
+        *sampling.check_duplicate_recordings(prepared.trials),
+        *trial_role.check_statics_agree(prepared.trials),
     )
 
 
 @np.errstate(all="ignore")
 def check_further(evidence: TrialEvidence) -> tuple[Finding, ...]:
-    """All findings on one further trial (`preprocess_trial`), the worst first."""
+    """Check a further trial of a calibrated subject.
+
+    Parameters
+    ----------
+    evidence
+        From `preprocess_trial`.
+
+    Returns
+    -------
+    tuple of Finding
+        The worst first.
+    """
     found = remove_consequences(_check_trial(evidence))
     of_body = (
         *plate_checks.check_body_mass((evidence,)),
@@ -210,16 +225,21 @@ def check_further(evidence: TrialEvidence) -> tuple[Finding, ...]:
 
 
 def _check_trial(trial: TrialEvidence) -> list[Finding]:
+    """Run all checks of a single trial."""
     units = [finding for check in UNIT_CHECKS for finding in check(trial)]
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
-    asked = TRIAL_CHECKS
+    checks = TRIAL_CHECKS
+    # computed points, as of a markerless system, are not placed on the skin
     if trial.marker_set.noise is not None:
-        asked = tuple(check for check in TRIAL_CHECKS if check not in SKIN_MARKER_CHECKS)
-    mended = trial.with_labels_restored
-    found = units + [f for check in asked for f in check(trial if check in AS_READ else mended)]
-    return [*found, *foot_on_plate.check_pressure_outside_sole(mended, found)]
+        checks = tuple(check for check in TRIAL_CHECKS if check not in SKIN_MARKER_CHECKS)
+    corrected = trial.with_labels_restored
+    found = units
+    for check in checks:
+        found += check(trial if check in AS_READ else corrected)
+    return [*found, *foot_on_plate.check_pressure_outside_sole(corrected, found)]
 
 
 def _sort_worst_first(findings: Sequence[Finding]) -> list[Finding]:
+    """Sort findings by severity."""
     return sorted(findings, key=lambda finding: finding.severity.rank)

@@ -1,19 +1,18 @@
-"""Does a trial show what its role says: a body upright, standing still on both legs, walking,
-moving one joint alone?
+"""Check that a trial shows its role: upright, standing still on both legs, walking, a single joint.
 
-Which joint of which side moves in an isolated trial: the one that turns most about its own mean
-posture. Arms play no part.
+The joint of a functional trial is the one that rotates most about its mean posture. Arms are not
+used.
 
-With the joint centres of the nominal model (hips by Bell) and the body axes of `body_plan.py`: the
-knee bends by the angle between thigh and shank in the thigh's sagittal plane, and the thigh leans
-by its angle to the vertical.
+With the joint centres of the nominal model (hips by Bell) and the body axes of `body_plan.py`, knee
+flexion is the angle between thigh and shank in the thigh's sagittal plane, and the inclination of
+the thigh its angle to the vertical.
 
-Several static trials of one person: each segment's markers, and lengths across joints, must be
-those of the first. The markers of a segment that both trials show are laid on each other (rotation
-R and shift t, least squares); what is left of marker k, e_k = R x_k + t - x0_k, is its
-disagreement. Of three markers a displaced one shares its disagreement with the others; of four or
-more the one without which the rest agrees best is named. Where fewer than three are common, the
-distance between them is compared.
+Several static trials of one person must agree with the first: the markers of each segment, and
+lengths across joints. The common markers of a segment are aligned (rotation R and translation t,
+least squares); the residual of marker k, e_k = R x_k + t - x0_k, is its disagreement. Of three
+markers a displaced one shares its disagreement with the others; of four or more the one without
+which the others agree best is named. With fewer than three common markers the distance between them
+is compared.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,54 +35,56 @@ from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.quality import plate_checks
 from gaitcal.tracking.rigid import fit_rigid
 
-FEWEST_FRAMES, SHORTEST_S = 3, LAG_S  # Of a static trial: speed is told over that time
+FEWEST_FRAMES, SHORTEST_S = 3, LAG_S  # Of a static trial: its speed is measured over that time
 RESTLESS = 0.5
-"""Share of the speed of a still window above which the stillest one is doubted: 1 to 7 mm/s in
-clean static trials.
-"""
-ALONG_DEG = 50.0  # Angle between facing and going above which the person does not walk forwards
+"""Share of the allowed speed of a still window from which the stillest one is reported: 1 to 7 mm/s
+in clean static trials."""
+# Angle between facing and walking direction above which the person does not walk forward
+ALONG_DEG = 50.0
 LEAD = 1.25
-"""How many times the declared joint another one must turn. In 38 isolated trials (20 real, 18
-synthetic) the declared one led the next by 1.7 times at least."""
-TRAVEL_M, STAYS_M = (
-    0.8,
-    0.3,
-)  # How far the pelvis goes in a walk, and how far in isolated trials at most
+"""Ratio of rotations from which another joint than the declared one moves. In 38 functional trials
+(20 real, 18 synthetic) the declared one rotated at least 1.7 times as much as the next."""
+TRAVEL_M = 0.8  # Least distance of the pelvis in a walk
+STAYS_M = 0.3  # Largest distance of the pelvis in functional trials
 STEPS_RAD = np.deg2rad(12.0)
-"""RMS turn of hip and knee of the other leg, both, from which it walks: 17 and 22 deg in walks; in
-isolated trials of a hip, the knee of the leg that stands turns by 7 and 11 deg at most."""
-MOVES_RAD = np.deg2rad(
-    4.0
-)  # RMS turn below which no joint is said to move: the smallest isolated trial reaches 14 deg
+"""RMS rotation of both hip and knee of the other leg from which it walks: 17 and 22 deg in walks;
+in functional trials of a hip, the knee of the standing leg rotates by 7 and 11 deg at most."""
+# RMS rotation below which no joint moves: the smallest functional trial reaches 14 deg
+MOVES_RAD = np.deg2rad(4.0)
 TILT_DEG = 60.0  # Largest tilt of the pelvis in standing and walking
-LYING_DEG = (
-    120.0  # The same for an isolated trial, in which the person may lie on a bench, face up or down
-)
+LYING_DEG = 120.0  # The same for a functional trial, in which the person may lie prone or supine
 HEAD_DOWN = 0.2
-"""Share of body height by which knees, ankles and heels may be above the pelvis, as when a leg is
-raised lying.
-"""
+"""Share of body height by which knees, ankles and heels may be above the pelvis, as in a leg raised
+in lying."""
 LEGS = ("thigh", "shank", "foot")
 BENT_DEG = 30.0
-"""Of a knee: in clean static trials of grown people and children it bends by -7 to 11 degrees; 20
-more is a posture.
-"""
+"""Knee flexion of a bent knee: in clean static trials of adults and children it is -7 to 11 deg; 20
+more is a posture."""
 UNEVEN_DEG, UNEVEN_M = 18.0, 0.045
-"""Difference between the knees, and between the heights of the heels, from which somebody stands on
-one leg; up to 7 degrees and 5 mm in clean trials."""
+"""Difference between the knees, and between the heights of the heels, of a person who stands on one
+leg; up to 7 deg and 5 mm in clean trials."""
 DISAGREE_M = 0.008
-"""Largest disagreement of a marker between two times that one person stands: within a session
-markers of a segment keep their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing
-against moving)."""
-GROSS_M = 0.020  # From here it moves a joint by more than nominal joints are uncertain: an error
+"""Largest disagreement of a marker between two static trials: within a session markers of a segment
+keep their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing against moving)."""
+GROSS_M = 0.020  # Larger disagreement displaces a joint by more than its prior allows: an error
 
 
 def check_upright(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the body is the right way up in the y-up axes that were made of the file's, in every
-    kind of trial.
+    """Check that the body is upright in the y-up axes derived from those of the file.
 
-    A pelvis whose right and left are exchanged, by labels or by a mirrored axis, looks the same as
-    itself turned about its forward axis: upside down. Where the feet are above it, the vertical is.
+    A pelvis whose right and left are swapped, by labels or by a mirrored axis, is the same as one
+    rotated by 180 deg about its forward axis: upside down. If the feet are above it, the vertical
+    axis is reversed.
+
+    Parameters
+    ----------
+    trial
+        Any trial.
+
+    Yields
+    ------
+    Finding
+        One error, or nothing.
     """
     if trial.pelvis is None:
         return
@@ -93,34 +94,29 @@ def check_upright(trial: TrialEvidence) -> Iterator[Finding]:
     allowed = LYING_DEG if trial.is_isolated else TILT_DEG
     middle, above = float(np.median(tilt)), _measure_feet_above_pelvis(trial)
     found = (
-        f"the pelvis is tilted by {middle:.0f} deg against the vertical found; allowed: "
+        f"the pelvis is tilted by {middle:.0f} deg relative to the vertical axis found; allowed: "
         f"{allowed:.0f} deg"
     )
-    cause, cure = "the body does not stand upright", "write the file with one of its axes vertical"
+    cause, cure = "the body is not upright", "export the file with one of its axes vertical"
     if above is not None and above > HEAD_DOWN * trial.subject.height:
-        cause, cure = (
-            "the vertical axis points down",
-            "write the file with its vertical axis upwards",
-        )
+        cause = "the vertical axis points down"
+        cure = "export the file with its vertical axis upwards"
         found = f"the legs are {above:.2f} m above the pelvis"
     elif middle <= allowed:
         return
     elif middle > LYING_DEG:
         cause = (
-            "right and left are exchanged: the labels (of the pelvis, or of all markers), or an "
+            "right and left are swapped in the labels (of the pelvis, or of all markers), or an "
             "axis is mirrored"
         )
         cure = (
-            "exchange the labels of right and left in the file, or change the sign of the axis "
-            "that was mirrored"
+            "swap the labels of right and left in the file, or change the sign of the mirrored axis"
         )
     yield trial.error("axes", found, cure, cause=cause, weight=10.0, code=Code.NOT_UPRIGHT)
 
 
 def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
-    """m, median height of knees, ankles or heels, or else of all markers of the legs, over the
-    ASIS.
-    """
+    """Measure the median height (m) of the distal leg landmarks, or leg markers, above the ASIS."""
     hips = [path[:, 1] for side in SIDES if (path := trial.landmark(f"asis_{side}")) is not None]
     ends = [f"{name}_{side}" for name in ("ankle_lat", "heel", "knee_lat") for side in SIDES]
     feet = [path[:, 1] for name in ends if (path := trial.landmark(name)) is not None]
@@ -137,87 +133,109 @@ def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
 
 
 def check_static_length(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the static trial is long enough to tell that anybody stands still; one that is not is
-    taken as it is.
+    """Check that the static trial is long enough to detect motion; a shorter one is used as it is.
+
+    Parameters
+    ----------
+    trial
+        The trial; moving ones are not checked.
+
+    Yields
+    ------
+    Finding
+        A warning, or a note for a single frame.
     """
     time = trial.recording.time
     if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
         return
-    if len(time) == 1:  # landmarks of one moment: however the person moves, nothing blurs them
+    if len(time) == 1:  # landmarks of one frame are not blurred by motion
         found = (
-            "one frame is the whole static trial: noise of the cameras is not averaged, some "
-            "tenths of a "
-        )
-        found += (
-            "millimetre beside the 5 to 10 mm of palpation; whether the person stood still cannot "
-            "be told"
+            "the static trial has one frame: camera noise is not averaged, some tenths of a mm in "
+            "addition to the 5 to 10 mm of palpation; standing still cannot be checked"
         )
         yield trial.info("still window", found, code=Code.SHORT_STATIC)
         return
     yield trial.warning(
         "still window",
-        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s, all of them used; at least "
-        f"{FEWEST_FRAMES} frames "
-        f"over {SHORTEST_S:g} s tell standing still from moving",
-        "make sure that the person stands still there, or give a longer part of the recording",
-        cause="the static trial is too short to tell whether the person stands still",
+        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s, all of them used; needed: at "
+        f"least {FEWEST_FRAMES} frames over {SHORTEST_S:g} s",
+        "make sure that the person stands still there, or use a longer part of the recording",
+        cause="the static trial is too short to check that the person stands still",
         code=Code.SHORT_STATIC,
     )
 
 
 def check_stillness(trial: TrialEvidence) -> Iterator[Finding]:
-    """How still the person stood."""
+    """Report how still the person stood.
+
+    Parameters
+    ----------
+    trial
+        The trial; moving ones are not checked.
+
+    Yields
+    ------
+    Finding
+        A note, or a warning if the person moved.
+    """
     if not trial.is_static or trial.model is None or any(check_static_length(trial)):
         return
     try:
         window = find_still_window(trial.recording, trial.marker_set.labels)
     except InputError:
-        return  # told as what keeps the nominal model from being made
+        return  # reported already, as the nominal model cannot be built
     text = (
         f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at "
         f"{1e3 * window.speed:.0f} mm/s RMS"
     )
-    text += f" and stray by {1e3 * window.scatter:.1f} mm RMS from their means"
+    text += f" and scatter by {1e3 * window.scatter:.1f} mm RMS about their means"
     if window.speed <= RESTLESS * STILL_M_S:
         yield trial.info("still window", text, code=Code.STILLNESS)
         return
-    found = (
-        f"{text}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused"
-    )
-    cure = "let the person stand still for some seconds; segment frames come from this posture"
+    found = f"{text}; usual: within 10 mm/s; not accepted: more than {1e3 * RESTLESS_M_S:.0f} mm/s"
+    cure = "record the person standing still for some seconds; it defines the segment frames"
     yield trial.warning(
         "still window", found, cure, weight=window.speed / STILL_M_S, code=Code.STILLNESS
     )
 
 
 def check_heading(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried
-    along sideways.
+    """Check that the person walks where the pelvis faces, over the floor or a belt.
+
+    Parameters
+    ----------
+    trial
+        A gait trial; others are not checked.
+
+    Yields
+    ------
+    Finding
+        A warning, or notes on treadmills and backward walking.
     """
     if trial.facing is None or not trial.is_gait:
         return
-    way, over = trial.walked, ""
+    walked, over = trial.walked, ""
     if trial.on_the_spot:
         found = (
-            f"the body moves {np.linalg.norm(trial.progression):.2f} m (treadmill?): x is where the pelvis "
-            "faces"
+            f"the body moves {np.linalg.norm(trial.progression):.2f} m only (treadmill?): x is the "
+            "direction in which the pelvis faces"
         )
         yield trial.info("heading", found, code=Code.ON_THE_SPOT)
         over = " over the belt"
-    if (length := float(np.linalg.norm(way))) < LEAST_PROGRESSION_M:
+    length = float(np.linalg.norm(walked))
+    if length < LEAST_PROGRESSION_M:
         return
-    cosine = float(trial.facing @ way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
+    cosine = float(trial.facing @ walked) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
     if angle > ALONG_DEG:
         found = (
-            f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body "
-            f"moves{over}"
+            f"the pelvis faces {angle:.0f} deg away from the direction in which the body moves "
+            f"{length:.2f} m{over}"
         )
         cure = (
-            "if the person did not walk backwards or turn, the pelvis markers are exchanged (front "
-            "and back, or "
+            "if the person did not walk backwards or turn, check the pelvis markers (front and "
+            "back, right and left) and the direction of time"
         )
-        cure += "sides), or time runs backwards"
         feet, drifts = trial.feet, plate_checks.compute_drifts(trial)
         ahead = (
             np.zeros(2)
@@ -229,8 +247,8 @@ def check_heading(trial: TrialEvidence) -> Iterator[Finding]:
         )
         if backwards:
             cure = (
-                "the feet point where it faces, and forces brake before they drive: the person "
-                "walks backwards"
+                "no action: the person walks backwards, as the feet point in the same direction "
+                "and forces brake before they drive"
             )
         yield trial.make_finding(
             Severity.INFO if backwards else Severity.WARNING,
@@ -242,87 +260,120 @@ def check_heading(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def check_single_joint(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the body stays where it is, and the other leg still, while one joint moves."""
+    """Check that the pelvis stays in place and the other leg is still in a functional trial.
+
+    Parameters
+    ----------
+    trial
+        A functional (single-joint) trial; others are not checked.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
+    """
     declared = trial.trial.joint
     if not trial.is_isolated or declared is None:
         return
     signs = []
     if trial.pelvis is not None:
-        places = trial.pelvis.origin[trial.pelvis.determined][:, [0, 2]]
-        travel = float(np.linalg.norm(places[-1] - places[0]))
+        positions = trial.pelvis.origin[trial.pelvis.determined][:, [0, 2]]
+        travel = float(np.linalg.norm(positions[-1] - positions[0]))
         if travel > TRAVEL_M:
             signs.append(
-                f"the pelvis goes {travel:.2f} m (in trials of one joint up to {STAYS_M:.1f} m)"
+                f"the pelvis moves {travel:.2f} m (usual in functional trials: up to "
+                f"{STAYS_M:.1f} m)"
             )
     other = "l" if declared.endswith("r") else "r"
-    turns = [
+    rotations = [
         trial.links[f"{joint}_{other}"].rms
         for joint in ("hip", "knee")
         if f"{joint}_{other}" in trial.links
     ]
-    if len(turns) == 2 and min(turns) > STEPS_RAD:
-        hip, knee = np.rad2deg(turns)
-        signs.append(f"hip and knee of the other leg turn by {hip:.0f} and {knee:.0f} deg RMS")
+    if len(rotations) == 2 and min(rotations) > STEPS_RAD:
+        hip, knee = np.rad2deg(rotations)
+        signs.append(f"hip and knee of the other leg rotate by {hip:.0f} and {knee:.0f} deg RMS")
     if signs:
         found = " and ".join(signs)
-        cure = 'write role = "gait", or name the file of the isolated trial'
-        cause = f"the trial is declared for {declared} alone, but this looks like a walk"
+        cure = 'set role = "gait", or correct the file of the functional trial'
+        cause = f"the trial is declared as a functional trial of {declared}, but shows a walk"
         yield trial.warning("role", found, cure, cause=cause, weight=5.0, code=Code.LOOKS_LIKE_WALK)
 
 
 def check_declared_joint(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the joint that moves is the one for which the trial is declared."""
+    """Check that the joint that moves most is the declared one.
+
+    Parameters
+    ----------
+    trial
+        A functional (single-joint) trial; others are not checked.
+
+    Yields
+    ------
+    Finding
+        One error, or nothing.
+    """
     declared = trial.trial.joint
-    turns = {joint: link.rms for joint, link in trial.links.items()} if trial.is_isolated else {}
-    if len(turns) < 2 or declared is None:
+    rotations = {j: link.rms for j, link in trial.links.items()} if trial.is_isolated else {}
+    if len(rotations) < 2 or declared is None:
         return
-    joint = max(turns, key=turns.__getitem__)
-    most, turn = turns[joint], turns.get(declared)
-    if joint == declared or most < MOVES_RAD or (turn is not None and most < LEAD * turn):
+    joint = max(rotations, key=rotations.__getitem__)
+    most, own = rotations[joint], rotations.get(declared)
+    if joint == declared or most < MOVES_RAD or (own is not None and most < LEAD * own):
         return
-    turned = "is not seen" if turn is None else f"turns by {np.rad2deg(turn):.0f} deg RMS"
-    others = [j for j in ISOLATED_JOINTS if j in turns and j not in (joint, declared)]
-    rest = max((np.rad2deg(turns[j]) for j in others), default=0.0)
+    of_declared = "is not visible" if own is None else f"by {np.rad2deg(own):.0f} deg"
+    others = [j for j in ISOLATED_JOINTS if j in rotations and j not in (joint, declared)]
+    largest = max((np.rad2deg(rotations[j]) for j in others), default=0.0)
     yield trial.error(
         "joint",
-        f"it turns by {np.rad2deg(most):.0f} deg RMS about its mean posture, {declared} {turned}, "
-        "the others by at "
-        f"most {rest:.0f} deg",
-        f'write joint = "{joint}", name the file of {declared}, or exchange the labels of right '
-        "and left",
-        cause=f"the trial is declared for {declared}, but this looks like {joint}",
-        weight=most / max(turn or 0.0, MOVES_RAD),
+        f"{joint} rotates by {np.rad2deg(most):.0f} deg RMS about its mean posture, {declared} "
+        f"{of_declared}, others by at most {largest:.0f} deg",
+        f'set joint = "{joint}", correct the file of {declared}, or swap the labels of right and '
+        "left",
+        cause=f"the trial is declared for {declared}, but {joint} moves",
+        weight=most / max(own or 0.0, MOVES_RAD),
         code=Code.OTHER_JOINT,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class StandingLegs:
-    """How the legs of a standing person are bent."""
+    """Posture of the legs of a standing person."""
 
-    knees: tuple[float, float]  # Degrees of flexion, right and left
-    thighs: tuple[float, float]  # Degrees by which the thighs lean from the vertical
+    knees: tuple[float, float]  # Flexion, deg, right and left
+    thighs: tuple[float, float]  # Inclination from the vertical, deg, right and left
     heels: float  # m, height of the right heel above the left one
 
     @property
     def bent(self) -> bool:
-        """Whether a knee bends further than people stand."""
+        """Whether a knee is bent further than in usual standing."""
         return max(self.knees) > BENT_DEG
 
     @property
     def uneven(self) -> bool:
-        """Whether the legs do different things."""
+        """Whether the legs are in different postures."""
         return abs(self.knees[0] - self.knees[1]) > UNEVEN_DEG or abs(self.heels) > UNEVEN_M
 
     @property
     def sitting(self) -> bool:
-        """Whether both thighs lie."""
+        """Whether both thighs are horizontal, as in sitting."""
         return min(self.thighs) > SITTING_DEG
 
 
 def measure_standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
-    """The stance that landmarks p ((3,) m each, y up) of a person of this height (m) show; None
-    where some lack.
+    """Measure the posture of the legs from landmarks.
+
+    Parameters
+    ----------
+    p
+        Landmarks of the static trial, (3,) m each, y up.
+    height
+        Body height, m.
+
+    Returns
+    -------
+    StandingLegs or None
+        None if a required landmark is missing.
     """
     axes = compute_body_axes(p)
     if axes is None or any(name not in p for name in REQUIRED):
@@ -339,7 +390,18 @@ def measure_standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs
 
 
 def check_flat_feet(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the feet of a static trial stand as the zero of the ankle angles was taken from them."""
+    """Check that the feet of a static trial are as the zero of the ankle angles assumes.
+
+    Parameters
+    ----------
+    trial
+        The static trial that makes the model; others are not checked.
+
+    Yields
+    ------
+    Finding
+        One warning, or nothing.
+    """
     p, rule = trial.posture, AnkleZero(trial.settings.ankle_rule)
     if (
         p is None
@@ -363,30 +425,40 @@ def check_flat_feet(trial: TrialEvidence) -> Iterator[Finding]:
             Severity.WARNING,
             "posture",
             "; ".join(f"{SIDE_WORDS[side]} foot: {why}" for side, why in doubts.items()),
-            "look at the feet in that trial and say it under [calibration]: ankle_zero = 'sole' if "
-            "they stand flat, "
-            "'file' or 'markers' if the heels are off the floor",
-            cause="the feet may not stand flat in the static trial, from which ankle angles are "
-            "counted",
+            "check the feet in that trial and set ankle_zero under [calibration]: 'sole' if they "
+            "are flat, 'file' or 'markers' if the heels are off the floor",
+            cause="the feet may not be flat in the static trial, which defines the zero of the "
+            "ankle angles",
             leg="" if len(doubts) == 2 else next(iter(doubts)),
             code=Code.FEET_NOT_FLAT,
         )
 
 
 def check_straight_legs(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the person of a static trial stands on both straight legs."""
+    """Check that the person stands on both straight legs in the static trial.
+
+    Parameters
+    ----------
+    trial
+        The trial; moving ones are not checked.
+
+    Yields
+    ------
+    Finding
+        An error for sitting, a warning for other postures.
+    """
     if trial.posture is None:
         return
     found = measure_standing_legs(trial.posture, trial.subject.height)
     if found is None:
         return
     knees = f"knees bent by {found.knees[0]:.0f} deg (right) and {found.knees[1]:.0f} deg (left)"
-    message = f"{knees}, thighs leaning by {found.thighs[0]:.0f} and {found.thighs[1]:.0f} deg"
+    message = f"{knees}, thighs inclined by {found.thighs[0]:.0f} and {found.thighs[1]:.0f} deg"
     if found.sitting:
         yield trial.error(
             "posture",
-            f"{message}; standing people lean by less than {SITTING_DEG:.0f}",
-            "name the recording in which the person stands",
+            f"{message}; in standing: less than {SITTING_DEG:.0f} deg",
+            "use a recording in which the person stands",
             cause="the person sits in the static trial",
             weight=5.0,
             code=Code.SITTING,
@@ -395,26 +467,35 @@ def check_straight_legs(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning(
             "posture",
             f"{knees}, right heel {1e3 * found.heels:+.0f} mm above the left one",
-            "choose the part in which both feet stand with time = [start, end], or record standing "
-            "again; nothing to "
-            "do if the person cannot stand otherwise",
+            "choose the part in which both feet stand with time = [start, end], or record the "
+            "static trial again; no action if the person cannot stand otherwise",
             cause="the person stands unevenly in the static trial",
             code=Code.UNEVEN_STANCE,
         )
     elif found.bent:
         yield trial.warning(
             "posture",
-            f"{message}; most people stand within 10 deg",
-            "record it again if the person can stand straighter; nothing to do if not: only the "
-            "skin lies a little "
-            "otherwise than over straight legs",
+            f"{message}; usual: within 10 deg",
+            "record it again if the person can stand straighter; no action if not: only the soft "
+            "tissue is slightly displaced",
             cause="the person stands with bent knees in the static trial",
             code=Code.BENT_KNEES,
         )
 
 
 def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
-    """Whether further static trials show the body of the first."""
+    """Check that further static trials show the same body as the first.
+
+    Parameters
+    ----------
+    trials
+        All trials of the study.
+
+    Yields
+    ------
+    Finding
+        One for each further static trial: a note if it agrees.
+    """
     standing = [trial for trial in trials if trial.is_static]
     if not standing:
         return
@@ -422,22 +503,17 @@ def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     reference = first.still_positions
     for other in others:
         positions = other.still_positions
-        disagreeing = [
-            (away, label, segment)
-            for segment, labels in _list_segments(first).items()
-            if (
-                found := _find_disagreement(
-                    [m for m in labels if m in reference and m in positions], reference, positions
-                )
-            )
-            for away, label in [found]
-            if away > DISAGREE_M
-        ]
+        disagreeing: list[tuple[float, str, str]] = []
+        for segment, labels in _list_segments(first).items():
+            common = [m for m in labels if m in reference and m in positions]
+            found = _find_disagreement(common, reference, positions)
+            if found is not None and found[0] > DISAGREE_M:
+                disagreeing.append((*found, segment))
         if not disagreeing:
             if positions and reference:
                 yield other.info(
                     "static trial",
-                    f"agrees with '{first.name}', which the model is made of",
+                    f"agrees with '{first.name}', from which the model is built",
                     code=Code.STATICS_DISAGREE,
                 )
             continue
@@ -448,11 +524,10 @@ def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         yield other.make_finding(
             Severity.ERROR if disagreeing[0][0] > GROSS_M else Severity.WARNING,
             "static trial",
-            f"against the other markers of its segment: {labels_off}; allowed: "
+            f"relative to the other markers of the segment: {labels_off}; allowed: "
             f"{1e3 * DISAGREE_M:.0f} mm",
-            "leave out the static trial whose markers moved or whose labels are wrong; "
-            f"'{first.name}', the first, "
-            "gives the model",
+            "leave out the static trial whose markers moved or whose labels are wrong; the model "
+            f"is built from the first, '{first.name}'",
             cause=f"static trials '{first.name}' and '{other.name}' do not show the same body",
             weight=disagreeing[0][0] / DISAGREE_M,
             code=Code.STATICS_DISAGREE,
@@ -460,8 +535,9 @@ def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
 
 
 def _list_segments(trial: TrialEvidence) -> dict[str, list[str]]:
-    """Segment -> its markers that decide anything, those of the static trial alone and landmarks
-    included.
+    """List the markers of each segment, including those of the static trial only.
+
+    Markers of negligible weight, of trunk and of arms are left out.
     """
     marker_set = trial.marker_set
     out: dict[str, list[str]] = {}
@@ -477,7 +553,7 @@ def _list_segments(trial: TrialEvidence) -> dict[str, list[str]]:
 def _find_disagreement(
     labels: list[str], reference: dict[str, Array], positions: dict[str, Array]
 ) -> tuple[float, str] | None:
-    """The largest disagreement (m) and the marker that is named for it."""
+    """Find the largest disagreement (m) and the marker named for it; None with too few markers."""
     if len(labels) < 2:
         return None
     a, b = (np.array([where[m] for m in labels]) for where in (reference, positions))
@@ -497,9 +573,7 @@ def _find_disagreement(
 
 
 def _compute_rigid_residuals(a: Array, b: Array, fitted: list[int] | None = None) -> Array:
-    """(nm,) m, distances of b (nm, 3) from a (nm, 3) after the rigid motion that fits the markers
-    `fitted` best.
-    """
+    """Compute distances (nm,) m of b (nm, 3) from a (nm, 3), aligned by the markers `fitted`."""
     weight = np.zeros((len(a), 1))
     weight[slice(None) if fitted is None else fitted] = 1.0
     fit = fit_rigid(a, b[:, :, None], weight)

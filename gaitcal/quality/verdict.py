@@ -1,15 +1,14 @@
-"""What follows from what, and the verdict: trustworthy, doubtful or refused, with its reasons.
+"""Consequences of findings, and the verdict: trustworthy, doubtful or refused, with its reasons.
 
-What only follows from a fault that is told already is not told beside it (`without_consequences`):
-one fault, one finding.
+A finding that only follows from another one is removed (`remove_consequences`): one fault, one
+finding.
 
-Findings of one cause become one reason, and the worst is told first. An error refuses, a warning
-makes doubtful, a note does neither. What is wrong with the static trial, an isolated trial or the
-study itself concerns every walk, since all stand on its model. What is wrong with one walk concerns
-that one; where it is about markers, which took part in finding the joints, the others are in doubt.
-What is wrong with one leg concerns that leg alone: where it is refused, so are its torques, and
-those of pelvis and trunk, which need both; the walk is doubtful then, and refused where both legs
-are.
+Findings of one cause become one reason, the worst first. An error leads to a refusal, a warning to
+doubt, a note to neither. A fault of the static trial, a functional trial or the study concerns
+every walk, as all use its model. A fault of one walk concerns that walk; if it is about markers,
+which were used to find the joints, the other walks are doubtful. A fault of one leg concerns that
+leg alone. If it is refused, so are its torques, and those of pelvis and trunk, which need both
+legs; the walk is then doubtful, and refused if both legs are.
 """
 
 import re
@@ -22,54 +21,72 @@ from gaitcal.gait.moments import describe_joint
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 SHOWN = 3
-"""Pieces of evidence that a reason gives; how many more there are is said."""
+"""Number of pieces of evidence in a reason; the number of further ones is added."""
 SPOILS = {
     "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
     "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
     "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
 }
-"""Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by
-itself.
-"""
+"""Topic of an error with known cause -> topics of findings of the same trial that follow from it."""
 SPOILS_BODY = ("units", "axes", "sides", "landmarks")
-"""Topics of errors of a trial that put its whole body in disorder against the other trials'."""
+"""Topics of errors that make the whole body of a trial differ from that of other trials."""
 FORCE_TOPICS = ("forces", "plates", "plate to foot", "body mass")
-"""Topics of what is wrong with the forces of a walk, by which no joint was found."""
+"""Topics of faults of forces, which were not used to find joints."""
 FORCES, JOINT_POSITIONS, BOUNDS, MARKERS_AFTER_FIT = (
     "forces",
     "joint places",
     "physical bounds",
     "markers after the fit",
 )
-"""Topics of the force diagnosis and of what a finished fit says."""
+"""Topics of the force diagnosis and of the post-fit checks."""
 LEFT_OUT = "functional trials"
-"""Topic of a functional trial that the joint parameters were found without."""
+"""Topic of a functional trial that was left out of the joint fit."""
 _UNEXPLAINED = (Code.UNEXPLAINED_RESIDUAL, Code.FORCES_CONTRADICT)
 _LABEL = re.compile(r"'([^']+)'")
 
 
 def has_effect_on_joints(topic: str) -> bool:
-    """Whether a fault of one walk is in the joints as well."""
+    """Return whether a fault of one walk affects the joint parameters.
+
+    Parameters
+    ----------
+    topic
+        Topic of a finding.
+
+    Returns
+    -------
+    bool
+    """
     return topic not in FORCE_TOPICS
 
 
 def remove_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The findings without those that only follow from a warning or an error among them."""
-    said = [f for f in findings if f.severity is not Severity.INFO]
-    return tuple(f for f in findings if not any(_is_consequence(f, cause) for cause in said))
+    """Remove findings that only follow from a warning or an error among them.
+
+    Parameters
+    ----------
+    findings
+        Of the checks and of the fit.
+
+    Returns
+    -------
+    tuple of Finding
+        In the same order.
+    """
+    causes = [f for f in findings if f.severity is not Severity.INFO]
+    return tuple(f for f in findings if not any(_is_consequence(f, cause) for cause in causes))
 
 
 def _is_consequence(effect: Finding, cause: Finding) -> bool:
-    """The graph: whether one finding only follows from another, which is no note."""
+    """Return whether a finding only follows from another one, which is not a note."""
     here, error = cause.where == effect.where, cause.severity is Severity.ERROR
     if here and error and cause.cause and effect.topic in SPOILS.get(cause.topic, ()):
         return True
-    # where markers do not tell how a leg moves, its motion asks for torques and forces that nobody
+    # the motion of a leg that markers do not determine requires torques and forces that were not
     # exerted
     lost_leg = here and error and bool(cause.leg) and has_effect_on_joints(cause.topic)
     lost_leg &= cause.topic not in (BOUNDS, MARKERS_AFTER_FIT)
-    # a fault of the forces of this walk, or of all, is what motion and forces say against each
-    # other
+    # a fault of the forces of this walk, or of all walks, makes motion and forces contradict
     of_forces = cause.topic == FORCES and cause.where in (effect.where, STUDY)
     if effect.code is Code.FORCES_CONTRADICT:
         return lost_leg or (of_forces and cause.code is not Code.FORCES_CONTRADICT)
@@ -85,8 +102,7 @@ def _is_consequence(effect: Finding, cause: Finding) -> bool:
             and cause.topic != MARKERS_AFTER_FIT
             and not labels.isdisjoint(_LABEL.findall(cause.cause))
         )
-    # joints of another body lie elsewhere, and one that lies where nobody has it is beyond its
-    # bounds
+    # joints of another body are at unusual positions, and an unusual position is at a bound
     if effect.topic == JOINT_POSITIONS:
         return cause.code is Code.OTHER_BODY
     if effect.code is Code.JOINT_AT_BOUND:
@@ -98,17 +114,17 @@ def _is_consequence(effect: Finding, cause: Finding) -> bool:
 
 
 class Judgement(Enum):
-    """How far a result can be believed."""
+    """Trust in a result, the best first."""
 
     TRUSTWORTHY = "trustworthy"
     DOUBTFUL = "doubtful"
     REFUSED = "refused"
 
     @classmethod
-    def worst(cls, of: "Iterable[Judgement]") -> "Judgement":
-        """The worst of some; trustworthy where there are none."""
+    def select_worst(cls, judgements: "Iterable[Judgement]") -> "Judgement":
+        """Return the worst of some judgements; trustworthy if there are none."""
         order = list(cls)
-        return max(of, key=order.index, default=cls.TRUSTWORTHY)
+        return max(judgements, key=order.index, default=cls.TRUSTWORTHY)
 
 
 _JUDGEMENT_OF_SEVERITY = {
@@ -120,23 +136,23 @@ _JUDGEMENT_OF_SEVERITY = {
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """One cause for doubt: what is wrong, how that is known, what to do."""
+    """One cause for doubt, with its evidence and remedy."""
 
     cause: str
     evidence: str
     action: str
     trials: tuple[str, ...]
-    """Names of trials, the worst first; empty where it is about the study."""
+    """Names of trials, the worst first; empty if it concerns the study."""
     leg: str
-    """`r` or `l`; empty where it is about both, or neither."""
+    """`r` or `l`; empty if it concerns both, or neither."""
     topic: str
     severity: Severity
     code: Code
-    """Of the worst of its findings: `gaitcal explain` tells what it means."""
+    """Of the worst of its findings; `gaitcal explain` describes it."""
 
     @property
     def line(self) -> str:
-        """In one line: where, what, evidence, what to do."""
+        """Trials, cause, evidence and remedy in one line."""
         where = ", ".join(self.trials) or STUDY
         return f"{where}: {self.cause}: {self.evidence}" + (
             f"; {self.action}" if self.action else ""
@@ -145,7 +161,7 @@ class Reason:
 
 @dataclass(frozen=True, kw_only=True)
 class WalkVerdict:
-    """One walk, and its legs."""
+    """Judgement of one walk and of its legs."""
 
     judgement: Judgement
     legs: Mapping[str, Judgement]
@@ -154,7 +170,7 @@ class WalkVerdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """How far a result can be believed, and why."""
+    """Trust in a result, and its reasons."""
 
     judgement: Judgement
     reasons: tuple[Reason, ...]
@@ -162,18 +178,27 @@ class Verdict:
     trials: Mapping[str, WalkVerdict]
     """Every walk."""
     forced: bool = False
-    """Whether the user went on past errors."""
+    """Whether the user continued in spite of errors."""
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Names of the walks that are refused."""
+        """Names of refused walks."""
         return tuple(
             name for name, trial in self.trials.items() if trial.judgement is Judgement.REFUSED
         )
 
-    def refused_legs(self, walk: str) -> tuple[str, ...]:
-        """The legs (`r`, `l`) of a walk that are refused; none of a trial that is not judged by
-        itself.
+    def list_refused_legs(self, walk: str) -> tuple[str, ...]:
+        """List the refused legs of a walk.
+
+        Parameters
+        ----------
+        walk
+            Name of a trial.
+
+        Returns
+        -------
+        tuple of str
+            `r`, `l`; empty for a trial without a judgement.
         """
         trial = self.trials.get(walk)
         legs = {} if trial is None else trial.legs
@@ -187,27 +212,35 @@ class Verdict:
         for walk in self.trials:
             if walk not in self.refused:
                 parts += [
-                    f"the {SIDE_WORDS[side]} leg of {walk}" for side in self.refused_legs(walk)
+                    f"the {SIDE_WORDS[side]} leg of {walk}" for side in self.list_refused_legs(walk)
                 ]
         if self.judgement is not Judgement.REFUSED and parts:
             text += f" Refused: {', '.join(parts)}."
-        return text + (" It was made with --force, past errors." if self.forced else "")
+        return text + (" It was computed in spite of errors (--force)." if self.forced else "")
 
 
 SENTENCES = {
     Judgement.TRUSTWORTHY: "No check found an error larger than the error bars.",
-    Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: look at the "
-    "reasons.",
-    Judgement.REFUSED: "This result is not to be used: no torque counts as valid, and no error bar "
-    "is given.",
+    Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: check the reasons.",
+    Judgement.REFUSED: "Do not use this result: no torque is valid, and error bars are not given.",
 }
 
 
 def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = False) -> Verdict:
-    """The verdict on a result with these findings.
+    """Judge a result by its findings.
 
-    `walks`: names of the trials that are judged each by itself; findings of any other concern all
-    of them. `forced`: whether errors of the checks were passed over.
+    Parameters
+    ----------
+    findings
+        Of the checks and of the fit.
+    walks
+        Names of the trials with a judgement each; findings of any other trial concern all of them.
+    forced
+        Whether the user continued in spite of errors.
+
+    Returns
+    -------
+    Verdict
     """
     shared = [f for f in findings if f.where not in walks]
     of_all = _judge_legs(shared)
@@ -219,13 +252,16 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     trials: dict[str, WalkVerdict] = {}
     for walk in walks:
         of_walk = _judge_legs([f for f in findings if f.where == walk])
-        legs = {side: Judgement.worst((of_walk[side], of_all[side])) for side in SIDES}
-        whole = Judgement.worst((of_walk[""], of_all[""]))
-        legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
+        legs = {side: Judgement.select_worst((of_walk[side], of_all[side])) for side in SIDES}
+        whole = Judgement.select_worst((of_walk[""], of_all[""]))
+        legs = {side: Judgement.select_worst((leg, whole)) for side, leg in legs.items()}
         if spoilt - {walk}:
-            legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}
+            legs = {
+                side: Judgement.select_worst((leg, Judgement.DOUBTFUL))
+                for side, leg in legs.items()
+            }
         trials[walk] = WalkVerdict(
-            judgement=Judgement.worst((whole, _combine_legs(legs))), legs=legs
+            judgement=Judgement.select_worst((whole, _combine_legs(legs))), legs=legs
         )
     return Verdict(
         judgement=_judge_overall(of_all, trials),
@@ -238,10 +274,21 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
 def select_stopping_errors(
     findings: Sequence[Finding], walks: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """The errors that leave nothing to compute, the first one first; none where every walk keeps a
-    leg.
+    """Select the errors that leave nothing to compute.
 
-    Where an error bears a leg, and the other leg has none, the result tells of the other leg.
+    If an error concerns one leg and the other leg has none, results of the other leg remain.
+
+    Parameters
+    ----------
+    findings
+        Of the checks.
+    walks
+        Names of the walks.
+
+    Returns
+    -------
+    tuple of Finding
+        In the given order; empty if every walk keeps a leg.
     """
     errors = tuple(f for f in findings if f.severity is Severity.ERROR)
     verdict = judge(errors, walks)
@@ -252,24 +299,24 @@ _TRUSTWORTHY = Judgement.TRUSTWORTHY
 
 
 def _judge_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:
-    """The worst of the findings about each leg, and about neither (``""``)."""
+    """Judge each leg by the worst of its findings, and findings about neither (``""``)."""
     out = dict.fromkeys(("", *SIDES), _TRUSTWORTHY)
     for f in findings:
         leg = f.leg if f.leg in SIDES else ""
-        out[leg] = Judgement.worst((out[leg], _JUDGEMENT_OF_SEVERITY[f.severity]))
+        out[leg] = Judgement.select_worst((out[leg], _JUDGEMENT_OF_SEVERITY[f.severity]))
     return out
 
 
 def _combine_legs(legs: Mapping[str, Judgement]) -> Judgement:
-    """Of two legs together: refused where both are, in doubt where one is."""
-    worst = Judgement.worst(legs.values())
+    """Combine two legs: refused if both are, doubtful if one is."""
+    worst = Judgement.select_worst(legs.values())
     if worst is Judgement.REFUSED and any(leg is not Judgement.REFUSED for leg in legs.values()):
         return Judgement.DOUBTFUL
     return worst
 
 
 def _judge_overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVerdict]) -> Judgement:
-    """Refused where all is: a walk that is refused beside others that are not leaves doubt alone."""
+    """Judge the whole result: refused if all walks are, doubtful if some are."""
     walks = [trial.judgement for trial in trials.values()]
     everything = [*shared.values(), *walks]
     nothing_left = (
@@ -283,7 +330,18 @@ def _judge_overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVer
 
 
 def collect_reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
-    """One reason a cause, of errors and warnings, the worst first."""
+    """Collect one reason for each cause of errors and warnings.
+
+    Parameters
+    ----------
+    findings
+        Of the checks and of the fit.
+
+    Returns
+    -------
+    tuple of Reason
+        The worst first.
+    """
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
         if f.severity is not Severity.INFO:
@@ -299,10 +357,12 @@ def collect_reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
+    """Rank a finding by severity and weight, the worst first."""
     return finding.severity.rank, -finding.weight
 
 
 def _summarise_reason(group: Sequence[Finding]) -> Reason:
+    """Summarise findings of one cause, the worst first."""
     first = group[0]
     trials = tuple(dict.fromkeys(f.where for f in group if f.where != STUDY))
     several = len(trials) > 1

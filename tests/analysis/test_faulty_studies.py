@@ -67,7 +67,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
             "walk.csv",
             lambda t: t.assign(**{c: np.nan for c in t if c.startswith(("L.Thigh", "L.Knee"))}),
         ),
-        ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "where worn"),
+        ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker"),
     ),
     "forces of another time": (
         _table("walk_forces.csv", lambda t: t.assign(time=t["time"] + 2.0)),

@@ -266,7 +266,7 @@ def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_b
     (name, finding), *others = found(trials, "fitted").items()
     assert (name, finding.severity, finding.leg, others) == ("hip_l", Severity.WARNING, "", [])
     verdict = judge([finding], ["walk"])
-    assert verdict.judgement is Judgement.DOUBTFUL and not verdict.refused_legs("walk")
+    assert verdict.judgement is Judgement.DOUBTFUL and not verdict.list_refused_legs("walk")
     assert found(trials, None) == {} == found(trials[:1], "fitted"), (
         "nothing to fit, or nothing left"
     )

@@ -134,7 +134,7 @@ CASES = {
     "pelvis not labelled": case(
         Code.FEW_MARKERS, ERROR, "labels", relabelled("V.Sacral", "x"), 2, "pelvis"
     ),
-    "never seen": case(Code.NEVER_SEEN, WARNING, "labels", gone(slice(None)), FRONT, 0, 208),
+    "never seen": case(Code.NEVER_SEEN, WARNING, "labels", gone(slice(None)), FRONT, 208),
     "landmark not labelled": case(
         Code.LANDMARKS,
         ERROR,

@@ -128,7 +128,7 @@ def test_a_disagreement_that_no_fault_explains_is_told_as_such(
     (finding,) = find_force_faults([shaken]).findings
     check_finding(finding, Code.UNEXPLAINED_RESIDUAL, Severity.WARNING)
     assert find_force_faults([shaken]).faulty == {"walk"}
-    monkeypatch.setattr(force_choice, "UNEXPLAINED", 1e6)
+    monkeypatch.setattr(force_choice, "UNEXPLAINED_SQUARE", 1e6)
     assert find_force_faults([shaken]).findings == ()
 
 
@@ -204,8 +204,8 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
     monkeypatch.setattr(
         force_choice, "ForceResidual", lambda trials: SimpleNamespace(trials=tuple(trials))
     )
-    monkeypatch.setattr(force_choice, "fits", best_fit)
-    monkeypatch.setattr(force_choice, "at_size", in_each)
+    monkeypatch.setattr(force_choice, "fit_causes", best_fit)
+    monkeypatch.setattr(force_choice, "evaluate_at_size", in_each)
     evidence = exact_walk().evidence()
     named, left, _ = choose([replace(evidence, name=name) for name in size])
     assert "".join(sorted(t.name for one in named for t in one.trials)) == convicted and left == []
@@ -235,7 +235,7 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
         len(force_choice.select_named([replace(fit, explained=0.3) for fit in found], shaken=True))
         == 3
     )
-    monkeypatch.setattr(force_choice, "fits", lambda residual, only=None: (1.0, found))
+    monkeypatch.setattr(force_choice, "fit_causes", lambda residual, only=None: (1.0, found))
     assert len(choose([evidence])[0]) == 1 and choose([replace(evidence, missing=0.05)])[:2] == (
         [],
         [],
@@ -252,7 +252,7 @@ def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(
         cause=gain, x=np.array([-0.58]), gain=20.0, explained=0.27, gains=np.array([20.0])
     )
     size, found = 9.0, [fit]
-    monkeypatch.setattr(force_choice, "fits", lambda residual, only=None: (size, found))
+    monkeypatch.setattr(force_choice, "fit_causes", lambda residual, only=None: (size, found))
     assert choose([evidence])[:2] == ([], [])
     assert len(choose([replace(evidence, doubtful=False)])[0]) == 1
     found[0] = replace(fit, explained=0.8)

@@ -22,7 +22,7 @@ from tests.quality.spoilt import Array, findings, moved, with_trial
 
 
 def told(study: Study) -> list[Finding]:
-    return findings(study, cause="on which a knee bends")
+    return findings(study, code=Code.KNEE_MARKERS)
 
 
 def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:

@@ -94,9 +94,7 @@ def test_few_markers_or_a_body_at_rest_tell_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "words"),
-    [(1, "frames were cut out"), (-1, "a frame stands in it twice")],
-    ids=["lost", "twice"],
+    ("count", "words"), [(1, "missing"), (-1, "duplicated")], ids=["lost", "twice"]
 )
 def test_walk_is_warned_of_and_an_isolated_trial_noted(count: int, words: str) -> None:
     def spoil(recording: Recording) -> Recording:

@@ -87,7 +87,7 @@ def test_what_concerns_one_leg_leaves_the_other_alone() -> None:
         ("walk2", "l"): GOOD,
     }
     assert verdict.trials["walk"].judgement is DOUBTFUL and verdict.refused == ()
-    assert verdict.refused_legs("walk") == ("l",) and verdict.refused_legs("walk2") == ()
+    assert verdict.list_refused_legs("walk") == ("l",) and verdict.list_refused_legs("walk2") == ()
     assert verdict.judgement is DOUBTFUL
     check_text(verdict.sentence)
     both = judge(both_legs("walk"), WALKS)
