@@ -182,7 +182,11 @@ def analyse_further(
     )
     console.print_line(f"results: {folder}")
     console.print_line(f"page:    {folder / PAGE}")
-    if not not_converged and any(map(verdict.list_refused_legs, verdict.trials)) and not verdict.refused:
+    if (
+        not not_converged
+        and any(map(verdict.list_refused_legs, verdict.trials))
+        and not verdict.refused
+    ):
         raise _make_refusal_error(
             "a leg is refused (written, with none of its torques valid)", verdict
         )

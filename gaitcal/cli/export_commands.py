@@ -416,7 +416,8 @@ def export_into(
     # Nothing is written from a result that changed while it was read.
     saved.files.require_unchanged()
     write_bytes_atomically(target, done.content)
-    write_text_atomically(target.with_suffix(".joints.csv"), joint_moves.format_joints_csv(done.joints)
+    write_text_atomically(
+        target.with_suffix(".joints.csv"), joint_moves.format_joints_csv(done.joints)
     )
     _remove_earlier_files(console, target)
     if done.moved_points:
@@ -527,7 +528,9 @@ def _compare_muscles(
     step("muscles before")
     before = transfer_account.compute_muscle_paths(model, ranges)
     step("muscles after")
-    changes = transfer_account.compare_muscles(before, transfer_account.compute_muscle_paths(out, ranges))
+    changes = transfer_account.compare_muscles(
+        before, transfer_account.compute_muscle_paths(out, ranges)
+    )
     spread: list[Mapping[tuple[str, str], transfer_account.MusclePath]] = []
     for k, path in enumerate(drawn):
         step(f"muscles of draw {k + 1} of {len(drawn)}")

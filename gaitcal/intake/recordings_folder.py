@@ -1,12 +1,11 @@
-"""Every file of a folder, read once, and which table of forces belongs to which recording.
+"""Read every file of a folder once, and pair tables of forces with recordings.
 
-Only files directly in the folder: one person a folder. A file that cannot be read ends nothing; it
-keeps its reason.
+Only files directly in the folder are read: one person per folder. A file that cannot be read keeps
+the reason, and the others are still read.
 
-A recording that has plates of its own needs no table. For another one, a table can be its own only
-if it covers its time and if, under load, the centre of pressure lies near a foot: the feet decide,
-names only where feet do not. One that is called after a recording which needs no forces is nobody
-else's.
+A recording with force plates needs no table. A table can belong to another recording if it covers
+its time and if, under load, the centre of pressure is near a foot. The feet decide; names decide
+only if the feet do not. A table named after a recording that needs no forces belongs to no other.
 """
 
 import difflib
@@ -27,20 +26,22 @@ from gaitcal.io.force_tables import Forces
 from gaitcal.io.recording import Recording
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 
-MOST_FILES = 2000  # A folder with more files is no person's
-MARKER_ENDINGS, TABLE_ENDINGS = (".c3d", ".trc"), (".mot", ".sto")
-LARGEST_XML = 1_000_000  # Bytes; the settings of external forces take some 3 kB
+MOST_FILES = 2000
+"""Largest number of files in the folder of one person."""
+MARKER_ENDINGS = (".c3d", ".trc")
+TABLE_ENDINGS = (".mot", ".sto")
+LARGEST_XML = 1_000_000
+"""Bytes. The settings of external forces take some 3 kB."""
 _HIDDEN = re.compile(r"[.~]")
 
 
 class FileKind(Enum):
-    """What a file is."""
+    """Kinds of files."""
 
     RECORDING = "recording"
     FORCES = "forces"
-    EXTERNAL_LOADS = (
-        "external forces"  # OpenSim's XML that says which columns of a table are which force
-    )
+    EXTERNAL_LOADS = "external forces"
+    """OpenSim's XML that assigns the columns of a table to forces."""
     CORNERS = "corners of plates"
     FACTS = "person and events"
     EVENTS = "foot events"
@@ -55,13 +56,16 @@ class FolderFile:
     """One file, as it was read."""
 
     path: Path
-    name: str  # As seen from the folder
+    name: str
+    """Path relative to the folder."""
     kind: FileKind
     recording: Recording | None = None
     forces: Forces | None = None
     marker_set: MarkerSet | None = None
-    table_name: str = ""  # Of external forces: the table that they name
-    reason: str = ""  # Why it is of no use, where it is of none
+    table_name: str = ""
+    """Of external forces: the table that they describe."""
+    reason: str = ""
+    """Why it cannot be used; empty if it can."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,29 +73,45 @@ class Folder:
     """A folder as it was read."""
 
     path: Path
-    files: tuple[FolderFile, ...]  # In the order of their names, letters without case
-    subfolders: tuple[tuple[str, int], ...]  # Folders in it that hold recordings, and how many
-    deep: bool = False  # Whether the files of these are among `files`
+    files: tuple[FolderFile, ...]
+    """Sorted by name, ignoring case."""
+    subfolders: tuple[tuple[str, int], ...]
+    """Name of each subfolder with recordings, and their number."""
+    deep: bool = False
+    """Whether `files` includes the files of the subfolders."""
 
     def select_kind(self, kind: FileKind) -> tuple[FolderFile, ...]:
-        """Its files of one kind."""
+        """Return its files of one kind."""
         return tuple(file for file in self.files if file.kind is kind)
 
     @property
     def name(self) -> str:
-        """Name of the folder, whatever way leads to it."""
+        """Name of the folder, links resolved."""
         return self.path.resolve().name
 
 
 def read_folder(path: Path, *, deep: bool = False) -> Folder:
-    """Read every file that lies in a folder; `deep`: and in the folders directly in it that hold
-    recordings.
+    """Read every file of a folder.
 
-    Raises InputError: It is no folder, cannot be listed, or holds more than `MOST_FILES` files.
+    Parameters
+    ----------
+    path
+        Of the folder.
+    deep
+        Whether to read its direct subfolders with recordings, too.
+
+    Returns
+    -------
+    Folder
+
+    Raises
+    ------
+    InputError
+        It is no folder, cannot be read, or holds more than `MOST_FILES` files.
     """
     if not path.is_dir():
         raise InputError(
-            "is no folder; a folder with one person's recordings is needed",
+            "is not a folder; give a folder with the recordings of one person",
             source=path,
             code=Code.FOLDER,
         )
@@ -99,7 +119,7 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
         entries = sorted(path.iterdir(), key=lambda p: (p.name.lower(), p.name))
     except OSError as error:
         raise InputError(
-            f"cannot be listed: {error.strerror}", source=path, code=Code.UNREADABLE
+            f"the folder cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE
         ) from None
     files = _list_files(path)
     below = [
@@ -109,13 +129,14 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
     if deep:
         files += [file for name, _ in subfolders for file in _list_files(path / name)]
     if len(files) > MOST_FILES:
-        message = f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}"
+        message = f"found {len(files)} files; at most {MOST_FILES} are allowed for one person"
         raise InputError(message, source=path, code=Code.FOLDER)
     read = tuple(_read(file, file.relative_to(path).as_posix()) for file in files)
     return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
 
 
 def _list_files(folder: Path) -> list[Path]:
+    """List the visible files of a folder; none if it cannot be read."""
     try:
         files = sorted(folder.iterdir(), key=lambda p: (p.name.lower(), p.name))
     except OSError:
@@ -124,17 +145,18 @@ def _list_files(folder: Path) -> list[Path]:
 
 
 def _count_recordings(folder: Path) -> int:
+    """Count the marker files of a folder; 0 in a result folder."""
     try:
         manifest, example = folder / result_folder.MANIFEST, result_folder.ResultKind.EXAMPLE.value
         if manifest.is_file() and result_folder.read_json_object(manifest).get("kind") != example:
-            return 0  # a result of ours
+            return 0
         return sum(p.suffix.lower() in MARKER_ENDINGS for p in folder.iterdir())
     except OSError:
         return 0
 
 
 def _read(path: Path, name: str) -> FolderFile:
-    """A file by its ending and content; one that cannot be read keeps the reason, without its path."""
+    """Read a file by its ending and content; if that fails keep the reason without its path."""
     try:
         with np.errstate(all="ignore"):
             return replace(_read_by_ending(path), name=name)
@@ -144,6 +166,7 @@ def _read(path: Path, name: str) -> FolderFile:
 
 
 def _read_by_ending(path: Path) -> FolderFile:
+    """Read a file by its ending."""
     file = FolderFile(path=path, name=path.name, kind=FileKind.OTHER)
     ending = path.suffix.lower()
     if ending in MARKER_ENDINGS:
@@ -156,10 +179,11 @@ def _read_by_ending(path: Path) -> FolderFile:
         return _read_toml(file)
     if ending == ".xml":
         return _read_xml(file)
-    return replace(file, reason=f"gaitcal reads no file ending in '{ending}'")
+    return replace(file, reason=f"files ending in '{ending}' are not supported")
 
 
 def _read_csv(file: FolderFile) -> FolderFile:
+    """Read a CSV file by its header: events, markers, forces, plate corners or facts."""
     if file.path.name == csv_files.EVENT_FILE:
         if not csv_files.is_event_table(file.path):
             return replace(file, reason=csv_files.NOT_AN_EVENT_TABLE)
@@ -182,6 +206,7 @@ def _read_csv(file: FolderFile) -> FolderFile:
 
 
 def _read_toml(file: FolderFile) -> FolderFile:
+    """Read a TOML file: a study or a marker set."""
     content = toml.read_toml(file.path)
     if is_study(content):
         return replace(file, kind=FileKind.STUDY)
@@ -191,32 +216,45 @@ def _read_toml(file: FolderFile) -> FolderFile:
 
 
 def is_study(content: Mapping[str, object]) -> bool:
-    """Whether a TOML table is a study."""
+    """Return whether a TOML table is a study.
+
+    Parameters
+    ----------
+    content
+        Of the file.
+
+    Returns
+    -------
+    bool
+    """
     return "trial" in content or "subject" in content
 
 
 def _read_xml(file: FolderFile) -> FolderFile:
+    """Read OpenSim's external forces."""
     path = file.path
     try:
         text = path.read_bytes()
         if len(text) > LARGEST_XML or b"<!ENTITY" in text:
-            raise InputError("is no XML of external forces", source=path, code=Code.FILE_FORMAT)
+            message = "is not an XML file of external forces"
+            raise InputError(message, source=path, code=Code.FILE_FORMAT)
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, OSError) as error:
         raise InputError(
-            f"is no readable XML: {error}", source=path, code=Code.FILE_FORMAT
+            f"the XML cannot be read: {error}", source=path, code=Code.FILE_FORMAT
         ) from None
     table = (root.findtext(".//datafile") or "").strip()
     if not table:
-        return replace(file, reason="an XML that names no table of external forces")
+        return replace(file, reason="an XML file without a table of external forces")
     forces = None
     if ".xml" in formats.FORCE_READERS and _try_reading_forces(path.parent / table) is None:
-        forces = _try_reading_forces(path)  # the table has columns that only the XML explains
+        # the table has columns that only the XML explains
+        forces = _try_reading_forces(path)
     return replace(file, kind=FileKind.EXTERNAL_LOADS, table_name=table, forces=forces)
 
 
 def _try_reading_forces(path: Path) -> Forces | None:
-    """The forces of a table or of an XML that names one; None where they cannot be read."""
+    """Read the forces of a table, or of an XML that describes one; None if they cannot be read."""
     try:
         return formats.read_forces(path)
     except InputError:
@@ -224,7 +262,17 @@ def _try_reading_forces(path: Path) -> Forces | None:
 
 
 def find_marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
-    """Marker sets that lie beside the folder, where laboratories keep one for all of their people."""
+    """Find marker sets next to the folder, where laboratories keep one for all their subjects.
+
+    Parameters
+    ----------
+    folder
+        Its path.
+
+    Returns
+    -------
+    tuple of FolderFile
+    """
     above = folder.resolve().parent
     try:
         files = sorted(p for p in above.iterdir() if p.suffix.lower() == ".toml" and p.is_file())
@@ -241,18 +289,42 @@ _JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)
 
 
 def describe_name_conflict(stem: str, role: tuple[str, str]) -> str:
-    """What a file's name says against its role; empty where it says nothing."""
+    """Describe a joint in a file's name that contradicts its role.
+
+    Parameters
+    ----------
+    stem
+        File name without ending.
+    role
+        Role and joint.
+
+    Returns
+    -------
+    str
+        Empty without a contradiction.
+    """
     word = _JOINT_WORD.search(stem)
     if word is None:
         return ""
     name = word.group(1).lower()
     if role[0] == "joint" and role[1].startswith(name):
         return ""
-    return f"though its name says {name}"
+    return f"although its name contains '{name}'"
 
 
 def make_trial_names(stems: Sequence[str]) -> list[str]:
-    """Names of trials from those of files: safe as file names, and each once whatever the case."""
+    """Make trial names from file names: valid as file names, and unique whatever the case.
+
+    Parameters
+    ----------
+    stems
+        File names without ending.
+
+    Returns
+    -------
+    list of str
+        In the same order.
+    """
     out: list[str] = []
     for stem in stems:
         plain = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_")[:60] or "trial"
@@ -267,33 +339,41 @@ def make_trial_names(stems: Sequence[str]) -> list[str]:
 
 
 UNDER_M = 0.25
-"""Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a
-foot under load.
+"""m, largest median distance in the floor plane between centre of pressure and nearest foot marker
+under load.
 """
 SAME_NAME = 0.6
+"""Similarity from which two names are alike."""
 WORDS = re.compile(
     r"(grfs?|forces?|force|fp|plates?|analog|kinetics|ext|external|loads?)", re.IGNORECASE
 )
-"""Words of names that say only that a file holds forces."""
+"""Words of names that mean only that a file contains forces."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceChoice:
     """The forces of one recording."""
 
-    file: FolderFile  # The table, or the XML that names it
+    file: FolderFile
+    """The table, or the XML that describes it."""
     reason: str
     certain: bool
 
 
 @dataclass(frozen=True)
 class _Match:
+    """A table of forces that may belong to a recording."""
+
     recording: int
     table: int
-    away: float | None  # m, of the centre of pressure from the feet; None where nothing is loaded
+    away: float | None
+    """m, distance of the centre of pressure from the feet; None without load."""
     alike: float
-    covered: tuple[float, float]  # s, from when to when the table has forces
-    lost: float  # Share of the recording's time without forces
+    """Similarity of the names, 0 to 1."""
+    covered: tuple[float, float]
+    """s, from when to when the table has forces."""
+    lost: float
+    """Share of the recording's time without forces."""
 
 
 def pair_forces(
@@ -301,21 +381,36 @@ def pair_forces(
     marker_set: MarkerSet,
     files: Sequence[FolderFile],
 ) -> tuple[dict[int, ForceChoice], dict[str, str]]:
-    """Recording -> its forces, and table -> why it is nobody's. `recordings`: number -> file name
-    without ending, and recording with the set's labels; those of which forces are wanted.
+    """Pair tables of forces with recordings.
+
+    Parameters
+    ----------
+    recordings
+        Number -> file name without ending, and recording with the labels of the set; those that
+        need forces.
+    marker_set
+        Of the recordings.
+    files
+        Of the folder.
+
+    Returns
+    -------
+    forces : dict
+        Recording -> its forces.
+    unpaired : dict
+        Table -> why it belongs to no recording.
     """
     tables = [file for file in files if file.forces is not None]
     named = [file for file in files if file.kind is FileKind.EXTERNAL_LOADS]
-    loads = {
-        PureWindowsPath(file.table_name).name.lower(): file for file in named
-    }  # takes / and \\ alike
+    # a Windows path takes / and \ as separators
+    loads = {PureWindowsPath(file.table_name).name.lower(): file for file in named}
     matches: list[_Match] = []
     why: dict[str, str] = {}
     wanted = {stem for stem, _ in recordings.values()}
     for t, table in enumerate(tables):
         partner = find_partner(table, files)
         if partner is not None and partner.path.stem not in wanted:
-            why[table.name] = f"the forces of {partner.name}, which needs none or is not used"
+            why[table.name] = f"forces of {partner.name}, which needs none or is not used"
             continue
         for number, (stem, recording) in recordings.items():
             match = _match(number, stem, recording, marker_set, t, table)
@@ -325,6 +420,7 @@ def pair_forces(
                 matches.append(match)
     out: dict[int, ForceChoice] = {}
     used: set[int] = set()
+    # the best pairs first, each recording and table once
     for match in sorted(matches, key=_rank):
         if match.recording in out or match.table in used:
             continue
@@ -333,44 +429,59 @@ def pair_forces(
         unsure = match.away is None and match.alike < SAME_NAME
         if unsure and (rivals or len(recordings) > 1):
             why[table.name] = (
-                "nothing tells whose forces these are: no foot is loaded, and no name is alike"
+                "cannot be assigned to a recording: no foot is loaded, and no name is similar"
             )
             continue
-        alike = {
-            number: compare_names(stem, table.path.stem) for number, (stem, _) in recordings.items()
-        }
-        best = max(alike, key=lambda number: (alike[number], number == match.recording))
-        rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
-        covers = (
-            "covers the time"
-            if match.lost == 0.0
-            else "covers {:.2f} to {:.2f} s".format(*match.covered)
-        )
-        parts = [f"{covers}; no foot is loaded in it"]
-        if match.away is not None:
-            parts = [f"{covers}, and under load acts {100 * match.away:.0f} cm from the feet"]
-        if rival:
-            parts.append(f"though its name says {recordings[best][0]}")
-        elif match.alike >= SAME_NAME:
-            parts.append("the names are alike")
-        if (by := loads.get(table.path.name.lower())) is not None:
-            parts.append(f"{by.name} names it")
-        out[match.recording] = ForceChoice(
-            file=table, reason="; ".join(parts), certain=match.away is not None and not rival
-        )
+        stems = {number: stem for number, (stem, _) in recordings.items()}
+        external = loads.get(table.path.name.lower())
+        out[match.recording] = _choose_forces(match, table, stems, external)
         used.add(match.table)
-    for t, table in enumerate(tables):
-        if t not in used:
-            better = "its recording has another table that fits better"
-            why.setdefault(
-                table.name, better if recordings else "no walk without plates of its own needs it"
-            )
-    return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
+    reason = "no walk without force plates needs it"
+    if recordings:
+        reason = "its recording has another table that fits better"
+    unused = [table for t, table in enumerate(tables) if t not in used]
+    for table in unused:
+        why.setdefault(table.name, reason)
+    return out, {table.name: why[table.name] for table in unused}
+
+
+def _choose_forces(
+    match: _Match, table: FolderFile, stems: Mapping[int, str], external: FolderFile | None
+) -> ForceChoice:
+    """Describe why a table belongs to a recording; uncertain if another one's name is more alike."""
+    alike = {number: compare_names(stem, table.path.stem) for number, stem in stems.items()}
+    best = max(alike, key=lambda number: (alike[number], number == match.recording))
+    is_rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
+    covers = "covers the time"
+    if match.lost != 0.0:
+        covers = "covers {:.2f} to {:.2f} s".format(*match.covered)
+    parts = [f"{covers}; no foot is loaded in it"]
+    if match.away is not None:
+        distance = f"{100 * match.away:.0f} cm"
+        parts = [f"{covers}, centre of pressure under load {distance} from the feet"]
+    if is_rival:
+        parts.append(f"although its name is more similar to {stems[best]}")
+    elif match.alike >= SAME_NAME:
+        parts.append("similar names")
+    if external is not None:
+        parts.append(f"described by {external.name}")
+    certain = match.away is not None and not is_rival
+    return ForceChoice(file=table, reason="; ".join(parts), certain=certain)
 
 
 def find_partner(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
-    """The recording after which a table of forces is called (`gait.csv`: `gait_forces.csv`), if
-    there is one.
+    """Find the recording after which a table of forces is named (`gait.csv`: `gait_forces.csv`).
+
+    Parameters
+    ----------
+    table
+        Of forces.
+    files
+        Of the folder.
+
+    Returns
+    -------
+    FolderFile or None
     """
     recordings = (
         f for f in files if f.kind is FileKind.RECORDING and compare_names(f.path.stem, "") < 1.0
@@ -381,9 +492,7 @@ def find_partner(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile |
 
 
 def _rank(match: _Match) -> tuple[object, ...]:
-    """Smallest first: little time is lost, names are alike (in steps), feet are near, then the
-    order of the files.
-    """
+    """Rank a match, smallest first: time lost, names (both in steps), distance, order of the files."""
     away = np.inf if match.away is None else match.away
     return (
         match.away is None,
@@ -398,9 +507,9 @@ def _rank(match: _Match) -> tuple[object, ...]:
 def _match(
     number: int, stem: str, recording: Recording, marker_set: MarkerSet, t: int, table: FolderFile
 ) -> _Match | str:
-    """How well a table fits a recording, or why it does not."""
+    """Match a table with a recording; return why it does not fit."""
     if table.forces is None:
-        return "it holds no forces"
+        return "it contains no forces"
     plates, time = table.forces.plates, recording.time
     step = float(np.median(np.diff(time)))
     start, stop = max(float(p.time[0]) for p in plates), min(float(p.time[-1]) for p in plates)
@@ -415,7 +524,7 @@ def _match(
     points, feet = _select_loaded_frames(recording, marker_set, table)
     away = _measure_distance(points, feet)
     if away is not None and away > UNDER_M:
-        # in another unit, centres travel by a power of ten further than any foot
+        # in another unit, centres of pressure move by a power of ten farther than any foot
         room = float(np.max(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))))
         if np.ptp(points, axis=0).max() > 10.0 * room:
             scaled = {
@@ -425,8 +534,8 @@ def _match(
             unit = min(scaled, key=lambda name: scaled[name])
             if scaled[unit] <= UNDER_M:
                 return (
-                    f"its centres of pressure are in {unit}, not in m: only so are they under the "
-                    f"feet of {stem}"
+                    f"its centres of pressure are in {unit}, not in m: in {unit} they are under "
+                    f"the feet of {stem}"
                 )
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
     return _Match(number, t, away, compare_names(stem, table.path.stem), (low, high), lost)
@@ -435,9 +544,7 @@ def _match(
 def _select_loaded_frames(
     recording: Recording, marker_set: MarkerSet, table: FolderFile
 ) -> tuple[Array, Array]:
-    """Centres of pressure (n, 2) and foot markers (n, k, 2) in the floor's plane, m, of each plate
-    in loaded frames.
-    """
+    """Select loaded frames: centres of pressure (n, 2) and foot markers (n, k, 2), m, in the floor plane."""
     feet = [
         i
         for i, m in enumerate(recording.labels)
@@ -450,9 +557,9 @@ def _select_loaded_frames(
         )
         force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
         covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
-        seen = np.asarray(np.isfinite(recording.markers[:, feet]).all(axis=2)).any(axis=1)
+        visible = np.asarray(np.isfinite(recording.markers[:, feet]).all(axis=2)).any(axis=1)
         loaded = np.flatnonzero(
-            (force > force_plate.BODY_N) & covered & seen & np.isfinite(point).all(axis=1)
+            (force > force_plate.BODY_N) & covered & visible & np.isfinite(point).all(axis=1)
         )
         points.append(point[loaded])
         frames.append(loaded)
@@ -460,26 +567,47 @@ def _select_loaded_frames(
 
 
 def _measure_distance(points: Array, feet: Array) -> float | None:
-    """m, median distance of centres of pressure from the nearest foot marker; None without load."""
+    """Measure the median distance (m) of centres of pressure from the nearest foot marker."""
     away: Array = np.linalg.norm(feet - points[:, None], axis=2)
     return float(np.median(np.nanmin(away, axis=1))) if away.size else None
 
 
 def compare_names(stem: str, table: str) -> float:
-    """0 to 1, how alike two names are but for words that only say `forces`."""
+    """Compare two names without words that mean only `forces`.
+
+    Parameters
+    ----------
+    stem, table
+        File names without ending.
+
+    Returns
+    -------
+    float
+        Similarity, 0 to 1.
+    """
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()
 
 
 def describe_empty_folder(folder: Folder) -> str:
-    """That a folder has no recording, and where some are."""
+    """Describe that a folder has no recording, and which subfolders have some.
+
+    Parameters
+    ----------
+    folder
+        As it was read.
+
+    Returns
+    -------
+    str
+    """
     if folder.subfolders:
         below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
         return (
-            f"holds no recording that can be read; folders in it do: {below}; name one of them, "
-            "one person a folder"
+            f"no readable recording in this folder, but in its subfolders: {below}; give one of "
+            "them, with one person per folder"
         )
     if not folder.files:
-        return "is empty; .c3d, .trc or .csv files of one person are needed"
+        return "the folder is empty; .c3d, .trc or .csv files of one person are needed"
     files = "1 file" if len(folder.files) == 1 else f"{len(folder.files)} files"
-    return f"holds {files}, but no recording that can be read (.c3d, .trc or .csv)"
+    return f"{files}, but no readable recording (.c3d, .trc or .csv)"

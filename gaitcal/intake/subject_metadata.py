@@ -1,10 +1,9 @@
-"""Who the person is: what the files say, what the plates weigh, what the user says; and what nobody
-says.
+"""Collect subject metadata (mass, height, sex, age, ...) from options, files and force plates.
 
-The user's word comes first, then the static trial's file, then the others; the reason names files
-that contradict. The subject's name is that of the folder: a file's may be the patient's. A mass is
-held against the plates under the standing person, and the height: in pounds it is 2.2 times, as a
-weight in newtons 9.81 times the mass in kg.
+Options come first, then the file of the static trial, then the others; the reason names files that
+contradict. The subject's name is that of the folder: the name in a file may be the patient's. The
+mass is compared with the plates under the standing person, and with the height: in pounds it is
+2.2 times, as a weight in newtons 9.81 times the mass in kg.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,15 +19,19 @@ from gaitcal.io.recording import ForcePlate, Recording, find_runs, measure_durat
 from gaitcal.model import linkage, subject_model
 from gaitcal.model.marker_set import MarkerSet
 
-MASS_KG = (10.0, 250.0)  # Of a person on plates: less is a foot that stands beside them
-CONTRADICTS = 0.02  # Relative difference of two files' figures from which it is told
+MASS_KG = (10.0, 250.0)
+"""Range of a person on plates; with less, a foot is beside them."""
+CONTRADICTS = 0.02
+"""Relative difference of the figures of two files from which it is reported."""
 WEIGHS_OTHERWISE = 0.05
-STEADY = 0.03  # Standard deviation of the force under a standing person as a share of it
+"""Relative difference between given and weighed mass from which it is reported."""
+STEADY = 0.03
+"""Largest standard deviation of the force under a standing person, as a share of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownField:
-    """One field of the person."""
+    """One field of the subject, and where it is from."""
 
     value: object
     reason: str
@@ -37,14 +40,18 @@ class KnownField:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the user says of the person; None: nothing."""
+    """What the user gives about the subject; None: not given."""
 
-    mass: float | None = None  # kg
-    height: float | None = None  # m
+    mass: float | None = None
+    """kg."""
+    height: float | None = None
+    """m."""
     sex: str | None = None
-    age: float | None = None  # Years
+    age: float | None = None
+    """Years."""
     name: str | None = None
-    session: str | None = None  # The day of the recordings, a date or a label
+    session: str | None = None
+    """Day of the recordings: a date or a label."""
 
 
 NO_OPTIONS = Options()
@@ -58,12 +65,27 @@ def collect_subject(
     markers: tuple[float, float] | None = None,
     walks: tuple[str, float] | None = None,
 ) -> dict[str, KnownField]:
-    """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
+    """Collect the fields of the table `[subject]`.
 
-    `files`: name and facts of every file of the person, the static trial's first. `plates`: name of
-    the static trial that stands wholly on plates, and the mass (kg) that these weigh. `markers`:
-    height (m) that the standing markers tell, and its standard deviation. `walks`: names of walks
-    with whole strides on plates, and the mass (kg) that these weigh.
+    Parameters
+    ----------
+    folder
+        Its name.
+    options
+        Given by the user.
+    files
+        Name and facts of every file of the person, the static trial's first.
+    plates
+        Name of the static trial that stands wholly on plates, and the mass (kg) by them.
+    markers
+        Height (m) by the standing markers, and its standard deviation.
+    walks
+        Names of walks with whole strides on plates, and the mass (kg) by them.
+
+    Returns
+    -------
+    dict
+        Field -> value, reason and certainty; fields that are not given anywhere are not listed.
     """
     out = {
         "name": KnownField(
@@ -72,105 +94,114 @@ def collect_subject(
     }
     if options.session:
         out["session"] = KnownField(value=options.session, reason="option")
-    if (mass := _choose_number(options.mass, files, lambda f: f.mass, "kg", 2)) is not None:
-        if plates is not None and abs(plates[1] / float(str(mass.value)) - 1) > WEIGHS_OTHERWISE:
-            words = f"{mass.reason}; but the plates weigh {plates[1]:.1f} kg in {plates[0]}"
-            mass = KnownField(value=mass.value, reason=words, certain=False)
+    mass = _collect_mass(options, files, plates, walks)
+    if mass is not None:
         out["mass_kg"] = mass
-    elif plates is not None:
-        doubts = "".join(
-            f"; {name} says {f.doubtful['mass'][0]}" for name, f in files if "mass" in f.doubtful
-        )
-        reason = (
-            f"weighed by the plates under {plates[0]}, where no file says "
-            f"it{' in kg' if doubts else ''}{doubts}"
-        )
-        out["mass_kg"] = KnownField(value=round(plates[1], 1), reason=reason, certain=False)
-    elif (mass := _convert_doubtful(files, "mass", 2)) is not None:
-        out["mass_kg"] = mass
-    elif walks is not None:
-        reason = (
-            f"weighed by the plates over whole strides of {walks[0]}, to some 3 %, where no file "
-            "says it"
-        )
-        out["mass_kg"] = KnownField(value=round(walks[1], 1), reason=reason, certain=False)
-    height = _choose_number(options.height, files, lambda f: f.height, "m", 4) or _convert_doubtful(
-        files, "height", 4
-    )
+    height = _choose_number(options.height, files, lambda f: f.height, "m", 4)
+    height = height or _convert_doubtful(files, "height", 4)
     if height is not None:
         out["height_m"] = height
     elif markers is not None:
-        reason = (
-            f"no file says it; people of this height, give or take {100 * markers[1]:.0f} cm, have "
-            "legs as long"
-        )
+        reason = f"not given in any file; estimated from the legs to {100 * markers[1]:.0f} cm"
         out["height_m"] = KnownField(value=round(markers[0], 2), reason=reason, certain=False)
         out["height_error_m"] = KnownField(
-            value=round(markers[1], 3), reason="one standard deviation; counts in the errors"
+            value=round(markers[1], 3), reason="one standard deviation; included in the errors"
         )
     if options.sex:
         out["sex"] = KnownField(value=options.sex, reason="option")
+    age = _compute_age_by_dates(files)
     if options.age is not None:
         out["age_years"] = KnownField(value=options.age, reason="option")
-    elif (age := _compute_age_by_dates(files)) is not None:
+    elif age is not None:
         out["age_years"] = age
-    if told := [(name, facts.session_date) for name, facts in files if facts.session_date]:
-        others = [f"{name} {day}" for name, day in told if day != told[0][1]]
-        words = f"{told[0][0]} says so" + (f", but {others[0]}" if others else "")
-        out["session_date"] = KnownField(value=told[0][1], reason=words, certain=not others)
+    dates = [(name, facts.session_date) for name, facts in files if facts.session_date]
+    if dates:
+        first, day = dates[0]
+        others = [f"{name} {other}" for name, other in dates if other != day]
+        reason = f"from {first}" + (f", but {others[0]}" if others else "")
+        out["session_date"] = KnownField(value=day, reason=reason, certain=not others)
     for field, get in (
         ("knee_width", lambda f: f.knee_width),
         ("ankle_width", lambda f: f.ankle_width),
         ("leg_length", lambda f: f.leg_length),
     ):
-        if (
-            width := _choose_widths(files, get) or _convert_doubtful_sides(files, field)
-        ) is not None:
+        width = _choose_widths(files, get) or _convert_doubtful_sides(files, field)
+        if width is not None:
             out[f"{field}_mm"] = width
     for field, length in (
         ("asis_distance_mm", lambda f: f.asis_distance),
         ("marker_diameter_mm", lambda f: f.marker_diameter),
     ):
-        if (known := _choose_number(None, files, length, "m", 6)) is not None:
+        known = _choose_number(None, files, length, "m", 6)
+        if known is not None:
             out[field] = replace(known, value=round(1e3 * float(str(known.value)), 2))
     return out
 
 
+def _collect_mass(
+    options: Options,
+    files: Sequence[tuple[str, Facts]],
+    plates: tuple[str, float] | None,
+    walks: tuple[str, float] | None,
+) -> KnownField | None:
+    """Return the mass (kg): given, weighed in the static trial, in another unit, or in walks."""
+    given = _choose_number(options.mass, files, lambda f: f.mass, "kg", 2)
+    if given is not None:
+        if plates is None or abs(plates[1] / float(str(given.value)) - 1) <= WEIGHS_OTHERWISE:
+            return given
+        reason = f"{given.reason}; but {plates[1]:.1f} kg by the plates in {plates[0]}"
+        return KnownField(value=given.value, reason=reason, certain=False)
+    if plates is not None:
+        doubts = "".join(
+            f"; {name}: {f.doubtful['mass'][0]}" for name, f in files if "mass" in f.doubtful
+        )
+        missing = "not given in kg in any file" if doubts else "not given in any file"
+        reason = f"{missing}; weighed by the plates in {plates[0]}{doubts}"
+        return KnownField(value=round(plates[1], 1), reason=reason, certain=False)
+    converted = _convert_doubtful(files, "mass", 2)
+    if converted is not None or walks is None:
+        return converted
+    reason = (
+        "not given in any file; weighed by the plates over whole strides of "
+        f"{walks[0]}, to about 3 %"
+    )
+    return KnownField(value=round(walks[1], 1), reason=reason, certain=False)
+
+
 def _compute_age_by_dates(files: Sequence[tuple[str, Facts]]) -> KnownField | None:
-    """Years in tenths by the first dates that somebody can have; the date of birth itself is not
-    told.
-    """
+    """Compute the age (years, one decimal) by the first plausible dates; the birth date is not repeated."""
     ages = [(name, compute_age(facts.birth_date, facts.session_date)) for name, facts in files]
-    told = [
+    plausible = [
         (name, round(age, 1))
         for name, age in ages
         if age is not None and 0.0 <= age <= GREATEST_AGE
     ]
-    if not told:
+    if not plausible:
         return None
-    others = [f"of {name} {age:g}" for name, age in told if age != told[0][1]]
-    words = f"by the dates of birth and session of {told[0][0]}" + (
-        f", but by those {others[0]}" if others else ""
-    )
-    return KnownField(value=told[0][1], reason=words, certain=not others)
+    first, value = plausible[0]
+    others = [f"of {name} {age:g}" for name, age in plausible if age != value]
+    contradiction = f", but by those {others[0]}" if others else ""
+    reason = f"by the dates of birth and session of {first}{contradiction}"
+    return KnownField(value=value, reason=reason, certain=not others)
 
 
 def _choose_number(
-    said: float | None,
+    option: float | None,
     files: Sequence[tuple[str, Facts]],
     get: Callable[[Facts], float | None],
     unit: str,
     digits: int,
 ) -> KnownField | None:
-    """A number from the user or from the first file that has it, and the files that have another."""
-    found = [(name, value) for name, facts in files if (value := get(facts)) is not None]
-    if said is None and not found:
+    """Choose a number from the option or the first file that has it; name files that contradict."""
+    values = [(name, get(facts)) for name, facts in files]
+    found = [(name, value) for name, value in values if value is not None]
+    if option is None and not found:
         return None
-    chosen = found[0][1] if said is None else said
+    chosen = found[0][1] if option is None else option
     others = [f"{name} {v:.4g} {unit}" for name, v in found if abs(v / chosen - 1) > CONTRADICTS]
-    if said is not None:
-        return KnownField(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
-    reason = f"{found[0][0]} says so"
+    if option is not None:
+        return KnownField(value=option, reason="option" + (f"; but {others[0]}" if others else ""))
+    reason = f"from {found[0][0]}"
     if others:
         return KnownField(
             value=round(chosen, digits),
@@ -186,42 +217,51 @@ def _choose_number(
 def _choose_widths(
     files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[str, float]]
 ) -> KnownField | None:
-    """Widths in mm from the first file that has them."""
+    """Return widths (mm) from the first file that has them."""
     for name, facts in files:
-        if widths := get(facts):
+        widths = get(facts)
+        if widths:
             value = {side: round(1e3 * widths[side], 1) for side in linkage.SIDES if side in widths}
-            return KnownField(value=value, reason=f"{name} says so")
+            return KnownField(value=value, reason=f"from {name}")
     return None
 
 
 def list_doubtful_figures(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
-    """What files say of mass, height and widths that can be in no unit they should be in, each
-    figure once.
+    """List figures of files for mass, height and widths that are in no plausible unit, each once.
+
+    Parameters
+    ----------
+    files
+        Name and facts of every file of the person.
+
+    Returns
+    -------
+    tuple of str
     """
-    told = {words: name for name, facts in reversed(files) for words, _ in facts.doubtful.values()}
-    return tuple(f"{name} says {words}" for words, name in sorted(told.items()))
+    # of a figure in several files the first file is named
+    first = {}
+    for name, facts in reversed(files):
+        for figure, _ in facts.doubtful.values():
+            first[figure] = name
+    return tuple(f"{name}: {figure}" for figure, name in sorted(first.items()))
 
 
 def _convert_doubtful(
     files: Sequence[tuple[str, Facts]], fact: str, digits: int
 ) -> KnownField | None:
-    """A figure in another unit than its own, where only one unit makes sense of it."""
+    """Convert a figure in another unit, if only one unit is plausible."""
     for name, facts in files:
-        words, value = facts.doubtful.get(fact, ("", None))
+        figure, value = facts.doubtful.get(fact, ("", None))
         if value is not None:
-            return KnownField(
-                value=round(value, digits), reason=f"{name} says {words}", certain=False
-            )
+            reason = f"{name}: {figure}"
+            return KnownField(value=round(value, digits), reason=reason, certain=False)
     return None
 
 
 def _convert_doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> KnownField | None:
-    """Widths (mm) in another unit."""
-    found = {
-        side: width
-        for side in linkage.SIDES
-        if (width := _convert_doubtful(files, f"{fact}_{side}", 4)) is not None
-    }
+    """Convert widths in another unit to mm."""
+    widths = {side: _convert_doubtful(files, f"{fact}_{side}", 4) for side in linkage.SIDES}
+    found = {side: width for side, width in widths.items() if width is not None}
     if not found:
         return None
     value = {side: round(1e3 * float(str(width.value)), 1) for side, width in found.items()}
@@ -231,8 +271,22 @@ def _convert_doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> Kn
 def weigh_standing(
     recording: Recording, marker_set: MarkerSet, posture: StandingPosture
 ) -> float | None:
-    """Mass (kg) by plates on which the person stands wholly and still; None where that cannot be
-    said.
+    """Weigh a person who stands still and wholly on plates.
+
+    Parameters
+    ----------
+    recording
+        Static trial, y up.
+    marker_set
+        Its marker set.
+    posture
+        Its standing posture.
+
+    Returns
+    -------
+    float or None
+        kg; None if plate corners are not known, the force is not steady, or a foot is not on a
+        plate.
     """
     total, still = 0.0, 0.0
     loaded: list[Array] = []
@@ -263,22 +317,32 @@ def weigh_standing(
         path[np.isfinite(path).all(axis=1)]
         for path in recording.markers[inside][:, feet].transpose(1, 0, 2)
     )
-    places = [path.mean(axis=0)[[0, 2]] for path in paths if len(path)]
-    if len(places) < 4 or not all(
-        any(_is_inside(p, corners) for corners in loaded) for p in places
-    ):
+    positions = [path.mean(axis=0)[[0, 2]] for path in paths if len(path)]
+    if len(positions) < 4:
         return None
+    for position in positions:
+        if not any(_is_inside(position, corners) for corners in loaded):
+            return None
     return mass
 
 
 def weigh_walking(plates: Sequence[ForcePlate]) -> float | None:
-    """Mass (kg) by the plates of a walk: over a whole stride the mean vertical force of both feet
-    is body weight.
+    """Weigh a walking person: the mean vertical force over a stride is body weight.
 
-    Three steps in a row that overlap, the third after the first has ended, are a stride from the
-    first's beginning to the third's: what the first and the second push in all, wherever in time,
-    carries the body for so long. They are taken for whole where they push alike, and the third's
-    beginning for its strike where both double supports last as long; None where no stride is.
+    Three overlapping steps in a row, the third after the end of the first, are a stride from the
+    beginning of the first to that of the third. The impulses of the first and second step carry the
+    body for that time. They are complete if both impulses are similar, and the third begins at its
+    strike if both double supports last equally long.
+
+    Parameters
+    ----------
+    plates
+        Of the walk.
+
+    Returns
+    -------
+    float or None
+        kg, median over the strides; None without a stride.
     """
     steps = []
     for plate in plates:
@@ -289,71 +353,83 @@ def weigh_walking(plates: Sequence[ForcePlate]) -> float | None:
                 steps.append(
                     (float(plate.time[run.start]), float(plate.time[run.stop - 1]), pushed)
                 )
-    told = []
+    masses = []
     for (begin, end, one), (second, off, other), (third, _, _) in zip(
         *(sorted(steps)[k:] for k in range(3)), strict=False
     ):
         even = abs((off - third) - (end - second)) < EVEN * (third - begin)
         if begin < second < end < third < off and even and abs(one - other) < ALIKE * one:
-            told.append((one + other) / (subject_model.GRAVITY * (third - begin)))
-    mass = float(np.median(told)) if told else 0.0
+            masses.append((one + other) / (subject_model.GRAVITY * (third - begin)))
+    mass = float(np.median(masses)) if masses else 0.0
     return mass if MASS_KG[0] <= mass <= MASS_KG[1] else None
 
 
 def _is_inside(point: Array, corners: Array) -> bool:
-    """Whether a point (2,) lies in the quadrangle of corners (4, 2)."""
+    """Return whether a point (2,) is in the quadrangle of corners (4, 2)."""
     edges = np.roll(corners, -1, axis=0) - corners
     away = point - corners
     sides = edges[:, 0] * away[:, 1] - edges[:, 1] * away[:, 0]
     return bool((sides >= 0).all() or (sides <= 0).all())
 
 
-WEIGHS_ANOTHER = 0.2  # Relative difference from the plates with which no torque is worth anything
-BODY_MASS_INDEX = (8.0, 70.0)  # kg/m^2, outside of which nobody is recorded walking
-FACTORS = {"lb": 2.2046, "N": subject_model.GRAVITY}  # Unit -> how many of it are a kilogram
-# Relative difference from such a factor up to which it is named; and of what two whole steps push
+WEIGHS_ANOTHER = 0.2
+"""Relative difference from the plates from which no torque is valid."""
+BODY_MASS_INDEX = (8.0, 70.0)
+"""kg/m^2, range of walking people."""
+FACTORS = {"lb": 2.2046, "N": subject_model.GRAVITY}
+"""Unit -> its number per kilogram."""
 ALIKE = 0.1
-STEP_S = 0.3  # Shorter loadings are no step of walking
+"""Largest relative difference from such a factor, and between the impulses of two whole steps."""
+STEP_S = 0.3
+"""s, shortest step of walking."""
 EVEN = 0.03
-"""Of a stride, by which two double supports may differ: a plate loaded later or earlier than that
-is no strike.
+"""Share of a stride by which two double supports may differ; beyond it a plate was not loaded at
+foot strike.
 """
 
 
 def check_mass(
     person: Mapping[str, KnownField], options: Options, plates: tuple[str, float] | None
 ) -> str:
-    """Why the mass of a file cannot be that of the person; empty where it can, or where the user
-    says it.
+    """Check the mass of a file against plates and height.
 
-    `plates`: static trial, and the mass (kg) that the plates weigh in it.
+    Parameters
+    ----------
+    person
+        Fields of the subject.
+    options
+        Given by the user: a mass that the user gives is not checked.
+    plates
+        Static trial, and the mass (kg) by the plates in it.
+
+    Returns
+    -------
+    str
+        Why it cannot be the mass of the person; empty if it can.
     """
     known = person.get("mass_kg")
     if known is None or options.mass is not None:
         return ""
     mass = float(str(known.value))
-    said = f"subject.mass_kg: found {mass:g} ({known.reason.partition(';')[0]})"
-    cure = "give --mass KG"
+    found = f"subject.mass_kg: found {mass:g} ({known.reason.partition(';')[0]})"
+    remedy = "give --mass KG"
     if plates is not None and abs(mass / plates[1] - 1) > WEIGHS_ANOTHER:
         ratio = mass / plates[1]
-        unit = next(
-            (
-                f": {mass / by:.1f} kg if it is in {u}"
-                for u, by in FACTORS.items()
-                if abs(ratio / by - 1) < ALIKE
-            ),
-            "",
-        )
+        # a unit that explains the ratio
+        units = [unit for unit, factor in FACTORS.items() if abs(ratio / factor - 1) < ALIKE]
+        hint = f": {mass / FACTORS[units[0]]:.1f} kg if it is in {units[0]}" if units else ""
         return (
-            f"{said}, {ratio:.2f} times the {plates[1]:.1f} kg that the plates weigh in "
-            f"{plates[0]}{unit}; {cure}"
+            f"{found}, {ratio:.2f} times the {plates[1]:.1f} kg by the plates in "
+            f"{plates[0]}{hint}; {remedy}"
         )
-    if (height := person.get("height_m")) is not None:
-        tall = float(str(height.value)) ** 2
-        low, high = (limit * tall for limit in BODY_MASS_INDEX)
-        if not low <= mass <= high:
-            meant = {unit: mass / by for unit, by in FACTORS.items() if low <= mass / by <= high}
-            units = " or ".join(f"{kg:.1f} kg if it is in {unit}" for unit, kg in meant.items())
-            words = f"{said}; allowed: {low:.0f} to {high:.0f} kg at a height of {height.value} m"
-            return f"{words}{': ' if units else ''}{units}; {cure}, or --height M"
-    return ""
+    height = person.get("height_m")
+    if height is None:
+        return ""
+    square = float(str(height.value)) ** 2
+    low, high = (limit * square for limit in BODY_MASS_INDEX)
+    if low <= mass <= high:
+        return ""
+    converted = {unit: mass / factor for unit, factor in FACTORS.items()}
+    hints = [f"{kg:.1f} kg if it is in {u}" for u, kg in converted.items() if low <= kg <= high]
+    allowed = f"{found}; allowed: {low:.0f} to {high:.0f} kg at a height of {height.value} m"
+    return f"{allowed}{': ' if hints else ''}{' or '.join(hints)}; {remedy}, or --height M"

@@ -183,7 +183,9 @@ def analyse_trials(
         findings += result.findings
     verdict = judge(remove_consequences(findings), [trial.name for trial in results])
     return FurtherTrials(
-        trials=tuple(trial.exclude_legs(verdict.list_refused_legs(trial.name)) for trial in results),
+        trials=tuple(
+            trial.exclude_legs(verdict.list_refused_legs(trial.name)) for trial in results
+        ),
         verdict=verdict,
         not_converged=tuple(not_converged),
     )

@@ -1,16 +1,18 @@
-"""Clean one trial: markers metres away from the body, single positions out of line, and frames
-without the pelvis are left out.
+"""Clean one trial: remove outliers, isolated jumps, and frames in which the pelvis is not visible.
 
-No least-squares fit survives a marker metres away. c(s, t) is the median, coordinate by coordinate,
-of all markers seen in frame t on segment s and on those that a joint connects with it. A marker of
-s farther than REACH from c is nowhere on that body. The median stands while fewer than half of
-these markers stray; where more of all markers do, the unit or the labels are wrong, which is
-another fault.
+*Outliers.* No least-squares fit tolerates a marker metres away. Let c(s, t) be the median,
+coordinate by coordinate, of all markers visible in frame t on segment s and on the segments that
+share a joint with s. A marker of s farther than `REACH_M` from c(s, t) is removed in that frame.
+Nothing is removed in a frame in which more than `MOST_SHARE` of all markers are that far: the
+unit or the labels are wrong then, which is a finding of its own.
 
-Nor is a marker on a body in a single frame k whose path goes on without it: with a its distance
-from the middle of x_k-1 and x_k+1, and s the step between these two less the steps before and
-after, it is left out where a is more than any acceleration of a body makes of it and s is not. A
-path that steps aside, as where labels are exchanged, is not.
+*Isolated jumps.* With a the distance of x_k from the midpoint of x_(k-1) and x_(k+1), and s the
+step between these two less the steps before and after it, position k is removed where a is larger
+than any acceleration of a body explains and s is not. Swapped labels are therefore kept: their
+path continues at another position.
+
+*Frames without the pelvis.* A moving trial that is tracked from the pelvis is cut to its longest
+part that shows three pelvis markers.
 """
 
 from collections.abc import Mapping
@@ -26,42 +28,58 @@ from gaitcal.model.subject_model import PointNoise
 from gaitcal.study.study_trial import Role, Trial
 
 REACH_M = 1.0
-"""m; markers of one segment and its neighbours lie within 0.6 m of their median on people of 1.8 m,
-arms raised.
+"""m. Markers of a segment and its neighbours lie within 0.6 m of their median on people of 1.8 m
+with raised arms.
 """
-FEWEST_AROUND = (
-    4  # markers of a median; segments with fewer around them are held against the whole body
-)
-REACH_BODY_M = 1.7  # m; from the median of the whole body wrists have been up to 0.94 m away
-MOST_SHARE = 0.3  # share of all markers that may stray in a frame
+FEWEST_AROUND = 4
+"""Markers for a median; a segment with fewer nearby is compared with the whole body."""
+REACH_BODY_M = 1.7
+"""m, from the median of the whole body: wrists are up to 0.94 m away."""
+MOST_SHARE = 0.3
+"""Share of all markers that may be outliers in one frame."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outlier:
-    """A marker that was left out where it is metres away from the body."""
+    """A marker that was removed in the frames in which it is metres away from the body."""
 
     label: str
     frames: int
-    visible_frames: int  # frames in which it was seen at all
-    farthest: float  # m, from the markers around it
-    when: str  # from when to when, s
+    """Number of frames in which it was removed."""
+    visible_frames: int
+    """Number of frames in which it was visible at all."""
+    farthest: float
+    """m, largest distance from the median of the markers around it."""
+    when: str
+    """Time spans (s) of the removed frames."""
 
     @property
     def description(self) -> str:
-        """Which marker, how far, how long."""
+        """Label, distance, number of frames and time spans."""
         return (
-            f"{self.label} up to {self.farthest:.1f} m away, {self.frames} of {self.visible_frames} frames "
-            f"({self.when})"
+            f"{self.label} up to {self.farthest:.1f} m away, "
+            f"{self.frames} of {self.visible_frames} frames ({self.when})"
         )
 
 
 def remove_outliers(
     recording: Recording, segment_of: Mapping[str, str]
 ) -> tuple[Recording, tuple[Outlier, ...]]:
-    """The recording with markers of the given segments left out where they are metres away, and
-    which these were.
+    """Remove markers of the given segments in frames in which they are metres away from the body.
 
-    `segment_of`: label -> segment. A marker that is nowhere on the body loses its column.
+    Parameters
+    ----------
+    recording
+        Marker positions of one trial.
+    segment_of
+        Label -> segment. Markers that are not listed are kept.
+
+    Returns
+    -------
+    recording : Recording
+        NaN where a marker was removed. A marker that is never near the body loses its column.
+    outliers : tuple of Outlier
+        One entry per marker that was removed in any frame.
     """
     found, away = _find_outliers(recording, segment_of)
     if not found.any():
@@ -84,17 +102,15 @@ def remove_outliers(
     ]
     masked = np.where(found[:, :, None], np.nan, recording.markers)
     note = (
-        "Markers left out where they are metres away from the body: "
-        f"{'; '.join(o.description for o in outliers)}."
+        "Markers removed in frames in which they are metres away from the body: "
+        f"{'; '.join(outlier.description for outlier in outliers)}."
     )
     labels = tuple(recording.labels[k] for k in kept)
     return replace(recording, labels=labels, markers=masked[:, kept]).with_notes(note), outliers
 
 
 def _find_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[BoolArray, Array]:
-    """(nf, nm) where a marker is out of reach, and how far (m) each is from the median of the
-    markers around it.
-    """
+    """Return which positions (nf, nm) are outliers, and their distances (nf, nm) m."""
     x, visible = recording.markers, find_visible(recording.markers)
     out, away = np.zeros_like(visible), np.full(visible.shape, np.nan)
     of_marker = np.array([segment_of.get(label, "") for label in recording.labels])
@@ -102,81 +118,105 @@ def _find_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple
     if len(known) < FEWEST_AROUND:
         return out, away
     for segment in dict.fromkeys(of_marker[known].tolist()):
-        on, around = (
-            np.flatnonzero(of_marker == segment),
-            np.flatnonzero(np.isin(of_marker, list(_list_near_segments(segment)))),
-        )
+        on = np.flatnonzero(of_marker == segment)
+        around = np.flatnonzero(np.isin(of_marker, list(_list_near_segments(segment))))
+        # too few neighbours: compare with the whole body, at a larger distance
         few = len(around) < FEWEST_AROUND
         centre = _compute_median(x[:, known if few else around])
         away[:, on] = np.linalg.norm(x[:, on] - centre[:, None], axis=2)
         out[:, on] = away[:, on] > (REACH_BODY_M if few else REACH_M)
+    # where many markers stray, the median itself is wrong
     out[out.sum(axis=1) > MOST_SHARE * np.maximum(visible[:, known].sum(axis=1), 1)] = False
     return out, away
 
 
 def _list_near_segments(segment: str) -> set[str]:
-    """A segment and its neighbours with markers."""
+    """List a segment and its neighbours; across a segment without markers the next one."""
 
-    def beside(one: str) -> set[str]:
-        return {
-            one,
-            *(e for j in JOINTS if one in (j.parent, j.child) for e in (j.parent, j.child)),
-        }
+    def list_neighbours(centre: str) -> set[str]:
+        neighbours = {centre}
+        for joint in JOINTS:
+            if centre in (joint.parent, joint.child):
+                neighbours |= {joint.parent, joint.child}
+        return neighbours
 
-    near = beside(segment)
-    for between in [
-        s for s in near if not get_segment(s).markers
-    ]:  # a segment that never carries markers
-        near = near | beside(between)
+    near = list_neighbours(segment)
+    # a segment that never carries markers
+    for between in [name for name in near if not get_segment(name).markers]:
+        near = near | list_neighbours(between)
     return near
 
 
 def _compute_median(x: Array) -> Array:
-    """(nf, 3) lower median of x (nf, n, 3) over the markers seen; NaN where none is."""
-    ordered = np.sort(x, axis=1)  # gaps come last
+    """Compute (nf, 3), the lower median of x (nf, n, 3) over the visible markers."""
+    # Gaps come last.
+    ordered = np.sort(x, axis=1)
     count = np.isfinite(x[:, :, 0]).sum(axis=1)
     return np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None, None], axis=1)[:, 0]
 
 
-SPIKE_M, SPIKE_ACCELERATION = 0.02, 300.0
-"""m, m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still
-on a body.
-"""
-# Share of a marker's frames: what is out of line in more of them is noise, which has no exceptions
+SPIKE_M = 0.02
+"""m, smallest isolated jump."""
+SPIKE_ACCELERATION = 300.0
+"""m/s^2, largest acceleration of a marker that is still on a body."""
 MOST_SPIKES = 0.05
-
-
+"""Share of a marker's frames. More jumps than this are noise, which is not removed."""
 SPIKE_DEVIATIONS = 6.0
-"""Standard deviations of a coordinate of points that are no markers; three frames of white noise
-make 1.2 of one.
+"""Smallest jump of a markerless point, in standard deviations of a coordinate: three frames of
+white noise give 1.2.
 """
 
 
 def compute_jump_limit(recording: Recording, noise: PointNoise | None) -> float:
-    """m, how far a marker, or a point with a noise of its own, may be out of line with the frames
-    before and after.
+    """Compute how far a position may be from the midpoint of its neighbours in time.
+
+    Parameters
+    ----------
+    recording
+        Only its sampling rate is used.
+    noise
+        Of markerless points; None for markers.
+
+    Returns
+    -------
+    float
+        m.
     """
     of_noise = 0.0 if noise is None else SPIKE_DEVIATIONS * 1e-3 * noise.size_mm
     return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / recording.rate**2, of_noise)
 
 
 Spikes: TypeAlias = dict[str, tuple[int, float]]
-"""Marker -> how many single positions lie out of line, and how far (m) the farthest."""
+"""Marker -> number of isolated jumps, and the distance (m) of the largest one."""
 
 
 def remove_spikes(
     recording: Recording, noise: PointNoise | None = None
 ) -> tuple[Recording, Spikes]:
-    """The recording without single positions that lie out of line with their neighbours, and which
-    these were.
+    """Remove single positions that jump away from their neighbours in time and come back.
+
+    Parameters
+    ----------
+    recording
+        Marker positions (nf, nm, 3) of one trial.
+    noise
+        Of markerless points; None for markers.
+
+    Returns
+    -------
+    recording : Recording
+        NaN at the removed positions.
+    spikes : dict
+        Marker -> number of removed positions, and the distance (m) of the largest jump.
     """
     x, limit = recording.markers, compute_jump_limit(recording, noise)
     if len(x) < 5:
         return recording, {}
-    before, one, after = x[1:-3] - x[:-4], x[3:-1] - x[1:-3], x[4:] - x[3:-1]
+    before, across, after = x[1:-3] - x[:-4], x[3:-1] - x[1:-3], x[4:] - x[3:-1]
+    # next to a gap the step on the other side stands for both
     before, after = (np.where(np.isfinite(a), a, b) for a, b in ((before, after), (after, before)))
     away = np.linalg.norm(x[2:-2] - 0.5 * (x[3:-1] + x[1:-3]), axis=2)
-    goes_on = np.linalg.norm(one - before - after, axis=2) <= limit
+    goes_on = np.linalg.norm(across - before - after, axis=2) <= limit
     out = np.zeros(x.shape[:2], dtype=bool)
     out[2:-2] = (away > limit) & goes_on
     rare = out.sum(axis=0) <= MOST_SPIKES * find_visible(x).sum(axis=0)
@@ -189,42 +229,46 @@ def remove_spikes(
         for k in np.flatnonzero(out.any(axis=0))
     }
     entries = (f"{label} {n} frames, up to {1e3 * far:.0f} mm" for label, (n, far) in found.items())
-    note = f"Single positions out of line with their neighbours are left out: {'; '.join(entries)}."
+    note = f"Isolated jumps of markers removed: {'; '.join(entries)}."
     return replace(recording, markers=np.where(out[:, :, None], np.nan, x)).with_notes(note), found
 
 
 @dataclass(frozen=True, kw_only=True)
 class CleanTrial(Trial):
-    """A trial as it is fitted, and what was left out of its recording."""
+    """A trial as it is fitted, and what was removed from its recording."""
 
     outliers: tuple[Outlier, ...] = ()
-    """Markers that were left out where they were metres away from the body."""
+    """Markers removed in frames in which they were metres away from the body."""
     spikes: Spikes = field(default_factory=dict)
-    """Single positions out of line that were left out."""
+    """Isolated jumps that were removed."""
     cut: str = ""
-    """What was left out of the recording as it does not show the pelvis; empty: nothing."""
+    """Message about the frames that were cut off without a visible pelvis; empty: none."""
 
 
 BRIDGED_S = 0.2
-"""Without three markers the splines carry a pelvis over so much; more hides a part of a step."""
+"""s, longest gap of the pelvis that the splines bridge; a longer one hides a part of a step."""
 
 
 def clean_trial(
     trial: Trial, segment_of: Mapping[str, str], noise: PointNoise | None = None
 ) -> CleanTrial:
-    """Leave out what no least-squares fit survives.
+    """Remove outliers, isolated jumps and frames without the pelvis from a trial.
 
-    These are markers metres away from the body and, where the trial moves, single positions out of
-    line; it is cut to the longest part that shows the pelvis it hangs on.
+    A static trial keeps its jumps and all frames.
 
     Parameters
     ----------
     trial
-        As read.
+        As it was read.
     segment_of
         Label -> segment.
     noise
-        Of the marker set, where its points are no markers.
+        Of the marker set, if its points are markerless.
+
+    Returns
+    -------
+    CleanTrial
+        The trial with a clean recording, and what was removed.
     """
     recording, outliers = remove_outliers(trial.recording, segment_of)
     given = {f.name: getattr(trial, f.name) for f in fields(Trial)}
@@ -241,7 +285,7 @@ def clean_trial(
 
 
 def _cut_to_pelvis(recording: Recording, segment_of: Mapping[str, str]) -> tuple[Recording, str]:
-    """The longest part of a recording that shows the pelvis, and what was left out for it."""
+    """Cut a recording to its longest part that shows the pelvis; return the message about it."""
     time = recording.time
     pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
     lost = find_visible(recording.markers[:, pelvis]).sum(axis=1) < 3
@@ -253,7 +297,8 @@ def _cut_to_pelvis(recording: Recording, segment_of: Mapping[str, str]) -> tuple
     frames = np.arange(len(time))
     message = (
         f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames "
-        f"({format_spans(time, lasting)}): the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, "
-        "the longest part that shows the pelvis"
+        f"({format_spans(time, lasting)}): the trial is cut to "
+        f"{time[start]:.2f}-{time[stop - 1]:.2f} s, "
+        "the longest part with three pelvis markers"
     )
     return recording.frames((frames >= start) & (frames < stop)).with_notes(message), message

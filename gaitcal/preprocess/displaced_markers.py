@@ -1,12 +1,11 @@
-"""Find markers that leave their place in the segment for a while, and paths that software held or
-made up over a gap.
+"""Find markers that are displaced on their segment for a while, and paths that were drawn.
 
-A marker's distance from its mean place in the trial (`MarkerCluster.strayed`) shows when it is elsewhere.
-Where it slips from one frame to the next and stays there, the whole cluster's fit jumps: the means
-of its markers' places over a quarter of a second before and after differ as much as the two frames
-do, which skin never does; the marker that slipped is the one that jumps in the laboratory. A path
-that is held still, or drawn as a straight line from one frame to another, has no second difference
-while the others go their way.
+*Strayed:* a marker's distance from its mean position in the trial (`MarkerCluster.strayed`) is far
+above its usual one. *Slipped:* the positions of the cluster's markers change from one frame to the
+next, and their means over a quarter of a second before and after differ as much, which skin never
+does; the marker that jumps in the laboratory is the one that slipped. *Drawn:* software held a path
+still, drew it as a line or as a cubic over a gap; such a path has no second or fourth difference
+while its neighbours move.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,60 +18,74 @@ from gaitcal.io.recording import Recording, find_runs
 from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, align_points
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
-"""Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its
-markers stray farther."""
-TIMES_BASELINE = 5.0  # Times the marker's usual distance, if that is more
-SHORTEST_FRAMES, SHORTEST_S = 5, 0.05
+"""m beyond the usual distance from the mean position. A foot bends and strikes the floor, so that
+its markers stray farther."""
+TIMES_BASELINE = 5.0
+"""Multiple of the marker's usual distance that must be exceeded, if that is more than `AWAY_M`."""
+SHORTEST_FRAMES = 5
+SHORTEST_S = 0.05
+"""s, shortest interval away from the mean position."""
 SLIP_M = 6e-3
-"""Change of a marker's place in its segment from one frame to the next, and at least so much
-between the means; no clean recording of 20 people has one that lasts and is one marker's alone."""
-MOST_SLIPS = (
-    2  # In a cluster: more are a rattling marker or a foot that strikes, not tape that came off
-)
-MOST_JUMPS = (
-    3  # Of one marker, whether it stays or comes back at once: more are cameras that lose it
-)
-SLIP_S, SLIP_FRAMES = 0.25, 8  # Stretch of the means before and after, and fewest frames of it
-TIMES_OTHERS = (
-    2.0  # Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole
-)
-SLIP_TIMES_BASELINE = 6.0  # Times the usual change from frame to frame
-SLIP_RATE = (
-    0.6  # m/s of the same: skin goes on moving between two frames, and slow cameras see it jump
-)
-SLIP_SUDDEN, SUDDEN_S = 2.5, 0.1
-"""Times the changes of the frames so near before and after (but for the next ones): tape that comes
-off does so at once, skin deforms over several frames."""
+"""m, smallest change of position from one frame to the next, and between the means before and
+after. In clean recordings of 20 people no such change lasts and is one marker's alone."""
+MOST_SLIPS = 2
+"""Slips of one cluster; more are a rattling marker or a foot strike, not detached tape."""
+MOST_JUMPS = 3
+"""Jumps of one marker, lasting or not; more are cameras that lose it."""
+SLIP_S = 0.25
+"""s, duration of the means before and after a slip."""
+SLIP_FRAMES = 8
+"""Fewest frames of these means."""
+TIMES_OTHERS = 2.0
+"""Multiple of the other markers' jump in the laboratory: at foot strike all of them jump."""
+SLIP_TIMES_BASELINE = 6.0
+"""Multiple of the usual change from frame to frame."""
+SLIP_RATE = 0.6
+"""m/s, smallest rate of the change: between two frames of slow cameras skin moves, too."""
+SLIP_SUDDEN = 2.5
+"""Multiple of the largest change within `SUDDEN_S`, the adjacent frames left out: tape comes off
+at once, skin deforms over several frames."""
+SUDDEN_S = 0.1
 SHORTEST_STAY_S = 0.15
-SLIP_STAYS = 0.6  # Share of a change that must last
-# Weight of a marker that slipped, where the two others alone do not tell how the segment lies
+"""s, shortest part of the trial before and after a slip."""
+SLIP_STAYS = 0.6
+"""Share of the change from one frame to the next that must last."""
 SLIPPED_WEIGHT = 0.05
-STILL_M = 2e-5  # Second difference of a path that nobody measured: half the noise of good cameras
+"""Weight of the slipped marker where the two others leave a rotation about their line free."""
+STILL_M = 2e-5
+"""m, second difference below which a path is not measured: half the noise of good cameras."""
 STRAIGHT_FRAMES = 6
+"""Shortest drawn interval."""
 STRAIGHT_M = 2e-4
+"""m, largest distance of a drawn line from uniform motion."""
 CUBIC_SHARE = 0.01
-"""Fourth difference of a path over that of its neighbours, below which nobody measured it: a cubic
-polynomial has none, measured paths have the noise of their cameras."""
-BENT_M = 8e-3  # How far the path of another marker of the segment must bend meanwhile
-WRONG_M = 4e-3  # Beyond the usual distance, from which a made-up path is told
+"""Fourth difference of a path over its neighbours' below which it is not measured: a cubic
+polynomial has none, measured paths have the noise of the cameras."""
+BENT_M = 8e-3
+"""m, by how much the path of another marker of the segment must bend meanwhile."""
+WRONG_M = 4e-3
+"""m beyond the usual distance from which a drawn path is reported."""
 
 
 @dataclass(frozen=True)
 class DisplacedInterval:
-    """A marker of a segment that is elsewhere for a while."""
+    """Frames in which a marker of a segment is displaced."""
 
     cluster: MarkerCluster
     label: str
     frames: slice
-    distance: float  # m, largest distance from its mean place
-    straight: bool = False  # Whether the path is held or a straight line
-    slipped: bool = False  # Whether it went there from one frame to the next, and stayed
+    distance: float
+    """m, largest distance from its mean position."""
+    straight: bool = False
+    """Whether the path is drawn: held still, a line or a cubic."""
+    slipped: bool = False
+    """Whether it moved there from one frame to the next and stayed."""
 
 
 def find_displaced_intervals(
     recording: Recording, clusters: Mapping[str, MarkerCluster]
 ) -> dict[str, list[DisplacedInterval]]:
-    """Find when each marker of a trial is elsewhere.
+    """Find the frames in which markers are displaced on their segment, or their paths drawn.
 
     Parameters
     ----------
@@ -84,31 +97,44 @@ def find_displaced_intervals(
     Returns
     -------
     dict
-        Label -> intervals that do not overlap; markers that keep their place are not in it.
+        Label -> intervals that do not overlap; markers that keep their position are not listed.
     """
     found: dict[str, list[DisplacedInterval]] = {}
-    place = {label: i for i, label in enumerate(recording.labels)}
+    column_of = {label: i for i, label in enumerate(recording.labels)}
     for cluster in clusters.values():
-        columns = [place[label] for label in cluster.labels[: cluster.marker_count]]
+        columns = [column_of[label] for label in cluster.labels[: cluster.marker_count]]
         paths, rate = recording.markers[:, columns], recording.rate
-        for stretch in (
+        for interval in (
             *find_drawn_intervals(cluster, paths),
             *find_slipped_intervals(cluster, paths, rate),
             *find_strayed_intervals(cluster, paths, rate),
         ):
-            here, at = found.setdefault(stretch.label, []), stretch.frames
+            kept, frames = found.setdefault(interval.label, []), interval.frames
             if not any(
-                at.start < other.frames.stop and other.frames.start < at.stop for other in here
+                frames.start < other.frames.stop and other.frames.start < frames.stop
+                for other in kept
             ):
-                here.append(stretch)
+                kept.append(interval)
     return found
 
 
 def find_strayed_intervals(
     cluster: MarkerCluster, paths: Array, rate: float
 ) -> Iterator[DisplacedInterval]:
-    """Stretches in which a marker is far from its mean place, and more so than it usually is;
-    `paths` (nf, own, 3) m, of the cluster in the laboratory.
+    """Find intervals in which a marker is far from its mean position, and more so than usually.
+
+    Parameters
+    ----------
+    cluster
+        Markers of one segment.
+    paths
+        (nf, n, 3) m, of these markers in the laboratory.
+    rate
+        Hz.
+
+    Yields
+    ------
+    DisplacedInterval
     """
     distance = np.nan_to_num(cluster.strayed[:, : cluster.marker_count])
     baseline = np.nanmedian(cluster.strayed[:, : cluster.marker_count], axis=0)
@@ -122,7 +148,10 @@ def find_strayed_intervals(
 def find_slipped_intervals(
     cluster: MarkerCluster, paths: Array, rate: float
 ) -> Iterator[DisplacedInterval]:
-    """Stretches that begin where a marker slips, until it slips again or the trial ends."""
+    """Find intervals that begin where a marker slips and end at its next slip or with the trial.
+
+    Parameters and yields are those of `find_strayed_intervals`.
+    """
     away = cluster.away[:, : cluster.marker_count]
     frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
     window = max(SLIP_FRAMES, round(SLIP_S * rate))
@@ -137,6 +166,7 @@ def find_slipped_intervals(
     sudden = np.flatnonzero(step > limit).tolist()
     jumpers = [int(np.argmax(_measure_jumps(paths, int(frames[f + 1])))) for f in sudden]
     for f, k in zip(sudden, jumpers, strict=True):
+        # it must be sudden, and last
         before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
         if min(len(before), len(after)) < fewest or step[f] < SLIP_SUDDEN * _find_largest_nearby(
             step, f, near
@@ -145,6 +175,7 @@ def find_slipped_intervals(
         change = np.linalg.norm(after.mean(axis=0) - before.mean(axis=0), axis=1).max()
         if change < max(least, SLIP_STAYS * float(step[f])):
             continue
+        # one marker jumps, and not often
         edge = int(frames[f + 1])
         jumps = _measure_jumps(paths, edge)
         if jumpers.count(k) > MOST_JUMPS or jumps[k] < TIMES_OTHERS * float(
@@ -171,7 +202,7 @@ def find_slipped_intervals(
 
 
 def _find_largest_nearby(step: Array, f: int, near: int) -> float:
-    """m, the largest change from frame to frame near change f, without its neighbours."""
+    """Return the largest change (m) from frame to frame near f, adjacent changes left out."""
     return float(
         np.concatenate([step[max(0, f - near) : max(0, f - 1)], step[f + 2 : f + 1 + near]]).max(
             initial=0.0
@@ -182,20 +213,19 @@ def _find_largest_nearby(step: Array, f: int, near: int) -> float:
 def _measure_single_displacement(
     cluster: MarkerCluster, k: int, before: Array, after: Array
 ) -> float:
-    """m, how far marker k went between two mean places (own, 3) of the markers, if it alone moved."""
-    rest = [i for i in range(cluster.marker_count) if i != k]
-    turn, shift = align_points(after[rest], before[rest])
-    if (
-        len(rest) < FEWEST
-    ):  # two points leave a turn about their line free: the smallest way that explains it
-        turn, shift = align_points(
+    """Return how far marker k moved between two mean positions (n, 3) m if it alone moved (m)."""
+    others = [i for i in range(cluster.marker_count) if i != k]
+    rotation, shift = align_points(after[others], before[others])
+    # Two points leave a turn about their line free: the smallest way that explains it.
+    if len(others) < FEWEST:
+        rotation, shift = align_points(
             after, before, np.where(np.arange(cluster.marker_count) == k, SLIPPED_WEIGHT, 1.0)
         )
-    return float(np.linalg.norm(turn @ after[k] + shift - before[k]))
+    return float(np.linalg.norm(rotation @ after[k] + shift - before[k]))
 
 
 def _measure_farthest(cluster: MarkerCluster, k: int, frames: slice) -> float:
-    """m, how far marker k is from its mean place where its cluster is bent most, if it alone moved."""
+    """Return how far marker k is from its mean position where its cluster is deformed most (m)."""
     bent = np.nan_to_num(cluster.strayed[frames, : cluster.marker_count])
     after = cluster.away[frames.start + int(bent.max(axis=1).argmax()), : cluster.marker_count]
     if not np.isfinite(after).all():
@@ -205,9 +235,7 @@ def _measure_farthest(cluster: MarkerCluster, k: int, frames: slice) -> float:
 
 
 def _measure_jumps(x: Array, edge: int) -> Array:
-    """(own,) m, how far each of the markers x (nf, own, 3) jumps out of line in the laboratory
-    between the frames edge - 1 and edge.
-    """
+    """Return (n,) m, by how much markers x (nf, n, 3) jump between the frames edge - 1 and edge."""
     two_before, two_after = max(edge - 2, 0), min(edge + 1, len(x) - 1)
     smooth = 0.5 * (x[edge - 1] - x[two_before] + x[two_after] - x[edge])
     out: Array = np.nan_to_num(np.linalg.norm(x[edge] - x[edge - 1] - smooth, axis=1))
@@ -215,16 +243,20 @@ def _measure_jumps(x: Array, edge: int) -> Array:
 
 
 def _identify_displaced(cluster: MarkerCluster, paths: Array, run: slice) -> int:
-    """Which marker of a cluster left: without it the others are in their places; of three, the one
-    that jumps.
+    """Return which marker of a cluster is displaced.
+
+    Of four markers or more it is the one without which the others fit best, else the one that
+    jumps.
     """
     middle = paths[(run.start + run.stop) // 2]
     if cluster.marker_count > FEWEST and np.isfinite(middle).all():
         costs = []
         for k in range(cluster.marker_count):
-            rest = [i for i in range(cluster.marker_count) if i != k]
-            turn, shift = align_points(cluster.shape[rest], middle[rest])
-            costs.append(float(((cluster.shape[rest] @ turn.T + shift - middle[rest]) ** 2).sum()))
+            others = [i for i in range(cluster.marker_count) if i != k]
+            rotation, shift = align_points(cluster.shape[others], middle[others])
+            costs.append(
+                float(((cluster.shape[others] @ rotation.T + shift - middle[others]) ** 2).sum())
+            )
         return int(np.argmin(costs))
     inside = np.nan_to_num(cluster.strayed[run, : cluster.marker_count]).max(axis=0)
     edges = [edge for edge in (run.start, run.stop) if 0 < edge < len(cluster.away)]
@@ -237,8 +269,18 @@ def _identify_displaced(cluster: MarkerCluster, paths: Array, run: slice) -> int
 
 
 def find_drawn_intervals(cluster: MarkerCluster, x: Array) -> Iterator[DisplacedInterval]:
-    """Stretches in which a marker stands still, goes straight or along a cubic while others of its
-    segment do not.
+    """Find intervals in which a marker is still, or on a line or cubic, while its neighbours move.
+
+    Parameters
+    ----------
+    cluster
+        Markers of one segment.
+    x
+        (nf, n, 3) m, their paths in the laboratory.
+
+    Yields
+    ------
+    DisplacedInterval
     """
     if len(x) < STRAIGHT_FRAMES + 2:
         return
@@ -265,6 +307,6 @@ def find_drawn_intervals(cluster: MarkerCluster, x: Array) -> Iterator[Displaced
 
 
 def measure_bend(path: Array) -> float:
-    """m, largest distance of a path (n, 3) from even motion along the line between its ends."""
+    """Return the largest distance (m) of a path (n, 3) m from uniform motion between its ends."""
     line = path[0] + np.linspace(0.0, 1.0, len(path))[:, None] * (path[-1] - path[0])
     return float(np.nan_to_num(np.linalg.norm(path - line, axis=1)).max())

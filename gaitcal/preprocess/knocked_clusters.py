@@ -1,21 +1,19 @@
-"""A cluster that was knocked between the static trial and the moving ones, put where the rest of
-the leg has it.
+"""Place a cluster that was knocked after the static trial, by the other markers of the leg.
 
-A cluster that slid or turned on its segment (`static_disagreement.py`) says nothing of the bone by its
-static place; its place while the person moves is told by what it did not take along. Points p_k
-that the bone has in the static posture (the joint centres, the axis of the knee, markers of the
-segment on landmarks) are seen in every frame at x_k, joints as the neighbouring segments carry
-them. With R_f, o_f the rigid motion of the p_k nearest to the x_k, marker i at y_i is
+A cluster that slid or rotated on its segment (`static_disagreement.py`) no longer marks the bone by
+its static position; its position during movement follows from what did not move with it. Points p_k
+of the bone in the static posture (the joint centres, the axis of the knee, markers of the segment
+on landmarks) are at x_k in every frame, the joints as the adjacent segments carry them. With R_f,
+o_f the rigid motion of the p_k nearest to the x_k, marker i at y_i is at
 
     l_i = median_f R_f^T (y_i,f - o_f)
 
-in the static posture, the mean over the trials that tell of it. The neighbours may borrow no
-points, and all moving trials must agree with the static posture then: else nothing is placed.
+in the static posture, averaged over the trials that show it. The adjacent segments must not borrow
+points, and all moving trials must then agree with the static posture; otherwise nothing is placed.
 
-How far R_f, o_f and the cluster wander about each other, RMS over the frames, and how far joints of
-people who move lie from where they stand (the limits of `joint_links.py` over SPREAD) is how far the
-place of the cluster is uncertain: by so much the joint parameters in that segment may lie elsewhere
-than its neighbours say.
+The placement is uncertain by the RMS motion of R_f, o_f and the cluster relative to each other, and
+by how far joints of moving people lie from their static posture (the limits of `joint_links.py`
+over SPREAD). The joint parameters in that segment are loosened by so much.
 """
 
 from collections.abc import Sequence
@@ -30,66 +28,78 @@ from gaitcal.preprocess import joint_links, static_disagreement, trial_evidence
 from gaitcal.preprocess.marker_clusters import align_points
 from gaitcal.study.study import Study
 
-KNEE_HALF_M = 0.05  # Half the length of the knee's axis, as the epicondyles mark it
+KNEE_HALF_M = 0.05
+"""m, half the distance of the epicondyles along the knee axis."""
 FEWEST_FRAMES = 20
+"""Frames in which all points and the cluster must be visible."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """Where the moving trials have a cluster."""
+    """A knocked cluster, and where the moving trials place it."""
 
     segment: str
     labels: tuple[str, ...]
-    before: Array  # (n, 3) m, in the static posture
-    after: Array  # (n, 3) m, as the moving trials have it
-    shift_spread: float  # m
-    rotation_spread: float  # rad
+    before: Array
+    """(n, 3) m, positions in the static trial."""
+    after: Array
+    """(n, 3) m, positions in the static posture according to the moving trials."""
+    shift_spread: float
+    """m, standard deviation of the displacement."""
+    rotation_spread: float
+    """rad, standard deviation of the rotation."""
     trials: tuple[str, ...]
+    """Names of the moving trials."""
 
     @property
     def description(self) -> str:
-        """How far off it was, by which trials it was placed, and how well."""
-        turn, shift = (
-            joint_links.compute_rotation_angle(align_points(self.before, self.after)[0]),
-            (self.after - self.before).mean(axis=0),
+        """Labels, displacement, rotation, the trials that place them, and the uncertainty."""
+        angle = joint_links.compute_rotation_angle(align_points(self.before, self.after)[0])
+        shift = (self.after - self.before).mean(axis=0)
+        return (
+            f"{listed([repr(m) for m in self.labels])} of {self.segment} are "
+            f"{1e3 * np.linalg.norm(shift):.0f} mm and {np.rad2deg(angle):.0f} deg away from their "
+            "position in the static trial; they are placed by the other markers of the leg in "
+            f"{listed(list(self.trials))}, with an uncertainty of {1e3 * self.shift_spread:.0f} mm "
+            f"and {np.rad2deg(self.rotation_spread):.0f} deg, which the error bars include"
         )
-        found = (
-            f"{listed([repr(m) for m in self.labels])} of {self.segment} sit "
-            f"{1e3 * np.linalg.norm(shift):.0f} mm "
-        )
-        found += (
-            f"and {np.rad2deg(turn):.0f} deg from where the static trial has them; they are placed "
-            "by the rest of "
-        )
-        found += f"the leg in {listed(list(self.trials))}, to {1e3 * self.shift_spread:.0f} mm and "
-        return f"{found}{np.rad2deg(self.rotation_spread):.0f} deg, which the error bars count"
 
     @property
     def finding(self) -> Finding:
-        """The same as a note."""
-        cure, topic = (
-            "another static trial, recorded with the markers as they sit in the others, is better",
-            "one body",
-        )
-        code, note = Code.CLUSTER_SLID, Severity.INFO
+        """The same as a note of the study."""
         return Finding(
-            code=code, severity=note, topic=topic, where=STUDY, found=self.description, cure=cure
+            code=Code.CLUSTER_SLID,
+            severity=Severity.INFO,
+            topic="one body",
+            where=STUDY,
+            found=self.description,
+            cure="record another static trial with the markers as they are in the moving trials",
         )
 
 
 def find_placement(trials: Sequence[trial_evidence.TrialEvidence]) -> Placement | None:
-    """The cluster that most moving trials have elsewhere than the static one, where the rest of the
-    leg tells where.
+    """Find the cluster that most moving trials contradict, and place it.
+
+    Parameters
+    ----------
+    trials
+        Moving trials of a study.
+
+    Returns
+    -------
+    Placement or None
+        Of the cluster with the largest total excess that the leg can place; None without any.
     """
-    told: dict[tuple[str, tuple[str, ...]], list[tuple[float, trial_evidence.TrialEvidence]]] = {}
+    causes: dict[tuple[str, tuple[str, ...]], list[tuple[float, trial_evidence.TrialEvidence]]] = {}
     for trial in trials:
         for cause in trial.contradictions:
             if cause.fault is static_disagreement.Fault.CLUSTER:
-                told.setdefault((cause.segment, cause.labels), []).append((cause.excess, trial))
-    for (segment, labels), of in sorted(
-        told.items(), key=lambda pair: -sum(excess for excess, _ in pair[1])
-    ):
-        if (placed := _fit_placement(segment, labels, [trial for _, trial in of])) is not None:
+                causes.setdefault((cause.segment, cause.labels), []).append((cause.excess, trial))
+    # the cluster with the largest total excess first
+    ranked = sorted(causes.items(), key=lambda item: -sum(excess for excess, _ in item[1]))
+    for (segment, labels), affected in ranked:
+        placed = _fit_placement(segment, labels, [trial for _, trial in affected])
+        if placed is not None:
             return placed
     return None
 
@@ -97,16 +107,18 @@ def find_placement(trials: Sequence[trial_evidence.TrialEvidence]) -> Placement 
 def _fit_placement(
     segment: str, labels: tuple[str, ...], trials: Sequence[trial_evidence.TrialEvidence]
 ) -> Placement | None:
-    """By those of these trials that tell; None where none does."""
-    places = [local for t in trials if (local := _locate_cluster(t, segment, labels)) is not None]
-    if not places:
+    """Place a cluster by those of these trials that can; None where none does."""
+    located = (_locate_cluster(trial, segment, labels) for trial in trials)
+    by_trial = [positions for positions in located if positions is not None]
+    if not by_trial:
         return None
     cluster = trials[0].clusters[segment]
     before = cluster.static[[cluster.labels.index(m) for m in labels]]
-    place = np.mean([np.median(local, axis=0) for local in places], axis=0)
-    middle, wander = place.mean(axis=0), np.concatenate(places)
-    turn, _ = segment_frames.fit_rigid_motions(place, wander)
-    away = wander.mean(axis=1) - middle
+    after = np.mean([np.median(positions, axis=0) for positions in by_trial], axis=0)
+    # motion of the cluster relative to the bone over all frames
+    in_frames = np.concatenate(by_trial)
+    rotation, _ = segment_frames.fit_rigid_motions(after, in_frames)
+    away = in_frames.mean(axis=1) - after.mean(axis=0)
     links = [
         link for t in trials for link in t.links.values() if segment in (link.above, link.below)
     ]
@@ -118,11 +130,11 @@ def _fit_placement(
         segment=segment,
         labels=labels,
         before=before,
-        after=place,
+        after=after,
         shift_spread=float(np.hypot(limits[0], np.sqrt(np.mean((away**2).sum(axis=1)) / 3.0))),
         rotation_spread=float(
             np.hypot(
-                limits[1], np.sqrt(np.mean(joint_links.compute_rotation_angle(turn) ** 2) / 3.0)
+                limits[1], np.sqrt(np.mean(joint_links.compute_rotation_angle(rotation) ** 2) / 3.0)
             )
         ),
         trials=tuple(t.name for t in trials),
@@ -132,8 +144,9 @@ def _fit_placement(
 def _locate_cluster(
     trial: trial_evidence.TrialEvidence, segment: str, labels: Sequence[str]
 ) -> Array | None:
-    """(nf, n, 3) m, the cluster's markers in the static posture of the bone, by frame; None where
-    nothing tells.
+    """Locate (nf, n, 3) m, the cluster's markers in the static posture of the bone in each frame.
+
+    None where the bone is not determined without the cluster.
     """
     stance, (part, _, side) = trial.stance, segment.partition("_")
     cluster = trial.clusters[segment]
@@ -141,6 +154,7 @@ def _locate_cluster(
         return None
     joints = [(f"{name}_{side}", pair) for name, pair in joint_links.CHAIN.items() if part in pair]
     axis = np.array([0.0, 0.0, KNEE_HALF_M])
+    # the bone: joint centres and knee axis as the adjacent segments carry them
     points, paths = list[Array](), list[Array]()
     for joint, pair in joints:
         other = pair[1 - pair.index(part)]
@@ -151,6 +165,7 @@ def _locate_cluster(
         for end in ends:
             points.append(stance.centres[joint] + end)
             paths.append(neighbour.transform_point(points[-1]))
+    # markers of the segment that were not knocked
     for label in cluster.labels[: cluster.marker_count]:
         if label not in labels:
             points.append(stance.points[segment][label])
@@ -163,23 +178,44 @@ def _locate_cluster(
     return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
 
 
-def apply_placement(study: Study, static: trial_evidence.TrialEvidence, one: Placement) -> Study:
-    """The study with a cluster of its static trial where the moving trials have it, and its joints
-    less known.
+def apply_placement(
+    study: Study, static: trial_evidence.TrialEvidence, placement: Placement
+) -> Study:
+    """Put a knocked cluster of the static trial where the moving trials place it.
+
+    Parameters
+    ----------
+    study
+        As it was read.
+    static
+        Evidence of its static trial.
+    one
+        Of the cluster.
+
+    Returns
+    -------
+    Study
+        With new marker positions in the static trial, and the joint parameters of the segment
+        loosened by the uncertainty of the placement (`Study.loosened`).
     """
     recording = study.static.recording
-    axes, _ = align_points(one.before, np.array([static.still_positions[m] for m in one.labels]))
+    axes, _ = align_points(
+        placement.before, np.array([static.still_positions[m] for m in placement.labels])
+    )
     markers = recording.markers.copy()
-    markers[:, [recording.labels.index(m) for m in one.labels]] += (one.after - one.before) @ axes.T
-    less = {
-        p.name: one.shift_spread
-        if p.kind is parameters.ParameterKind.POSITION
-        else one.rotation_spread
-        for p in parameters.JOINT_PARAMETERS
-        if p.segment == one.segment
-    }
+    markers[:, [recording.labels.index(m) for m in placement.labels]] += (
+        placement.after - placement.before
+    ) @ axes.T
+    loosened = {}
+    for parameter in parameters.JOINT_PARAMETERS:
+        if parameter.segment == placement.segment:
+            is_position = parameter.kind is parameters.ParameterKind.POSITION
+            loosened[parameter.name] = (
+                placement.shift_spread if is_position else placement.rotation_spread
+            )
     placed = replace(
-        study.static, recording=replace(recording, markers=markers).with_notes(one.description)
+        study.static,
+        recording=replace(recording, markers=markers).with_notes(placement.description),
     )
     trials = tuple(placed if t is study.static else t for t in study.trials)
-    return replace(study, trials=trials, loosened={**study.loosened, **less})
+    return replace(study, trials=trials, loosened={**study.loosened, **loosened})

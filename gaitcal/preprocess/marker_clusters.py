@@ -1,24 +1,24 @@
-"""Markers of one segment in one trial, against where the static trial has them.
+"""Fit the markers of each segment of a trial to where the static trial has them.
 
-The static posture is in the axes of the person who stands: x forward, y up, z to the right (the
-horizontal part of the line between the ASIS), one set of axes for all segments. So a segment's turn
-from the static posture is the turn of its markers, and two segments that keep the static posture
-have the same turn.
+The static posture is in axes of the standing person: x forward, y up, z to the right (the
+horizontal part of the line between the ASIS), the same axes for all segments. A segment's rotation
+from the static posture is therefore the rotation of its markers, and two segments that keep the
+static posture have the same rotation.
 
 The trial's shape m of a cluster (generalised Procrustes, Gower, Psychometrika 40:33-51, 1975, with
-the median for the mean, so that a marker that is elsewhere for a while does not bend it) and the
-segment's turn R_f and place o_f:
+the median for the mean, so that a marker that is displaced for a while does not bend it) and the
+segment's rotation R_f and translation o_f are
 
     m = median_f R_f^T (x_f - o_f),      (R_f, o_f) = the rigid motion of m nearest to x_f,
 
-over the frames in which the joints beside the segment are flexed about as in the static trial, laid
-on the static shape s by the nearest rigid motion. Then e = m - s is how far each marker sits from
-its static place all the time, and R_f^T (x_f - o_f) less its median how far it strays in a frame.
-Where no frame is near the static posture, soft tissue that moves a marker by sigma in walking
+over the frames in which the adjacent joints are flexed about as in the static trial, aligned with
+the static shape s by the nearest rigid motion. Then e = m - s is the constant offset of each marker
+from its static position, and R_f^T (x_f - o_f) less its median is its displacement in a frame.
+Without frames near the static posture, soft tissue that moves a marker by sigma in walking
 (`soft_tissue_artefact.SIZES`) moves it by sigma f / SPREAD_RAD at f rad beyond.
 
-A cluster of fewer than three markers borrows: a thigh the hip centre as the pelvis carries it, a
-shank and a foot the lateral marker above.
+A cluster of fewer than three markers borrows a point: a thigh the hip centre, as the pelvis carries
+it, a shank and a foot the lateral marker of the joint above.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -38,51 +38,53 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.tracking.rigid import RigidFit, fit_rigid
 
 USUAL_HEIGHT_M = 1.75
-"""Clean recordings from which limits in metres are taken are of people up to about this height:
-taller ones have longer ways between markers, and those grow with them."""
-UP = np.array([0.0, 1.0, 0.0])
-FEWEST = 3  # Points that tell how a segment is turned
-NEAR_RAD = np.deg2rad(30.0)
-"""Flexion from the static posture within which a joint is near it; at least the nearest tenth of
-the frames.
+"""m. Limits in metres are from people up to about this height; for taller ones they grow with it,
+as their markers are farther apart.
 """
+UP = np.array([0.0, 1.0, 0.0])
+FEWEST = 3
+"""Points that determine the pose of a segment."""
+NEAR_RAD = np.deg2rad(30.0)
+"""Flexion from the static posture within which a joint is near it."""
 NEAREST_PERCENT = 10.0
+"""Share of the frames that are taken as near at least."""
 SPREAD_RAD = np.deg2rad(20.0)
 """Standard deviation of the flexion of a knee over a stride of walking, in which sizes of soft
 tissue are measured.
 """
-SEEN_SHARE, SEEN_FRAMES = 0.1, 5  # A marker seen in fewer frames takes no part
-MOST_FRAMES = 150  # Frames, spread over the trial, from which the shape is found
-ROUNDS = 4  # Of the shape: from a start 30 mm off it is then still within 0.1 mm
-HIP_CENTRE = "hip centre"  # Name of the point that a thigh borrows
+SEEN_SHARE = 0.1
+"""Smallest share of the frames in which a marker of a cluster is visible."""
+SEEN_FRAMES = 5
+"""Smallest number of such frames."""
+MOST_FRAMES = 150
+"""Frames, evenly spread over the trial, from which the shape is found."""
+ROUNDS = 4
+"""Iterations of the shape: from a start with 30 mm error it is within 0.1 mm."""
+HIP_CENTRE = "hip centre"
+"""Name of the point that a thigh borrows."""
 SEGMENTS = (
     "pelvis",
     *(f"{part}_{side}" for part in ("thigh", "shank", "foot") for side in linkage.SIDES),
 )
-LENDER = {
-    "shank": "knee_lat",
-    "foot": "ankle_lat",
-}  # Segment -> the landmark above it that it may borrow
+LENDER = {"shank": "knee_lat", "foot": "ankle_lat"}
+"""Segment -> the landmark above it that it may borrow."""
 
 
 @dataclass(frozen=True)
 class Stance:
-    """The static posture of pelvis and legs."""
+    """The static posture of pelvis and legs: forward, up and right of the standing person."""
 
-    points: Mapping[str, Mapping[str, Array]]  # Segment -> marker -> (3,) m
+    points: Mapping[str, Mapping[str, Array]]
+    """Segment -> marker -> (3,) m."""
     centres: Mapping[str, Array] = field(default_factory=dict)
-    """`hip_r`, `knee_r`, `ankle_r`, ... -> (3,) m; empty where nothing can be said across joints.
-    """
+    """`hip_r`, `knee_r`, `ankle_r`, ... -> (3,) m; empty if joint centres are not available."""
     knee_axes: Mapping[str, Array] = field(default_factory=dict)
-    """`knee_r`, `knee_l` -> (3,) from the medial to the lateral epicondyle on the right, the other
-    way on the left.
+    """`knee_r`, `knee_l` -> (3,) m, from medial to lateral epicondyle, on the left reversed.
     """
-    landmarks: Mapping[str, Array] = field(
-        default_factory=dict
-    )  # (3,) m, of the marker set's landmarks that were seen
-    size: float = (
-        1.0  # Of the person, by which limits in metres grow: height over the usual, at least 1
-    )
+    landmarks: Mapping[str, Array] = field(default_factory=dict)
+    """Visible landmark of the marker set -> (3,) m."""
+    size: float = 1.0
+    """Factor of limits in metres: height of the person over `USUAL_HEIGHT_M`, at least 1."""
 
     @classmethod
     def from_recording(
@@ -92,7 +94,24 @@ class Stance:
         model: SubjectModel,
         hip_centre: segment_frames.HipCentre,
     ) -> "Stance":
-        """From the static trial of which `model` was made."""
+        """Measure the posture in the static trial of which `model` was made.
+
+        Parameters
+        ----------
+        static
+            Static trial, y up.
+        marker_set
+            Of the trial.
+        model
+            Nominal model of the same static trial.
+        hip_centre
+            Regression of the hip centres.
+
+        Returns
+        -------
+        Stance
+            With joint centres, knee axes (with medial markers only) and landmarks.
+        """
         static = complete_static(marker_set.rename_labels(static), marker_set)
         marker_set = resolve_marker_set(marker_set, static)
         posture = measure_static_posture(
@@ -110,28 +129,37 @@ class Stance:
         for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
             if segment in legs.frames and label in posture.markers:
                 points.setdefault(segment, {})[label] = axes @ posture.markers[label]
-        centre = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}
-        landmarks = {name: axes @ at for name, at in posture.landmarks.items()}
+        landmarks = {name: axes @ position for name, position in posture.landmarks.items()}
+        centres, knee_axes = dict[str, Array](), dict[str, Array]()
+        for joint, centre in (("hip", "hjc"), ("knee", "kjc"), ("ankle", "ajc")):
+            for side in linkage.SIDES:
+                centres[f"{joint}_{side}"] = axes @ legs.centres[f"{centre}_{side}"]
+        for side in linkage.SIDES:
+            if posture.has(f"knee_med_{side}"):
+                across = landmarks[f"knee_lat_{side}"] - landmarks[f"knee_med_{side}"]
+                knee_axes[f"knee_{side}"] = segment_frames.sign(side) * across
         return cls(
             points=points,
-            centres={
-                f"{j}_{s}": axes @ legs.centres[f"{c}_{s}"]
-                for j, c in centre.items()
-                for s in linkage.SIDES
-            },
-            knee_axes={
-                f"knee_{s}": segment_frames.sign(s)
-                * (landmarks[f"knee_lat_{s}"] - landmarks[f"knee_med_{s}"])
-                for s in linkage.SIDES
-                if posture.has(f"knee_med_{s}")
-            },
+            centres=centres,
+            knee_axes=knee_axes,
             landmarks=landmarks,
             size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
         )
 
     @classmethod
     def from_model(cls, model: SubjectModel) -> "Stance":
-        """From a saved model, all coordinates zero: its joint centres and markers."""
+        """Take the posture of a saved model with all coordinates zero.
+
+        Parameters
+        ----------
+        model
+            Nominal or calibrated.
+
+        Returns
+        -------
+        Stance
+            Without knee axes.
+        """
         axes, origins = kinematics.compute_body_poses(
             model.parameters, np.zeros((1, len(linkage.COORDINATES)))
         )
@@ -151,20 +179,29 @@ class Stance:
         for name, (joint, part) in above.items():
             for side in linkage.SIDES:
                 segment = part if part == "pelvis" else f"{part}_{side}"
-                at = model.parameters.centre(f"{joint}_{side}", segment)
-                centres[f"{name}_{side}"] = frames[segment].point(at)
+                centre = model.parameters.centre(f"{joint}_{side}", segment)
+                centres[f"{name}_{side}"] = frames[segment].point(centre)
         return cls(
             points=points,
             centres=centres,
             landmarks={
-                name: frames[segment].point(at) for name, (segment, at) in model.landmarks.items()
+                name: frames[segment].point(centre)
+                for name, (segment, centre) in model.landmarks.items()
             },
             size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
         )
 
     def drop_markers(self, labels: Collection[str]) -> "Stance":
-        """The same posture without markers that are no evidence of where they sit, as they were not
-        seen in it.
+        """Return the posture without markers that are no evidence of their static position.
+
+        Parameters
+        ----------
+        labels
+            Of markers that were reconstructed, not observed.
+
+        Returns
+        -------
+        Stance
         """
         points = {
             s: {m: at for m, at in placed.items() if m not in labels}
@@ -175,31 +212,41 @@ class Stance:
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerCluster:
-    """The markers of a segment in a trial."""
+    """The markers of a segment in a trial, and its motion from the static posture."""
 
     segment: str
-    labels: tuple[str, ...]  # (n,) markers; the last may be borrowed
-    borrowed: bool  # Whether the last point belongs to the segment above
+    labels: tuple[str, ...]
+    """(n,) points; the last one may be borrowed."""
+    borrowed: bool
+    """Whether the last point belongs to the segment above."""
     reduced: bool
-    """Whether it borrows though the static trial has enough markers: some have no weight, or are
-    missing here.
+    """Whether it borrows although the static trial has enough markers: some have no weight, or are
+    missing in this trial.
     """
-    static: Array  # (n, 3) m, s
-    shape: Array  # (n, 3) m, m, laid on s
-    rotation: Array  # (nf, 3, 3) R: from the static posture to the frame
-    origin: Array  # (nf, 3) m, o
-    # (nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not
-    # seen
+    static: Array
+    """(n, 3) m, s."""
+    shape: Array
+    """(n, 3) m, m aligned with s."""
+    rotation: Array
+    """(nf, 3, 3) R, from the static posture to the frame."""
+    origin: Array
+    """(nf, 3) m, o."""
     away: Array
-    size: float  # Of the person, by which limits in metres grow
-    determined: BoolArray  # (nf,) whether three points not on a line were seen
-    # rad, median flexion of the joints beside it in the frames of the shape, beyond NEAR_RAD
+    """(nf, n, 3) m, displacement from the mean position in static axes; NaN where the marker is not
+    visible or the segment not determined.
+    """
+    size: float
+    """Of the person, see `Stance.size`."""
+    determined: BoolArray
+    """(nf,) whether three points that are not on a line are visible."""
     far: float = 0.0
-    loose: tuple[int, ...] = ()  # Its own markers that mark no landmark: what is worn as a cluster
+    """rad, median flexion of the adjacent joints in the frames of the shape, beyond `NEAR_RAD`."""
+    loose: tuple[int, ...] = ()
+    """Indices of its markers that mark no landmark: those of a cluster plate."""
 
     @cached_property
     def strayed(self) -> Array:
-        """(nf, n) m, distance from the mean place; NaN where not seen."""
+        """Distance (nf, n) m from the mean position; NaN where not visible."""
         out: Array = np.linalg.norm(self.away, axis=2)
         return out
 
@@ -210,23 +257,23 @@ class MarkerCluster:
 
     @property
     def marker_count(self) -> int:
-        """How many of the points are markers of the segment."""
+        """Number of points that are markers of the segment, without the borrowed one."""
         return len(self.labels) - self.borrowed
 
     @property
     def offsets(self) -> Array:
-        """(n, 3) m, e."""
+        """Offsets (n, 3) m from the static positions, e."""
         return self.shape - self.static
 
     @cached_property
     def scatter(self) -> Array:
-        """(n,) m, RMS distance from the mean place."""
+        """RMS distance (n,) m from the mean position."""
         out: Array = np.sqrt(np.nanmean(self.strayed**2, axis=0))
         return out
 
     @property
     def static_size(self) -> float:
-        """m, root of the sum of the squares of the distances of its own markers from their middle."""
+        """Root (m) of the sum of squared distances of the segment's markers from their centroid."""
         return float(
             np.linalg.norm(
                 self.static[: self.marker_count] - self.static[: self.marker_count].mean(axis=0)
@@ -235,7 +282,7 @@ class MarkerCluster:
 
     @property
     def size_ratio(self) -> float:
-        """Size of the cluster against the static one."""
+        """Size of the cluster in the trial over its size in the static trial."""
         return (
             float(
                 np.linalg.norm(
@@ -246,9 +293,17 @@ class MarkerCluster:
         )
 
     def compute_tissue_spread(self, *, together: bool = False) -> float:
-        """m, standard deviation along each axis of what soft tissue does to a marker by itself, or
-        `together` with the others against what they borrow, between the static posture and the
-        frames of the shape.
+        """Compute the soft tissue artefact of a marker between static posture and trial.
+
+        Parameters
+        ----------
+        together
+            Of all markers together, relative to the point they borrow, instead of one marker.
+
+        Returns
+        -------
+        float
+            m, standard deviation along each axis.
         """
         size = soft_tissue_artefact.SIZES[self.part]
         return compute_tissue_spread(
@@ -262,25 +317,46 @@ class MarkerCluster:
         return float((self.scatter[: self.marker_count] ** 2).sum()) / self.static_size**2
 
     def compute_pose_spread(self, point: Array) -> tuple[float, Array]:
-        """m, and (3,) rad about x y z: how far the segment's pose at a point (3,) is uncertain as
-        its markers scatter.
+        """Compute the uncertainty of the segment's pose by the scatter of its markers.
 
-        Markers that scatter by sigma, with middle c and inertia I of n unit masses about it, leave
-        the covariances sigma^2 I^-1 of a turn and sigma^2 (1/n + [r] I^-1 [r]^T) of a point at r
-        from c; the fit hides six of the 3 n directions of sigma.
+        Parameters
+        ----------
+        point
+            (3,) m in the static posture, at which the position is wanted.
+
+        Returns
+        -------
+        position : float
+            m, standard deviation (root of the sum over the axes) of the position of `point`.
+        rotation : Array
+            (3,) rad, standard deviations about x, y, z.
+
+        Notes
+        -----
+        Markers that scatter by sigma, with centroid c and inertia I of n unit masses about it, give
+        the covariances sigma^2 I^-1 of the rotation and sigma^2 (1/n + [r] I^-1 [r]^T) of a point
+        at r from c. The fit absorbs six of the 3 n directions of sigma.
         """
         n = len(self.labels)
         hidden = (3.0 * n - 6.0) / (3.0 * n)
         variance = float(np.mean(self.scatter**2)) / (3.0 * hidden)
         away = self.static - self.static.mean(axis=0)
-        turn = variance * np.linalg.pinv(np.eye(3) * (away**2).sum() - away.T @ away)
-        return float(
-            np.sqrt(3.0 * variance * segment_frames.compute_position_variance(self.static, point))
-        ), np.sqrt(np.diag(turn))
+        rotation = variance * np.linalg.pinv(np.eye(3) * (away**2).sum() - away.T @ away)
+        lever = segment_frames.compute_position_variance(self.static, point)
+        return float(np.sqrt(3.0 * variance * lever)), np.sqrt(np.diag(rotation))
 
     def transform_point(self, point: Array) -> Array:
-        """(nf, 3) m, where the segment has a point (3,) of the static posture; NaN where it is not
-        determined.
+        """Compute where the segment carries a point of the static posture.
+
+        Parameters
+        ----------
+        point
+            (3,) m in the static posture.
+
+        Returns
+        -------
+        Array
+            (nf, 3) m in the laboratory; NaN where the segment is not determined.
         """
         path: Array = self.rotation @ point + self.origin
         path[~self.determined] = np.nan
@@ -288,8 +364,19 @@ class MarkerCluster:
 
 
 def compute_tissue_spread(size: float, far: float) -> float:
-    """m, of soft tissue of a `size` (m) in walking, where joints are flexed by `far` (rad) beyond
-    what is near; people are of a softness that is log-normal.
+    """Compute the soft tissue artefact in a posture far from the static one.
+
+    Parameters
+    ----------
+    size
+        m, standard deviation of the artefact in walking.
+    far
+        rad, flexion beyond what is near the static posture.
+
+    Returns
+    -------
+    float
+        m. The softness of people is log-normal (`soft_tissue_artefact.LOG_SPREAD`).
     """
     return float(np.exp(soft_tissue_artefact.LOG_SPREAD**2)) * size * max(0.0, far) / SPREAD_RAD
 
@@ -298,56 +385,77 @@ def fit_clusters(
     recording: Recording,
     stance: Stance,
     landmarks: Mapping[str, tuple[str, ...]],
-    judged: Callable[[str], bool],
+    is_counted: Callable[[str], bool],
     near: Mapping[str, tuple[BoolArray, float]] | None = None,
     before: Mapping[str, MarkerCluster] | None = None,
 ) -> dict[str, MarkerCluster]:
-    """Segment -> its cluster, for pelvis and legs; `judged` tells which markers count, `near` of a
-    segment in which frames (nf,) its posture is near the static one, and how far (rad) that still
-    is: without it that is found first, from the clusters `before`.
+    """Fit the clusters of pelvis and legs of a trial to the static posture.
+
+    Parameters
+    ----------
+    recording
+        Marker positions of the trial.
+    stance
+        Static posture.
+    landmarks
+        Landmark of the marker set -> its markers.
+    is_counted
+        Whether a marker takes part.
+    near
+        Segment -> frames (nf,) near the static posture, and how far (rad) they still are from it.
+        None: found from a first fit to all frames.
+    before
+        Clusters of that first fit.
+
+    Returns
+    -------
+    dict
+        Segment -> cluster, where three points are visible in enough frames.
     """
-    place = {label: i for i, label in enumerate(recording.labels)}
-    shares = find_visible(recording.markers).sum(axis=0)
+    column_of = {label: i for i, label in enumerate(recording.labels)}
+    frame_counts = find_visible(recording.markers).sum(axis=0)
     needed = max(SEEN_SHARE * len(recording.time), min(SEEN_FRAMES, len(recording.time)))
     out: dict[str, MarkerCluster] = {}
 
-    def usable(label: str) -> bool:
-        return label in place and judged(label) and shares[place[label]] >= needed
+    def is_usable(label: str) -> bool:
+        if label not in column_of or not is_counted(label):
+            return False
+        return bool(frame_counts[column_of[label]] >= needed)
 
-    def borrowed(segment: str) -> tuple[str, Array, Array] | None:
-        """Name, static place (3,) and path (nf, 3) of the point that a segment borrows; None where
-        there is none.
-        """
+    def find_borrowed(segment: str) -> tuple[str, Array, Array] | None:
+        """Name, static position (3,) and path (nf, 3) of the point that a segment borrows."""
         part, _, side = segment.partition("_")
         if part == "thigh" and "pelvis" in out:
             centre = stance.centres[f"hip_{side}"]
             return HIP_CENTRE, centre, out["pelvis"].transform_point(centre)
         name = f"{LENDER.get(part, '')}_{side}"
         labels = landmarks.get(name, ())
-        if len(labels) != 1 or not usable(labels[0]) or name not in stance.landmarks:
+        if len(labels) != 1 or not is_usable(labels[0]) or name not in stance.landmarks:
             return None
-        return labels[0], stance.landmarks[name], recording.markers[:, place[labels[0]]]
+        return labels[0], stance.landmarks[name], recording.markers[:, column_of[labels[0]]]
 
+    # the pelvis comes first: thighs borrow from it
     for segment in SEGMENTS:
-        labels = [label for label in stance.points.get(segment, {}) if usable(label)]
+        labels = [label for label in stance.points.get(segment, {}) if is_usable(label)]
         static = [stance.points[segment][label] for label in labels]
-        paths = [recording.markers[:, place[label]] for label in labels]
-        lent = borrowed(segment) if 0 < len(labels) < FEWEST and stance.centres else None
+        paths = [recording.markers[:, column_of[label]] for label in labels]
+        lent = find_borrowed(segment) if 0 < len(labels) < FEWEST and stance.centres else None
         if lent is not None:
-            name, at, path = lent
-            labels, static, paths = [*labels, name], [*static, at], [*paths, path]
+            name, position, path = lent
+            labels, static, paths = [*labels, name], [*static, position], [*paths, path]
+        # in the second fit, what was near the static posture throughout stays
         if before and near and segment not in near and lent is None:
-            out |= {segment: before[segment]} if segment in before else {}
+            if segment in before:
+                out[segment] = before[segment]
             continue
         frames, far = (near or {}).get(segment, (None, 0.0))
-        known = (
-            _fit_shape(np.array(static), np.stack(paths, axis=1), frames)
-            if len(labels) >= FEWEST
-            else None
-        )
-        if known is not None:
-            own = len(labels) - (lent is not None)
-            shape, fit, away = known
+        fitted = None
+        if len(labels) >= FEWEST:
+            fitted = _fit_shape(np.array(static), np.stack(paths, axis=1), frames)
+        if fitted is not None:
+            marker_count = len(labels) - (lent is not None)
+            shape, fit, away = fitted
+            on_landmarks = {label for named in landmarks.values() for label in named}
             out[segment] = MarkerCluster(
                 segment=segment,
                 labels=tuple(labels),
@@ -361,52 +469,40 @@ def fit_clusters(
                 size=stance.size,
                 determined=fit.determined,
                 far=far,
-                loose=tuple(
-                    i
-                    for i in range(own)
-                    if not any(labels[i] in named for named in landmarks.values())
-                ),
+                loose=tuple(i for i in range(marker_count) if labels[i] not in on_landmarks),
             )
     if near is not None:
         return out
-    flexed = {
-        s: flexion
-        for s in out
-        if np.nanmax(flexion := _measure_flexion(out, s), initial=0.0) > NEAR_RAD
-    }
-    limits = {
-        s: max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT)))
-        for s, flexion in flexed.items()
-    }
-    near = {
-        s: (f <= limits[s], float(np.median(f[f <= limits[s]])) - NEAR_RAD)
-        for s, f in flexed.items()
-    }
-    return fit_clusters(recording, stance, landmarks, judged, near, out) if near else out
+    # again, from the frames near the static posture, for segments whose joints flex beyond
+    nearest: dict[str, tuple[BoolArray, float]] = {}
+    for segment in out:
+        flexion = _measure_flexion(out, segment)
+        if np.nanmax(flexion, initial=0.0) > NEAR_RAD:
+            is_near = flexion <= max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT)))
+            nearest[segment] = is_near, float(np.median(flexion[is_near])) - NEAR_RAD
+    return fit_clusters(recording, stance, landmarks, is_counted, nearest, out) if nearest else out
 
 
 def _measure_flexion(clusters: Mapping[str, MarkerCluster], segment: str) -> Array:
-    """(nf,) rad, from the static posture, of the joint beside a segment that is flexed most; NaN
-    where none is seen.
-    """
+    """Measure (nf,) rad, the largest flexion of the adjacent joints from the static posture."""
     part, _, side = segment.partition("_")
     parts = ("pelvis", "thigh", "shank", "foot")
-    beside = [p for p in parts if abs(parts.index(p) - parts.index(part)) == 1]
-    names = [p if p == "pelvis" else f"{p}_{s}" for p in beside for s in (side or linkage.SIDES)]
-    one, out = clusters[segment], np.full(len(clusters[segment].determined), np.nan)
+    adjacent = [p for p in parts if abs(parts.index(p) - parts.index(part)) == 1]
+    names = [p if p == "pelvis" else f"{p}_{s}" for p in adjacent for s in (side or linkage.SIDES)]
+    cluster, out = clusters[segment], np.full(len(clusters[segment].determined), np.nan)
     for other in (clusters[name] for name in names if name in clusters):
-        angle = np.abs(
-            rotations.compute_root_angles(one.rotation.transpose(0, 2, 1) @ other.rotation)[:, 0]
-        )
-        out = np.fmax(out, np.where(one.determined & other.determined, angle, np.nan))
+        relative = cluster.rotation.transpose(0, 2, 1) @ other.rotation
+        angle = np.abs(rotations.compute_root_angles(relative)[:, 0])
+        out = np.fmax(out, np.where(cluster.determined & other.determined, angle, np.nan))
     return out
 
 
 def _fit_shape(
     static: Array, paths: Array, near: BoolArray | None = None
 ) -> tuple[Array, RigidFit, Array] | None:
-    """Shape, in the frames `near` (nf,) where they show it, motion and ways away of points with
-    paths (nf, n, 3); None where no frame shows three of them.
+    """Fit shape, motion and displacements to paths (nf, n, 3) m, from the frames `near`.
+
+    None if no frame shows three of the points. Without enough near frames all are taken.
     """
     visible = find_visible(paths)
     shown = visible.sum(axis=1) >= FEWEST
@@ -415,17 +511,15 @@ def _fit_shape(
     if len(enough) < min(SEEN_FRAMES, len(paths)):
         return None
     some = enough[:: max(1, len(enough) // MOST_FRAMES)]
-    measured, weight = (
-        np.where(visible[:, :, None], paths, 0.0).transpose(1, 2, 0),
-        visible.T.astype(float),
-    )
+    measured = np.where(visible[:, :, None], paths, 0.0).transpose(1, 2, 0)
+    weight = visible.T.astype(float)
     shape = _compute_mean_shape(
         static, paths[some], visible[some], measured[:, :, some], weight[:, some]
     )
     if shape is None:
         return None
-    turn, shift = align_points(shape, static)
-    shape = shape @ turn.T + shift
+    rotation, shift = align_points(shape, static)
+    shape = shape @ rotation.T + shift
     fit = fit_rigid(shape, measured, weight)
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
     away[~fit.determined] = np.nan
@@ -433,16 +527,17 @@ def _fit_shape(
 
 
 def _compute_mean_shape(
-    start: Array, paths: Array, seen: BoolArray, measured: Array, weight: Array
+    start: Array, paths: Array, visible: BoolArray, measured: Array, weight: Array
 ) -> Array | None:
-    """(n, 3) m, the shape of a cluster with paths (nf, n, 3), `measured` and `weight` as
-    `fit_rigid` takes them; None where a point is never seen with two others.
+    """Compute (n, 3) m, the shape of a cluster; None if a point is never visible with two others.
+
+    `paths` (nf, n, 3) m; `measured` and `weight` as `fit_rigid` takes them.
     """
     shape = start
     for _ in range(ROUNDS):
         fit = fit_rigid(shape, measured, weight)
         local = (paths - fit.origin[:, None]) @ fit.rotation
-        known = seen & fit.determined[:, None]
+        known = visible & fit.determined[:, None]
         if not known.any(axis=0).all():
             return None
         shape = (
@@ -454,8 +549,19 @@ def _compute_mean_shape(
 
 
 def align_points(points: Array, onto: Array, weight: Array | None = None) -> tuple[Array, Array]:
-    """R (3, 3) and t (3,) of the rigid motion  R p + t  of `points` (n, 3) nearest to those `onto`
-    (Kabsch 1976).
+    """Find the rigid motion of points nearest to other points (Kabsch 1976).
+
+    Parameters
+    ----------
+    points, onto
+        (n, 3) m, in the same order.
+    weight
+        (n,); None: equal weights.
+
+    Returns
+    -------
+    rotation, translation : Array
+        (3, 3) R and (3,) t m of R p + t.
     """
     w = np.ones(len(points)) if weight is None else weight
     a, b = (w @ p / w.sum() for p in (points, onto))

@@ -1,6 +1,4 @@
-"""Find when each plate bears a foot, and whose: by the markers of heels and toes, and by the centre
-of pressure.
-"""
+"""Find when each plate is loaded, and by which foot, from markers and centres of pressure."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +27,18 @@ class Feet:
     time
         (nf,) s.
     landmark
-        Gives the path (nf, 3) m of a landmark; None where the trial does not show it.
+        Returns the path (nf, 3) m of a landmark; None if the trial does not show it.
+
+    Attributes
+    ----------
+    heel, toe
+        (nf, 2, 3) m, right and left; NaN where not visible.
+    visible
+        (nf, 2) whether heel and toe are visible.
+    belt_velocities
+        (2, 3) m/s, of the ground under each foot.
+    heel_speed, toe_speed
+        (nf, 2) m/s relative to the ground.
     """
 
     def __init__(self, time: Array, landmark: Callable[[str], Array | None]) -> None:
@@ -50,11 +59,20 @@ class Feet:
         self.resting: BoolArray = (
             np.fmin(self.heel_speed, self.toe_speed) < foot_contact.RESTING_SPEED
         )
-        """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
+        """(nf, 2) whether the foot is on the ground: its heel or its toe moves with it."""
 
     def build_points(self, height: float) -> foot_contact.FootPoints:
-        """Heels, toes and tips of the feet of a person of this height (m); NaN where they are not
-        seen.
+        """Compute heels, toes and tips of the feet.
+
+        Parameters
+        ----------
+        height
+            m, of the person, from which foot tip and breadth follow.
+
+        Returns
+        -------
+        FootPoints
+            NaN where not visible.
         """
         return foot_contact.FootPoints(
             heel=self.heel,
@@ -66,8 +84,23 @@ class Feet:
         )
 
     def measure_distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
-        """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where
-        it is not seen.
+        """Measure the load-weighted mean distance of points from the line heel-toe, from above.
+
+        Parameters
+        ----------
+        foot
+            0: right, 1: left.
+        point
+            (n, 3) m, in `frames`.
+        frames
+            Of the trial.
+        load
+            (n,) N, weights.
+
+        Returns
+        -------
+        float
+            m; infinite if the foot is not visible in any of the frames.
         """
         known = self.visible[frames, foot]
         if not known.any():
@@ -83,22 +116,20 @@ class Feet:
 
 @dataclass(frozen=True, kw_only=True)
 class PlateContact(foot_contact.Loading):
-    """A plate under load, and the foot whose line from heel to toe is nearest to the centre of
-    pressure.
-    """
+    """A loaded plate, and the foot whose line heel-toe is nearest to the centre of pressure."""
 
-    distance: (
-        float  # m, mean distance of the centre of pressure from that line, weighed by the load
-    )
-    other_distance: float  # m, the same for the other foot
+    distance: float
+    """m, load-weighted mean distance of the centre of pressure from that line."""
+    other_distance: float
+    """m, the same for the other foot."""
 
     @property
     def under_foot(self) -> bool:
-        """Whether the foot stands where the load is."""
+        """Whether the load is under the foot."""
         return self.distance < foot_contact.UNDER_FOOT_M
 
     def is_whole(self, time: Array) -> bool:
-        """Whether it begins and ends while the plate is recorded, at frames of `time` (nf,) s."""
+        """Return whether it begins and ends while the plate is recorded; `time` (nf,) s."""
         inner = find_covered_frames([self.plate], time)
         return self.frames.start > inner.start and self.frames.stop < inner.stop
 
@@ -106,7 +137,10 @@ class PlateContact(foot_contact.Loading):
 def find_plate_contacts(
     feet: Feet, plates: Sequence[ForcePlate], height: float
 ) -> tuple[PlateContact, ...]:
-    """Find all loadings of all plates that are longer than a knock.
+    """Find all loadings of all plates that last longer than a knock.
+
+    A loading during which the other foot takes over is split into single stances, if no other plate
+    is loaded meanwhile.
 
     Parameters
     ----------
@@ -116,6 +150,11 @@ def find_plate_contacts(
         Of the trial.
     height
         m, of the person.
+
+    Returns
+    -------
+    tuple of PlateContact
+        In the order of the plates and in time.
     """
     found, points = [], feet.build_points(height)
     wrenches = [np.nan_to_num(resample_wrench(plate, feet.time)) for plate in plates]
@@ -123,23 +162,16 @@ def find_plate_contacts(
     for plate, wrench in zip(plates, wrenches, strict=True):
         loadings = list[slice]()
         for whole in find_runs(wrench[:, 1] > LOADED_N, 2):
-            turns = (
-                foot_contact.find_single_stances(wrench, whole, feet.time, points)
-                if one_loaded[whole].all()
-                else []
-            )
-            loadings += [part for part, _ in turns] or [whole]
+            stances = []
+            if one_loaded[whole].all():
+                stances = foot_contact.find_single_stances(wrench, whole, feet.time, points)
+            loadings += [part for part, _ in stances] or [whole]
         for run in loadings:
-            if (
-                measure_duration(feet.time, run) < foot_contact.MIN_LOADING_S
-                or wrench[run, 1].max() < BODY_N
-            ):
+            is_knock = measure_duration(feet.time, run) < foot_contact.MIN_LOADING_S
+            if is_knock or wrench[run, 1].max() < BODY_N:
                 continue
-            level = (
-                float(np.nanmedian(plate.point[:, 1]))
-                if np.isfinite(plate.point[:, 1]).any()
-                else 0.0
-            )
+            heights = plate.point[:, 1]
+            level = float(np.nanmedian(heights)) if np.isfinite(heights).any() else 0.0
             point, load = compute_centre_on_ground(wrench[run], level), wrench[run, 1]
             away = [feet.measure_distance(k, point, run, load) for k in range(len(SIDES))]
             foot = int(np.argmin(away))

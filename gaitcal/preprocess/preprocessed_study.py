@@ -1,9 +1,9 @@
-"""Prepare a study, once and in one order, for everything that looks at it.
+"""Prepare a study, once and in one order, for checks, calibration and further trials.
 
-`preprocess_study` is the one place where the trials of a study become clean ones. Checks,
-calibration and further trials take what it gives, and change nothing of it. Trials are turned to
-their direction and get their bandwidth where their tracking problems are posed
-(`analysis/prepared_trials.py`): checks look at recordings in the axes of their files.
+`preprocess_study` is the one place where the trials of a study are cleaned. Everything else takes
+its result and changes nothing of it. Trials are rotated to their direction of progression and get
+their bandwidth where their tracking problems are posed (`analysis/prepared_trials.py`): checks work
+in the axes of the files.
 """
 
 from dataclasses import dataclass, replace
@@ -28,31 +28,30 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Trial
 
-MOST_PLACED = 3  # Clusters; more that were knocked are another static posture
+MOST_PLACED = 3
+"""Knocked clusters that are placed; more are another static posture."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PreprocessedStudy:
-    """A study with clean trials, and what they are measured against."""
+    """A study with clean trials, and what they are compared with."""
 
     study: Study
-    """As it was read, but for knocked clusters of its static trial, which are where the moving
-    trials have them.
-    """
+    """As it was read, with knocked clusters of its static trial placed by the moving trials."""
     clean: Study
-    """The same with clean trials, before exchanged labels are put back."""
+    """The same with clean trials, before swapped labels are put back."""
     completed: Rebuilding
-    """The static trial, with what the other trials give back to it."""
+    """The static trial with the markers that were reconstructed from the other trials."""
     model: SubjectModel | None
-    """Nominal; None where the static trial gives none, or its unit is wrong."""
+    """Nominal; None if the static trial gives none, or its unit is wrong."""
     faults: tuple[Finding, ...]
-    """What keeps the static trial from giving a model."""
+    """Why the static trial gives no model."""
     trials: tuple[TrialEvidence, ...]
-    """Every trial without markers metres away and positions out of line, cut to what shows the
-    pelvis, exchanged labels put back.
+    """Every trial without outliers and isolated jumps, cut to the frames with the pelvis, swapped
+    labels put back.
     """
     placed: tuple[Placement, ...]
-    """The knocked clusters that were put where the moving trials have them."""
+    """The knocked clusters that were placed by the moving trials."""
 
     @property
     def moving(self) -> tuple[TrialEvidence, ...]:
@@ -61,54 +60,61 @@ class PreprocessedStudy:
 
     @property
     def nominal(self) -> SubjectModel:
-        """The nominal model, also of a static trial in a wrong unit; InputError where there is
-        none.
-        """
+        """The nominal model, also of a static trial in a wrong unit; InputError without one."""
         return self.model or build_nominal_from_clean(self.clean, self.completed)
 
     def find_possible_moves(self) -> dict[str, dict[str, PossibleMove]]:
-        """Trial -> segment that it is fitted by -> what its markers may have done since the static
-        trial; a cluster that was put back is as uncertain as its place.
+        """Compute how far the pose of each segment may be wrong because its markers moved.
+
+        Returns
+        -------
+        dict
+            Trial -> segment that it is fitted by -> uncertainty of its pose. A cluster that was
+            placed has at least the uncertainty of its placement. Empty for markerless points.
         """
         out, loosened = dict[str, dict[str, PossibleMove]](), self.study.loosened
+        if self.study.marker_set.noise is not None:
+            return out
         placed = {
             p.segment: loosened.get(p.name, 0.0)
             for p in JOINT_PARAMETERS
             if p.kind is ParameterKind.ORIENTATION
         }
-        for t in self.trials if self.study.marker_set.noise is None else ():
-            fitted = SEGMENTS if t.trial.joint is None else list_joint_segments(t.trial.joint)
-            moves = {
-                s: move
-                for s, move in find_possible_moves(t.clusters, t.links).items()
-                if s in fitted
-            }
-            out[t.name] = {
-                s: replace(m, rotation=np.hypot(m.rotation, placed.get(s, 0.0)))
-                for s, m in moves.items()
-            }
+        for trial in self.trials:
+            joint = trial.trial.joint
+            fitted = SEGMENTS if joint is None else list_joint_segments(joint)
+            moves = out[trial.name] = {}
+            for segment, move in find_possible_moves(trial.clusters, trial.links).items():
+                if segment in fitted:
+                    rotation = np.hypot(move.rotation, placed.get(segment, 0.0))
+                    moves[segment] = replace(move, rotation=rotation)
         return out
 
 
 @np.errstate(all="ignore")
 @with_one_blas_thread
 def preprocess_study(study: Study) -> PreprocessedStudy:
-    """Prepare a study: every trial clean, the static one whole, the nominal model.
+    """Prepare a study: clean every trial, complete the static one, make the nominal model.
 
-    1. Outliers, single positions out of line and frames without the pelvis are left out of each
-       trial (`clean_trial.py`).
-    2. Markers that the static trial lost are rebuilt from the other trials (`rebuilt_markers.py`).
-    3. The nominal model follows from the static trial, unless its unit is wrong (`study_model.py`).
-    4. Labels that are exchanged for a part of a moving trial are put back (`put_back_labels.py`):
-       lengths in the static posture tell which they are, so this cannot come first.
-    5. A cluster that was knocked between the static trial and the moving ones is placed where these
-       have it (`knocked_clusters.py`), and 2 to 4 are done again for this static trial. All stay
-       where they were read where a placed one still does not agree with some trial.
+    1. Outliers, isolated jumps and frames without the pelvis are removed from each trial
+       (`clean_trial.py`).
+    2. Markers that the static trial lost are reconstructed from the other trials
+       (`rebuilt_markers.py`).
+    3. The nominal model is made from the static trial, unless its unit is wrong (`study_model.py`).
+    4. Labels that are swapped in a part of a moving trial are put back (`put_back_labels.py`). The
+       swap is found by lengths in the static posture, so this step follows the model.
+    5. A cluster that was knocked between the static and the moving trials is placed by the moving
+       trials (`knocked_clusters.py`), and steps 2 to 4 are repeated for this static trial. If a
+       placed cluster still contradicts some trial, nothing is placed.
 
     Parameters
     ----------
     study
         As it was read.
+
+    Returns
+    -------
+    PreprocessedStudy
     """
     first, placed = None, tuple[Placement, ...]()
     segment_of, noise = study.marker_set.segment_of, study.marker_set.noise
@@ -126,7 +132,7 @@ def preprocess_study(study: Study) -> PreprocessedStudy:
             )
             for one in evidence
         )
-        found = PreprocessedStudy(
+        prepared = PreprocessedStudy(
             study=study,
             clean=clean,
             completed=completed,
@@ -135,16 +141,17 @@ def preprocess_study(study: Study) -> PreprocessedStudy:
             trials=tuple(put_back(trial) for trial in measured),
             placed=placed,
         )
-        first = first or found
+        first = first or prepared
         if len(placed) == MOST_PLACED:
-            return found
-        causes = {cause.segment for trial in found.moving for cause in trial.contradictions}
-        static = [trial for trial in found.trials if trial.is_static]
+            return prepared
+        # a placed cluster that still contradicts a trial was not knocked: back to the first result
+        causes = {cause.segment for trial in prepared.moving for cause in trial.contradictions}
+        static = [trial for trial in prepared.trials if trial.is_static]
         if not causes.isdisjoint(one.segment for one in placed) or len(static) != 1:
             return first
-        knocked = find_placement(found.moving)
+        knocked = find_placement(prepared.moving)
         if knocked is None:
-            return found
+            return prepared
         placed = (*placed, knocked)
         before, study = study, apply_placement(study, static[0], knocked)
         trials = tuple(
@@ -154,7 +161,7 @@ def preprocess_study(study: Study) -> PreprocessedStudy:
 
 
 def _build_evidence(trial: CleanTrial, study: Study) -> TrialEvidence:
-    """A trial before it has a model to be measured against."""
+    """Make the evidence of a trial before there is a model."""
     return TrialEvidence(
         trial=trial,
         marker_set=study.marker_set.with_weights(study.weights),
@@ -166,7 +173,7 @@ def _build_evidence(trial: CleanTrial, study: Study) -> TrialEvidence:
 def _build_nominal(
     standing: TrialEvidence, clean: Study, completed: Rebuilding
 ) -> tuple[SubjectModel | None, tuple[Finding, ...]]:
-    """The nominal model, or why the static trial gives none; neither where its unit is wrong."""
+    """Make the nominal model, or the findings why not; neither if the unit is wrong."""
     if not standing.has_body_size:
         return None, ()
     try:
@@ -176,7 +183,7 @@ def _build_nominal(
 
 
 def _build_stance(study: Study, completed: Rebuilding, model: SubjectModel) -> Stance:
-    """The static posture by what the static trial itself shows."""
+    """Measure the static posture from the markers that the static trial itself shows."""
     whole = Stance.from_recording(completed.static, study.marker_set, model, study.hip_centre)
     return whole.drop_markers(completed.labels)
 
@@ -186,7 +193,7 @@ def _build_stance(study: Study, completed: Rebuilding, model: SubjectModel) -> S
 def preprocess_trial(
     trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> TrialEvidence:
-    """Prepare one further trial, of a person whose model is known: steps 1 and 4 of a study.
+    """Prepare one further trial of a person whose model is known: steps 1 and 4 of a study.
 
     Parameters
     ----------
@@ -195,9 +202,13 @@ def preprocess_trial(
     model
         Calibrated, of a saved result.
     marker_set, settings
-        Those of the calibration.
+        Of the calibration.
+
+    Returns
+    -------
+    TrialEvidence
     """
-    found = TrialEvidence(
+    evidence = TrialEvidence(
         trial=clean_trial(trial, marker_set.segment_of, marker_set.noise),
         marker_set=marker_set,
         subject=model.subject,
@@ -205,11 +216,22 @@ def preprocess_trial(
         model=model,
         stance=Stance.from_model(model),
     )
-    return put_back(found)
+    return put_back(evidence)
 
 
 @np.errstate(all="ignore")
 def find_possible_moves_of_trial(evidence: TrialEvidence) -> dict[str, PossibleMove]:
-    """What markers may have done, as `PreprocessedStudy.moves`, of one further trial."""
-    of_markers = evidence.model is not None and evidence.model.noise is None
-    return find_possible_moves(evidence.clusters, evidence.links) if of_markers else {}
+    """Compute the uncertainty of the segments' poses by moved markers, in one further trial.
+
+    Parameters
+    ----------
+    evidence
+        Of the trial.
+
+    Returns
+    -------
+    dict
+        Segment -> uncertainty, see `PreprocessedStudy.find_possible_moves`.
+    """
+    has_markers = evidence.model is not None and evidence.model.noise is None
+    return find_possible_moves(evidence.clusters, evidence.links) if has_markers else {}

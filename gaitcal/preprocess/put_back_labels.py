@@ -1,35 +1,43 @@
-"""Put exchanged labels of a moving trial back, where both are right for most of the time."""
+"""Put back labels of a moving trial that are swapped for a part of it."""
 
 from dataclasses import replace
 
 from gaitcal.preprocess.swapped_labels import SwappedLabels, restore_labels
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 
-MOST_OF_A_PART = 0.5  # Share of the frames: of more, the labels are exchanged in the file
+MOST_OF_A_PART = 0.5
+"""Largest share of the frames of a swap that is put back; beyond it the file's labels are wrong."""
 
 
 def put_back(trial: TrialEvidence) -> TrialEvidence:
-    """The moving trial as it is fitted: labels that carry each other's marker for a part of it
-    exchanged back.
+    """Put back the swapped labels of a moving trial.
 
-    Three markers of a segment of which two are exchanged are a mirror image, and least squares
-    turns the segment round; no weight can repair that. Exchanges are undone until none is left; the
-    trial stays as it is where that cannot be done.
+    Three markers of a segment of which two are swapped are a mirror image: least squares would
+    rotate the segment, and no weight repairs that. Swaps are undone until none is left. The trial
+    is returned unchanged if one of them cannot be undone.
+
+    Parameters
+    ----------
+    trial
+        A static trial is returned as it is.
+
+    Returns
+    -------
+    TrialEvidence
+        `put_back` lists what was swapped.
     """
     if trial.is_static:
         return trial
-    mended, done = trial, list[SwappedLabels]()
-    while found := mended.swapped_labels:
-        if len(done) > len(trial.column) or not all(_is_partial(mended, one) for one in found):
+    restored, done = trial, list[SwappedLabels]()
+    while found := restored.swapped_labels:
+        if len(done) > len(trial.column) or not all(_is_partial(restored, one) for one in found):
             return trial
-        mended = mended.with_recording(restore_labels(mended.recording, found))
+        restored = restored.with_recording(restore_labels(restored.recording, found))
         done += found
-    return replace(mended, put_back=tuple(done)) if done else trial
+    return replace(restored, put_back=tuple(done)) if done else trial
 
 
 def _is_partial(trial: TrialEvidence, found: SwappedLabels) -> bool:
-    """Whether both labels are right for most of the time, so that their exchange for a part can be
-    undone.
-    """
-    seen = max(int(trial.visible[:, trial.column[found.label]].sum()), 1)
-    return found.mutual and found.sure and int(found.frames.sum()) <= MOST_OF_A_PART * seen
+    """Return whether both labels are right most of the time, so that the swap can be undone."""
+    visible_count = max(int(trial.visible[:, trial.column[found.label]].sum()), 1)
+    return found.mutual and found.sure and int(found.frames.sum()) <= MOST_OF_A_PART * visible_count

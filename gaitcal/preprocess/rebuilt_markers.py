@@ -1,23 +1,23 @@
-"""Rebuild markers that the static trial lost where other frames or trials show them beside others
-of their segment.
+"""Reconstruct markers that the static trial lost, from frames that show them with others.
 
-Companions c_i of a lost marker m are the other markers of its segment, at their mean places s_i of
-the still window. Where fewer than three are left, the joint above is one, as the segment above
-carries it: the hip centre, or the middle between the markers at the sides of knee or ankle. In
+Companions c_i of a lost marker m are the other markers of its segment, at their mean positions s_i
+of the still window. If fewer than three are left, the joint above is one of them, as the segment
+above carries it: the hip centre, or the midpoint of the markers at the sides of knee or ankle. In
 every frame f that shows m and its companions, the rigid motion R_f s + o_f nearest to them (Kabsch
-1976) takes m back to the static trial, and the median over frames is its place:
+1976) takes m back to the static trial, and the median over frames is its position:
 
     p_f = R_f^T (m_f - o_f),      p = median_f p_f.
 
-Two things make p uncertain, and are added in squares: how far the p_f scatter about p, as skin
-moves, and how far the companions' mean shape differs from the static one, RMS e over those 3n - 6
-of 3n directions that a rigid fit leaves, which the lever from their middle to p enlarges:
+Its variance has two parts: the scatter of the p_f about p, as skin moves, and the difference
+between the companions' mean shape and the static one, RMS e over those 3n - 6 of 3n directions that
+a rigid fit leaves, enlarged by the lever from their centroid to p:
 
-    e^2 (1/n + trace([r] I^-1 [r]^T) / 3),      I the inertia of n unit masses at s, r from their middle to p.
+    e^2 (1/n + trace([r] I^-1 [r]^T) / 3),      I the inertia of n unit masses at s, r from the
+                                                centroid to p.
 
-Of all trials the one that leaves the least is taken. A rebuilt marker repeats what its companions
-say: it is a place for the marker where it moves, never evidence for the static trial. Trunk and
-arms, which are not rigid, are left out.
+The trial with the smallest uncertainty is taken. A reconstructed marker repeats its companions: it
+gives a position to a marker that moving trials track, and is no evidence about the static trial.
+Trunk and arms, which are not rigid, are left out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,90 +40,120 @@ from gaitcal.model.segment_frames import (
     measure_distance_from_line,
 )
 
-FEWEST = 3  # points that tell how a segment is turned
-# RMS distance from their line that companions must have: the turn about a line is not told by less
+FEWEST = 3
+"""Points that determine the pose of a segment."""
 FLAT_M = 0.012
+"""m, smallest RMS distance of the companions from a line: the rotation about a line is free."""
 FEWEST_FRAMES = 3
-MOST_FRAMES = 200  # of a trial that are looked at, evenly spaced
-# a marker more uncertain is not rebuilt: regressions for joint centres err by as much at worst
+MOST_FRAMES = 200
+"""Frames of a trial, evenly spaced, that are used."""
 LOOSE_M = 0.020
-# how far a marker shifts with its skin from one trial to the next while nobody touches it, at least
+"""m, largest uncertainty of a reconstructed marker: that of joint centres by regression."""
 SKIN_M = 0.003
-# a marker without a meaning so near to a rebuilt one, or within its uncertainty, may be the same
+"""m, smallest displacement of a marker with its skin between two trials."""
 NEAR_M = 0.01
-BESIDE = {"shank": ("knee", "thigh"), "foot": ("ankle", "shank")}
-"""Segment -> the joint above it, and the segment there that carries it."""
+"""m. An unknown marker this near to a reconstructed one, or within its uncertainty, may be it."""
+JOINT_ABOVE = {"shank": ("knee", "thigh"), "foot": ("ankle", "shank")}
+"""Segment -> the joint above it, and the segment above it that carries the joint."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RebuiltMarker:
-    """A marker that the static trial lost, and where it was."""
+    """A marker that the static trial lost, and its reconstructed position."""
 
     label: str
     segment: str
-    landmarks: tuple[str, ...]  # of the set that it makes
-    # (3,) m in the laboratory of the static trial, where its companions have their mean places
+    landmarks: tuple[str, ...]
+    """Landmarks of the marker set that it defines."""
     position: Array
-    companions: tuple[str, ...]  # what it was placed by
-    trial: str  # name of the trial that shows it beside them
-    frames: int  # of that trial, which were used
-    uncertainty: float  # m, RMS: scatter and differing shape together
-    unknown_marker: str = (
-        ""  # a marker of the static trial that the set does not know, there: it may be the same
-    )
+    """(3,) m in the laboratory of the static trial, at the mean positions of its companions."""
+    companions: tuple[str, ...]
+    """Points by which it was placed."""
+    trial: str
+    """Name of the trial that shows it together with its companions."""
+    frames: int
+    """Number of frames of that trial that were used."""
+    uncertainty: float
+    """m, RMS of scatter and difference of shape."""
+    unknown_marker: str = ""
+    """Label of an unknown marker of the static trial at the same position: it may be the same."""
 
     @property
     def description(self) -> str:
-        """Which marker, from where, how well."""
-        same = (
-            f" ('{self.unknown_marker}' of the static trial lies there: is it the same?)"
-            if self.unknown_marker
-            else ""
-        )
-        by, to = ", ".join(self.companions), 1e3 * self.uncertainty
+        """Label, trial, companions and uncertainty."""
+        same = ""
+        if self.unknown_marker:
+            same = (
+                f" ('{self.unknown_marker}' of the static trial has the same position: is it this "
+                "marker?)"
+            )
         return (
-            f"'{self.label}' rebuilt from {self.frames} frames of '{self.trial}' by {by}, to "
-            f"{to:.1f} mm{same}"
+            f"'{self.label}' reconstructed from {self.frames} frames of '{self.trial}' by "
+            f"{', '.join(self.companions)}, uncertainty {1e3 * self.uncertainty:.1f} mm{same}"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rebuilding:
-    """A static trial with what could be rebuilt."""
+    """A static trial with the markers that could be reconstructed."""
 
-    static: Recording  # with the rebuilt markers in every frame that shows their companions
+    static: Recording
+    """With the reconstructed markers in every frame that shows their companions."""
     markers: tuple[RebuiltMarker, ...] = ()
-    left: Mapping[str, str] = field(
-        default_factory=dict
-    )  # lost marker that others show -> why it is not rebuilt
+    left: Mapping[str, str] = field(default_factory=dict)
+    """Lost marker that other trials show -> why it is not reconstructed."""
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Markers that were rebuilt: no evidence for the static trial."""
+        """Labels of the reconstructed markers, which are no evidence about the static trial."""
         return tuple(marker.label for marker in self.markers)
 
     def describe_failures(self, message: str) -> str:
-        """Why markers that an error message names were not rebuilt, to be added to it."""
+        """Describe why markers that an error message names were not reconstructed.
+
+        Parameters
+        ----------
+        message
+            Of the error.
+
+        Returns
+        -------
+        str
+            To be appended to the message; empty if it names no such marker.
+        """
         reasons = [
             f"'{label}': {why}" for label, why in self.left.items() if f"'{label}'" in message
         ]
-        return f"; no other trial gives it back ({'; '.join(reasons)})" if reasons else ""
+        return f"; no other trial reconstructs it ({'; '.join(reasons)})" if reasons else ""
 
 
 def rebuild_lost(
     static: Recording, marker_set: MarkerSet, others: Sequence[tuple[str, Recording]], name: str
 ) -> Rebuilding:
-    """The static trial with the markers of the set that it does not show while the person stands
-    still.
+    """Reconstruct the markers of the set that the static trial does not show in its still window.
 
-    `static`, `name`: the recording, its labels those of the set, and what to call it. `others`:
-    name and recording of further trials, of any role. The static trial itself is asked too: it may
-    show a marker at another time.
+    Parameters
+    ----------
+    static
+        Static trial, with the labels of the set. It is searched too: it may show a marker at
+        another time.
+    marker_set
+        Of the study.
+    others
+        Name and recording of further trials, of any role.
+    name
+        Of the static trial, for messages.
+
+    Returns
+    -------
+    Rebuilding
+        Nothing is reconstructed if the static trial has no still window.
     """
     try:
         window = find_still_window(static, marker_set.labels).frames
     except InputError:
-        return Rebuilding(static=static)  # told where the model is made
+        # reported where the model is made
+        return Rebuilding(static=static)
     sources = [(name, static), *others]
     standing = average_visible(
         {label: static.markers[window, k] for k, label in enumerate(static.labels)}
@@ -146,32 +176,32 @@ def rebuild_lost(
             left[label] = next(attempt for attempt in attempts if isinstance(attempt, str))
         elif best.uncertainty > LOOSE_M:
             by = ", ".join(best.companions)
-            left[label] = f"its place beside {by} is uncertain by {1e3 * best.uncertainty:.0f} mm"
+            left[label] = (
+                f"its position relative to {by} is uncertain by {1e3 * best.uncertainty:.0f} mm"
+            )
         else:
             away = {
-                m: float(np.linalg.norm(at - best.position))
-                for m, at in standing.items()
+                m: float(np.linalg.norm(position - best.position))
+                for m, position in standing.items()
                 if m not in known
             }
             nearest = min(away, key=away.__getitem__, default="")
             is_there = nearest and away[nearest] <= max(best.uncertainty, NEAR_M)
             found.append(replace(best, unknown_marker=nearest if is_there else ""))
-            # what the pelvis has got back may carry a hip centre; no companion is ever a rebuilt
-            # marker but there
+            # only markers of the pelvis become companions themselves: they carry the hip centre
             if best.segment == "pelvis":
                 standing[label] = best.position
     for marker in found:
         static = _fill_static(static, marker, window, standing, marker_set)
-    notes = (
-        [f"markers that this trial lost: {'; '.join(marker.description for marker in found)}"]
-        if found
-        else []
-    )
+    notes = []
+    if found:
+        lost = "; ".join(marker.description for marker in found)
+        notes.append(f"markers that this trial lost: {lost}")
     return Rebuilding(static=static.with_notes(*notes), markers=tuple(found), left=left)
 
 
 def _list_wanted_labels(marker_set: MarkerSet) -> tuple[str, ...]:
-    """Markers that pull, or that make a landmark, on a segment; those of the pelvis first."""
+    """List markers of pelvis and legs that are fitted or define a landmark; the pelvis first."""
     landmarks = {label for labels in marker_set.landmarks.values() for label in labels}
     rigid = {m for m, segment in marker_set.segment_of.items() if segment in LOWER_BODY}
     labels = [
@@ -181,6 +211,7 @@ def _list_wanted_labels(marker_set: MarkerSet) -> tuple[str, ...]:
 
 
 def _is_visible(recording: Recording, label: str) -> bool:
+    """Return whether a recording shows a marker in any frame."""
     return label in recording.labels and bool(np.isfinite(get_path(recording, label)).any())
 
 
@@ -191,60 +222,64 @@ def _try_rebuilding(
     trial: str,
     recording: Recording,
 ) -> RebuiltMarker | str:
-    """The marker as one trial has it, or why this one does not tell."""
+    """Reconstruct a marker from one trial, or return why that is not possible."""
     segment = marker_set.segment_of[label]
     path = get_path(recording, label)
     frames = np.flatnonzero(np.isfinite(path).all(axis=1))
     points = _find_companions(label, marker_set, standing, recording)
     names = [
-        name for name, (_, way) in points.items() if np.isfinite(way[frames]).all(axis=1).any()
+        name for name, (_, other) in points.items() if np.isfinite(other[frames]).all(axis=1).any()
     ]
     if len(names) < FEWEST:
         return (
-            f"{' and '.join(names) or 'no other point'} of {segment} seen beside it; three are "
-            "needed, not on a line"
+            f"only {' and '.join(names)} of {segment} visible with it; "
+            "three points that are not on a line are needed"
+            if names
+            else f"no other point of {segment} visible with it; three that are not on a line are "
+            "needed"
         )
-    at = np.array([points[name][0] for name in names])
-    if measure_distance_from_line(at) < FLAT_M:
+    static = np.array([points[name][0] for name in names])
+    if measure_distance_from_line(static) < FLAT_M:
         return (
-            f"{', '.join(names)} of {segment}, seen beside it, lie on one line: nothing tells the "
-            "turn about it"
+            f"{', '.join(names)} of {segment}, which are visible with it, are on one line: the "
+            "rotation about it is not determined"
         )
-    ways = np.stack([points[name][1] for name in names], axis=1)
-    frames = frames[np.isfinite(ways[frames]).all(axis=(1, 2))]
+    paths = np.stack([points[name][1] for name in names], axis=1)
+    frames = frames[np.isfinite(paths[frames]).all(axis=(1, 2))]
     if len(frames) < FEWEST_FRAMES:
-        return f"it is never seen together with {', '.join(names)} of {segment}"
+        return f"it is never visible together with {', '.join(names)} of {segment}"
     frames = frames[:: max(1, len(frames) // MOST_FRAMES)]
-    rotation, origin = fit_rigid_motions(at, ways[frames])
+    # p_f and p of the module's equations
+    rotation, origin = fit_rigid_motions(static, paths[frames])
     back = np.einsum("fji,fj->fi", rotation, path[frames] - origin)
-    place = np.median(back, axis=0)
-    shape = np.mean(np.einsum("fji,fnj->fni", rotation, ways[frames] - origin[:, None]), axis=0)
-    differs = (
-        np.mean(((shape - at) ** 2).sum(axis=1)) / ((3.0 * len(at) - 6.0) / (3.0 * len(at)))
-        + SKIN_M**2
-    )
-    scatter = np.mean(((back - place) ** 2).sum(axis=1)) + SKIN_M**2
+    position = np.median(back, axis=0)
+    # variances: difference of shape e^2, corrected for the six directions of the fit, and scatter
+    shape = np.mean(np.einsum("fji,fnj->fni", rotation, paths[frames] - origin[:, None]), axis=0)
+    visible_share = (3.0 * len(static) - 6.0) / (3.0 * len(static))
+    difference = np.mean(((shape - static) ** 2).sum(axis=1)) / visible_share + SKIN_M**2
+    scatter = np.mean(((back - position) ** 2).sum(axis=1)) + SKIN_M**2
+    lever = compute_position_variance(static, position)
     return RebuiltMarker(
         label=label,
         segment=segment,
         landmarks=tuple(name for name, labels in marker_set.landmarks.items() if label in labels),
-        position=place,
+        position=position,
         companions=tuple(names),
         trial=trial,
         frames=len(frames),
-        uncertainty=float(np.sqrt(scatter + differs * compute_position_variance(at, place))),
+        uncertainty=float(np.sqrt(scatter + difference * lever)),
     )
 
 
 def _find_companions(
     label: str, marker_set: MarkerSet, standing: Mapping[str, Array], recording: Recording
 ) -> dict[str, tuple[Array, Array]]:
-    """Name -> place (3,) m in the static trial and path (nf, 3) m, of what may carry a lost marker.
+    """Find what may carry a lost marker: name -> static position (3,) m and path (nf, 3) m.
 
-    Points of the segment above only where the segment's own are short.
+    The joint above is one of them only if the segment has too few markers.
     """
 
-    def on(segment: str) -> dict[str, tuple[Array, Array]]:
+    def collect_points(segment: str) -> dict[str, tuple[Array, Array]]:
         labels = [
             m for m in marker_set.tracked if marker_set.segment_of[m] == segment and m != label
         ]
@@ -255,61 +290,56 @@ def _find_companions(
         }
 
     segment = marker_set.segment_of[label]
-    out = on(segment)
-    lent = (
-        _locate_joint_above(*segment.partition("_")[::2], marker_set, standing)
-        if len(out) < FEWEST
-        else None
-    )
-    carriers = on(lent[2]) if lent else {}
-    if (
-        lent is None
-        or len(carriers) < FEWEST
-        or measure_distance_from_line(np.array([at for at, _ in carriers.values()])) < FLAT_M
-    ):
+    out = collect_points(segment)
+    if len(out) >= FEWEST:
         return out
-    return {**out, lent[0]: (lent[1], _propagate_point(lent[1], list(carriers.values())))}
+    part, _, side = segment.partition("_")
+    joint = _locate_joint_above(part, side, marker_set, standing)
+    if joint is None:
+        return out
+    name, centre, above = joint
+    carriers = list(collect_points(above).values())
+    if len(carriers) < FEWEST:
+        return out
+    if measure_distance_from_line(np.array([position for position, _ in carriers])) < FLAT_M:
+        return out
+    return {**out, name: (centre, _propagate_point(centre, carriers))}
 
 
-def _propagate_point(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
-    """(nf, 3) path of a place (3,) fixed to points, each a place (3,) and a path (nf, 3); NaN where
-    one is not seen.
+def _propagate_point(point: Array, points: Sequence[tuple[Array, Array]]) -> Array:
+    """Compute the path (nf, 3) m of a static point (3,) fixed to others; NaN in their gaps.
+
+    `points`: static position (3,) m and path (nf, 3) m of each.
     """
-    at, ways = (
-        np.array([point for point, _ in points]),
-        np.stack([path for _, path in points], axis=1),
-    )
-    out = np.full((len(ways), 3), np.nan)
-    visible = np.isfinite(ways).all(axis=(1, 2))
-    rotation, origin = fit_rigid_motions(at, ways[visible])
-    out[visible] = rotation @ place + origin
+    static = np.array([position for position, _ in points])
+    paths = np.stack([path for _, path in points], axis=1)
+    out = np.full((len(paths), 3), np.nan)
+    visible = np.isfinite(paths).all(axis=(1, 2))
+    rotation, origin = fit_rigid_motions(static, paths[visible])
+    out[visible] = rotation @ point + origin
     return out
 
 
 def _locate_joint_above(
     part: str, side: str, marker_set: MarkerSet, standing: Mapping[str, Array]
 ) -> tuple[str, Array, str] | None:
-    """Name and place (3,) m in the static trial of a segment's upper joint, and the segment above
-    it.
+    """Locate a segment's proximal joint in the static trial: name, position (3,) m, segment above.
 
     The hip centre is Bell's; knee and ankle are midway between the markers at their sides, or at
     the lateral one.
     """
 
-    def landmark(name: str) -> Array | None:
+    def locate(name: str) -> Array | None:
         labels = marker_set.landmarks.get(name, ())
         known = bool(labels) and all(m in standing for m in labels)
         return np.mean([standing[m] for m in labels], axis=0) if known else None
 
-    if part in BESIDE:
-        joint, above = BESIDE[part]
-        sides = [
-            p
-            for p in (landmark(f"{joint}_lat_{side}"), landmark(f"{joint}_med_{side}"))
-            if p is not None
-        ]
+    if part in JOINT_ABOVE:
+        joint, above = JOINT_ABOVE[part]
+        both = (locate(f"{joint}_lat_{side}"), locate(f"{joint}_med_{side}"))
+        sides = [position for position in both if position is not None]
         return (joint, np.mean(sides, axis=0), f"{above}_{side}") if sides else None
-    right, left, sacrum = (landmark(name) for name in ("asis_r", "asis_l", "sacrum"))
+    right, left, sacrum = (locate(name) for name in ("asis_r", "asis_l", "sacrum"))
     if part != "thigh" or right is None or left is None or sacrum is None:
         return None
     pelvis, width = build_pelvis_frame(right, left, sacrum), float(np.linalg.norm(right - left))
@@ -328,9 +358,7 @@ def _fill_static(
     standing: Mapping[str, Array],
     marker_set: MarkerSet,
 ) -> Recording:
-    """The static trial with a rebuilt marker in every frame that shows its companions, or else in
-    the window.
-    """
+    """Add a reconstructed marker in the frames that show its companions, or in the still window."""
     points = _find_companions(marker.label, marker_set, standing, static)
     path = np.full((len(static.time), 3), np.nan)
     if all(name in points for name in marker.companions):

@@ -1,11 +1,10 @@
-"""The nominal model of a study: from its static trial, with the markers that this one lost rebuilt.
+"""Make the nominal model of a study from its completed static trial.
 
-Markers of the trunk that walks have and the static trial lacks are put where they belong by the
-walks themselves: in every frame the markers of the pelvis tell where the lumbar joint is and where
-the pelvis faces. The mean of a trunk marker in axes through that joint, y up and z along the
-pelvis's lateral direction made horizontal, is its place in a person whose trunk stands as it is
-carried on average while walking. A note says that the trunk's angles count from its mean posture in
-those walks.
+Trunk markers that walks have and the static trial lacks are placed by the walks: in every frame the
+pelvis markers give the position of the lumbar joint and the direction of the pelvis. The mean of a
+trunk marker in axes through that joint, y up and z along the horizontal part of the pelvis's
+lateral direction, is its position in a person whose trunk has its mean posture of walking. A note
+says that the angles of the trunk count from that posture.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,22 +26,25 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 
 FEWEST_FRAMES = 20
-"""In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a
-habit.
+"""Frames in which a trunk marker must be visible with three of the pelvis: a mean over fewer is not
+the usual posture.
 """
 SINGULAR = 1e-2
-"""m, RMS distance of pelvis markers from a line below which they do not tell how the pelvis is
-turned.
-"""
+"""m, smallest RMS distance of the pelvis markers from a line: the rotation about a line is free."""
 
 
 def rebuild_static(clean: Study) -> Rebuilding:
-    """Rebuild what the first static trial of a study lost, where its other trials show it.
+    """Reconstruct the markers that the first static trial of a study lost, from its other trials.
 
     Parameters
     ----------
     clean
         A study of clean trials.
+
+    Returns
+    -------
+    Rebuilding
+        The completed static trial.
     """
     others = [(t.name, t.recording) for t in (*clean.further_statics, *clean.moving)]
     marker_set = clean.marker_set.with_weights(clean.weights)
@@ -52,13 +54,23 @@ def rebuild_static(clean: Study) -> Rebuilding:
 def build_nominal_model(study: Study) -> SubjectModel:
     """Make the nominal model of a study as it was read.
 
-    It follows from the static trial, the marker set and anthropometry; where the static trial lacks
-    the markers of the trunk, the walks place them.
+    It follows from the static trial, the marker set and anthropometry. If the static trial lacks
+    the trunk markers, the walks place them.
+
+    Parameters
+    ----------
+    study
+        As it was read.
+
+    Returns
+    -------
+    SubjectModel
+        Nominal.
 
     Raises
     ------
     InputError
-        The static trial does not give a model.
+        The static trial gives no model.
     """
     segment_of, noise = study.marker_set.segment_of, study.marker_set.noise
     trials = tuple(clean_trial(trial, segment_of, noise) for trial in study.trials)
@@ -67,14 +79,26 @@ def build_nominal_model(study: Study) -> SubjectModel:
 
 
 def build_nominal_from_clean(clean: Study, completed: Rebuilding) -> SubjectModel:
-    """Make the nominal model of a study of clean trials, whose static trial is completed.
+    """Make the nominal model of a study of clean trials with a completed static trial.
+
+    Parameters
+    ----------
+    clean
+        A study of clean trials.
+    completed
+        Its static trial, see `rebuild_static`.
+
+    Returns
+    -------
+    SubjectModel
+        Nominal.
 
     Raises
     ------
     InputError
-        The static trial does not give a model.
+        The static trial gives no model.
     """
-    model_of = partial(
+    build_model = partial(
         nominal.nominal_model,
         marker_set=clean.marker_set,
         subject=clean.subject,
@@ -84,7 +108,7 @@ def build_nominal_from_clean(clean: Study, completed: Rebuilding) -> SubjectMode
     )
     walks = [trial.recording for trial in clean.trials if trial.role is Role.GAIT]
     try:
-        return build_model_with_trunk(model_of, completed.static, clean.marker_set, walks)
+        return build_model_with_trunk(build_model, completed.static, clean.marker_set, walks)
     except InputError as fault:
         raise InputError(
             f"{fault}{completed.describe_failures(str(fault))}", code=fault.code
@@ -92,20 +116,33 @@ def build_nominal_from_clean(clean: Study, completed: Rebuilding) -> SubjectMode
 
 
 def build_model_with_trunk(
-    model_of: Callable[[Recording], SubjectModel],
+    build_model: Callable[[Recording], SubjectModel],
     static: Recording,
     marker_set: MarkerSet,
     walks: Sequence[Recording],
 ) -> SubjectModel:
-    """The model that `model_of` makes of a static trial, with the trunk of the walks where it shows
-    none.
+    """Make a model with the trunk of the walks if the static trial shows none.
+
+    Parameters
+    ----------
+    build_model
+        Makes a model from a static trial.
+    static
+        Static trial.
+    marker_set
+        Of the study.
+    walks
+        Recordings of the walks.
+
+    Returns
+    -------
+    SubjectModel
+        That of the static trial alone if it shows the trunk, or the walks do not either.
     """
-    model = model_of(static)
+    model = build_model(static)
     placed = zip(model.markers.segments, model.markers.weight, strict=True)
-    if (
-        sum(segment == "head_trunk" and weight > 0 for segment, weight in placed)
-        >= trunk.PLANE_LANDMARKS
-    ):
+    on_trunk = sum(segment == "head_trunk" and weight > 0 for segment, weight in placed)
+    if on_trunk >= trunk.PLANE_LANDMARKS:
         return model
     static = marker_set.rename_labels(static)
     in_static = set(model.markers.labels)
@@ -114,38 +151,39 @@ def build_model_with_trunk(
         for m in marker_set.tracking.get("head_trunk", ())
         if marker_set.weight(m) > 0 and m not in in_static
     ]
+    # positions relative to the lumbar joint, in every frame of every walk
     found: dict[str, list[Array]] = {label: [] for label in wanted}
     for walk in (marker_set.rename_labels(walk) for walk in walks):
-        at, axes, origins = _compute_standing_axes(model, walk)
+        frames, axes, origins = _compute_standing_axes(model, walk)
         for label in set(wanted) & set(walk.labels):
-            path = walk.markers[at, walk.labels.index(label)]
-            here = np.isfinite(path).all(axis=1)
-            found[label].append(np.einsum("fji,fj->fi", axes[here], path[here] - origins[here]))
-    places = {
+            path = walk.markers[frames, walk.labels.index(label)]
+            visible = np.isfinite(path).all(axis=1)
+            local = np.einsum("fji,fj->fi", axes[visible], path[visible] - origins[visible])
+            found[label].append(local)
+    positions = {
         label: np.concatenate(parts).mean(axis=0)
         for label, parts in found.items()
         if sum(map(len, parts)) >= FEWEST_FRAMES
     }
-    if not places:
+    if not positions:
         return model
+    # the same relative to the lumbar joint of the static trial
     window = np.zeros(len(static.time), dtype=bool)
     window[find_still_window(static, model.markers.labels).frames] = True
     _, axes, origins = _compute_standing_axes(model, static.frames(window))
     origin, upright = origins.mean(axis=0), _make_upright_axes(axes[:, :, 2].mean(axis=0))
-    points = np.array([origin + upright @ place for place in places.values()])
-    kept = [
-        i for i, label in enumerate(static.labels) if label not in places
-    ]  # columns of nothing but gaps
+    points = np.array([origin + upright @ position for position in positions.values()])
+    # columns of these labels have nothing but gaps
+    kept = [i for i, label in enumerate(static.labels) if label not in positions]
     added = np.broadcast_to(points, (len(static.time), *points.shape))
     note = (
-        f"{', '.join(places)} are not in the static trial and were placed by the walks: the trunk "
-        "is taken to stand as "
-        "it is carried on average while walking"
+        f"{', '.join(positions)} are not in the static trial and were placed by the walks: the "
+        "static posture of the trunk is its mean posture while walking"
     )
-    return model_of(
+    return build_model(
         replace(
             static,
-            labels=(*(static.labels[i] for i in kept), *places),
+            labels=(*(static.labels[i] for i in kept), *positions),
             markers=np.concatenate([static.markers[:, kept], added], axis=1),
             notes=(*static.notes, note),
         )
@@ -153,8 +191,9 @@ def build_model_with_trunk(
 
 
 def _compute_standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
-    """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m
-    lumbar joint.
+    """Compute frames (k,), axes (k, 3, 3) forward, up, right, and lumbar joint (k, 3) m of a walk.
+
+    Frames in which a pelvis marker is not visible are left out.
     """
     column = {label: i for i, label in enumerate(walk.labels)}
     pelvis = model.markers.find_markers("pelvis", column)
@@ -169,13 +208,13 @@ def _compute_standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArr
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
     moments = (measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre)
-    turns = segment_frames.find_nearest_rotation(moments)
-    origins: Array = middle + turns @ (model.landmarks["lumbar"][1] - centre)
-    return known, np.array([_make_upright_axes(lateral) for lateral in turns[:, :, 2]]), origins
+    rotations = segment_frames.find_nearest_rotation(moments)
+    origins: Array = middle + rotations @ (model.landmarks["lumbar"][1] - centre)
+    return known, np.array([_make_upright_axes(lateral) for lateral in rotations[:, :, 2]]), origins
 
 
 def _make_upright_axes(lateral: Array) -> Array:
-    """(3, 3) axes in columns, z along a (3,) direction made horizontal."""
+    """Make axes (3, 3) in columns, y up, z along the horizontal part of a direction (3,)."""
     up = np.array([0.0, 1.0, 0.0])
     z = segment_frames.normalise(lateral - (lateral @ up) * up)
     return np.column_stack([np.cross(up, z), up, z])

@@ -1,7 +1,6 @@
-"""The evidence of one trial: the trial as it is fitted, what it is measured against, what its
-markers and plates show, and how a finding in it is told.
+"""The evidence of one trial: its clean recording, what it is compared with, and what both show.
 
-What a `TrialEvidence` shows is computed when it is first asked for, and kept.
+Properties of a `TrialEvidence` are computed when they are first used, and kept.
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +28,8 @@ from gaitcal.study.study_trial import Role
 from gaitcal.tracking.rigid import RigidFit, fit_segment
 
 NEGLIGIBLE_WEIGHT = 0.1
-"""Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns,
-among others.
+"""Weight up to which a marker is not counted: for example those of the arms, whose skin does not
+follow the rotation of the bone.
 """
 BODY_SIZE = (0.05, 4.0)
 """Size of the cloud of markers, in body heights, outside which the unit of length must be wrong.
@@ -39,29 +38,27 @@ One shank with its foot measures 0.3."""
 
 @dataclass(frozen=True, kw_only=True)
 class TrialEvidence:
-    """One trial, and what it is measured against."""
+    """One trial, and what it is compared with."""
 
     trial: CleanTrial
     marker_set: MarkerSet
     subject: Subject
     settings: CalibrationSettings
     model: SubjectModel | None = None
-    """Nominal; None where the static trial gives none."""
+    """Nominal; None if the static trial gives none."""
     stance: Stance | None = None
-    """The static posture of pelvis and legs; None where there is no model."""
+    """The static posture of pelvis and legs; None without a model."""
     put_back: tuple[SwappedLabels, ...] = ()
-    """Of a moving trial: labels that were exchanged for a part of it, and are exchanged back."""
+    """Of a moving trial: labels that were swapped for a part of it, and were put back."""
     rebuilding: Rebuilding | None = None
-    """Of the static trial that makes the model: markers that it lost, and what other trials gave
-    back.
-    """
+    """Of the static trial that makes the model: markers that it lost, and their reconstruction."""
 
     def with_recording(self, recording: Recording) -> "TrialEvidence":
-        """The same trial as another recording has it."""
+        """Return the same trial with another recording."""
         return replace(self, trial=replace(self.trial, recording=recording))
 
     def with_markers(self, markers: Array) -> "TrialEvidence":
-        """The same trial with other positions (nf, nm, 3) m."""
+        """Return the same trial with other positions (nf, nm, 3) m."""
         return self.with_recording(replace(self.recording, markers=markers))
 
     @property
@@ -76,7 +73,7 @@ class TrialEvidence:
 
     @property
     def outliers(self) -> tuple[Outlier, ...]:
-        """Markers that the recording lacks where they were metres away from the body."""
+        """Markers that were removed in frames in which they are metres away from the body."""
         return self.trial.outliers
 
     @property
@@ -96,8 +93,30 @@ class TrialEvidence:
         leg: str = "",
         weight: float = 1.0,
     ) -> Finding:
-        """Something found in this trial; it puts blame on the file of its markers, unless it is a
-        note.
+        """Make a finding in this trial.
+
+        Parameters
+        ----------
+        severity
+            A note names no file, an error or warning the file of the markers as its source.
+        topic
+            Heading of the check.
+        found
+            What was found, with numbers.
+        cure
+            What to do.
+        code
+            Of the finding.
+        cause
+            What it leads to.
+        leg
+            `r` or `l`, if one leg is concerned.
+        weight
+            Of the finding in the verdict.
+
+        Returns
+        -------
+        Finding
         """
         return Finding(
             code=code,
@@ -128,23 +147,23 @@ class TrialEvidence:
 
     @property
     def is_whole_body(self) -> bool:
-        """Whether the whole body is fitted: a walk, or any other activity."""
+        """Whether the whole body is fitted: a walk or any other activity."""
         return self.trial.role in (Role.GAIT, Role.MOTION)
 
     @property
     def is_isolated(self) -> bool:
-        """Whether one joint moves in isolation."""
+        """Whether this is a functional trial, in which one joint moves."""
         return self.trial.role is Role.JOINT
 
     @cached_property
     def as_fitted(self) -> "TrialEvidence":
-        """The trial with the markers that it is fitted by alone: of an isolated trial those of its
-        joint's segments.
-        """
+        """The trial with the fitted markers alone: of a functional trial those of its joint."""
         if self.trial.joint is None:
             return self
-        segments, of = list_joint_segments(self.trial.joint), self.marker_set.segment_of
-        kept = [i for i, label in enumerate(self.recording.labels) if of.get(label) in segments]
+        segments, segment_of = list_joint_segments(self.trial.joint), self.marker_set.segment_of
+        kept = [
+            i for i, label in enumerate(self.recording.labels) if segment_of.get(label) in segments
+        ]
         labels = tuple(self.recording.labels[i] for i in kept)
         return self.with_recording(
             replace(self.recording, labels=labels, markers=self.recording.markers[:, kept])
@@ -152,7 +171,7 @@ class TrialEvidence:
 
     @property
     def makes_model(self) -> bool:
-        """Whether this static trial is the one of which the model is made."""
+        """Whether this is the static trial from which the model is made."""
         return self.rebuilding is not None
 
     @cached_property
@@ -162,48 +181,43 @@ class TrialEvidence:
 
     @cached_property
     def visible(self) -> BoolArray:
-        """(nf, nm)."""
+        """Whether (nf, nm) each marker is visible."""
         return find_visible(self.recording.markers)
 
     @cached_property
     def expected(self) -> tuple[str, ...]:
-        """Markers with weight that this trial should have: those that are tracked, and in the
-        static trial all.
+        """Markers with weight that this trial should have: the tracked, in a static trial all.
 
-        What it lost is told by itself (`markers.rebuilt`, `markers.not_rebuilt`).
+        Markers that it lost are reported elsewhere (`markers.rebuilt`, `markers.not_rebuilt`).
         """
-        groups = list(self.marker_set.tracking.items())
+        groups = list(self.marker_set.tracking.values())
         if self.is_static:
-            groups += list(self.marker_set.static_only.items())
-        lost = {
-            outlier.label for outlier in self.outliers if outlier.frames == outlier.visible_frames
-        }
-        lost |= (
-            set() if self.rebuilding is None else {*self.rebuilding.labels, *self.rebuilding.left}
-        )
-        return tuple(
-            m for _, labels in groups for m in labels if self.weight(m) > 0 and m not in lost
-        )
+            groups += list(self.marker_set.static_only.values())
+        lost = {one.label for one in self.outliers if one.frames == one.visible_frames}
+        if self.rebuilding is not None:
+            lost |= {*self.rebuilding.labels, *self.rebuilding.left}
+        labels = (label for group in groups for label in group)
+        return tuple(label for label in labels if self.weight(label) > 0 and label not in lost)
 
     @cached_property
     def present(self) -> tuple[str, ...]:
-        """Those of the expected markers that the file names."""
+        """Those of the expected markers that the file contains."""
         return tuple(label for label in self.expected if label in self.column)
 
     def weight(self, label: str) -> float:
-        """Weight of a marker in this study."""
+        """Return the weight of a marker in this study."""
         return self.marker_set.weight(label)
 
     def path(self, label: str) -> Array:
-        """(nf, 3) m, where a marker of the file was; NaN in gaps."""
+        """Return the path (nf, 3) m of a marker of the file; NaN in gaps."""
         return self.recording.markers[:, self.column[label]]
 
     def is_ever_visible(self, label: str) -> bool:
-        """Whether a marker of the file has a position in any frame."""
+        """Return whether a marker of the file is visible in any frame."""
         return bool(self.visible[:, self.column[label]].any())
 
     def landmark(self, name: str) -> Array | None:
-        """(nf, 3) m path of a landmark; NaN in gaps; None where the trial lacks one of its markers."""
+        """Return the path (nf, 3) m of a landmark; NaN in gaps, None without one of its markers."""
         labels = self.marker_set.landmarks.get(name, ())
         if not labels or any(label not in self.column for label in labels):
             return None
@@ -214,7 +228,7 @@ class TrialEvidence:
 
     @cached_property
     def still_frames(self) -> slice | None:
-        """Frames in which the person stands still; None where nobody does."""
+        """Frames of the still window; None without one."""
         try:
             return find_still_window(self.recording, self.marker_set.labels).frames
         except InputError:
@@ -222,14 +236,11 @@ class TrialEvidence:
 
     @cached_property
     def posture(self) -> dict[str, Array] | None:
-        """Landmark -> (3,) m, mean of the still window of a static trial; None where nobody stands
-        still in it.
-        """
+        """Landmark -> (3,) m, mean of the still window of a static trial; None without one."""
         if not self.is_static:
             return None
-        if (
-            self.rebuilding is not None and self.rebuilding.markers
-        ):  # the others are judged beside what was rebuilt
+        # with the reconstructed markers, if there are any
+        if self.rebuilding is not None and self.rebuilding.markers:
             return replace(self.with_recording(self.rebuilding.static), rebuilding=None).posture
         if self.still_frames is None:
             return None
@@ -240,9 +251,7 @@ class TrialEvidence:
 
     @cached_property
     def still_positions(self) -> dict[str, Array]:
-        """Label -> (3,) m, mean over the still window, of the set's markers; empty where nobody
-        stands still.
-        """
+        """Label of the set -> (3,) m, mean of the still window; empty without one."""
         if self.still_frames is None:
             return {}
         labels = [label for label in self.marker_set.labels if label in self.column]
@@ -250,28 +259,34 @@ class TrialEvidence:
 
     @cached_property
     def templates(self) -> dict[str, tuple[tuple[str, ...], Array]]:
-        """Segment -> labels that are in this trial, and their positions (nm, 3) m in the static
-        posture.
-        """
+        """Segment -> labels in this trial, and their positions (nm, 3) m in the static posture."""
         if self.model is None:
             return {}
         markers = self.model.markers
         rows = {segment: markers.find_markers(segment, self.column) for segment in markers.segments}
-        return {
-            s: (tuple(markers.labels[i] for i in own), markers.local[own])
-            for s, own in rows.items()
-        }
+        out: dict[str, tuple[tuple[str, ...], Array]] = {}
+        for segment, indices in rows.items():
+            out[segment] = tuple(markers.labels[i] for i in indices), markers.local[indices]
+        return out
 
     def list_weighted_markers(self, segment: str) -> list[str]:
-        """Markers of a segment of the model that this trial shows and that have weight."""
+        """List the visible markers with weight on a segment of the model.
+
+        Parameters
+        ----------
+        segment
+            Of the model.
+
+        Returns
+        -------
+        list of str
+        """
         labels, _ = self.templates.get(segment, ((), np.empty((0, 3))))
         return [m for m in labels if self.weight(m) > 0 and self.is_ever_visible(m)]
 
     @cached_property
     def clusters(self) -> dict[str, MarkerCluster]:
-        """Segment -> its markers against the static posture, of pelvis and legs; empty in the
-        static trial.
-        """
+        """Segment of pelvis and legs -> its cluster; empty in a static trial."""
         if self.stance is None or self.is_static:
             return {}
         landmarks = self.marker_set.landmarks
@@ -281,51 +296,48 @@ class TrialEvidence:
 
     @cached_property
     def links(self) -> dict[str, JointLink]:
-        """Joint of a leg -> how its two segments lie near the static posture."""
+        """Joint of a leg -> relative pose of its two segments near the static posture."""
         return (
             {} if self.stance is None else compute_joint_links(self.clusters, self.stance.centres)
         )
 
     @cached_property
     def extent(self) -> float | None:
-        """Diagonal (m) of the box around the markers of the set, median over frames; None where
-        too few are seen.
+        """Diagonal (m) of the box around the set's markers, median over frames.
+
+        None if no frame shows three markers.
         """
         columns = [self.column[m] for m in self.marker_set.labels if m in self.column]
         frames = np.flatnonzero(self.visible[:, columns].sum(axis=1) >= 3)
         if not len(frames):
             return None
-        some = frames[:: max(1, len(frames) // 200)]
-        x = self.recording.markers[some][:, columns]
+        spread = frames[:: max(1, len(frames) // 200)]
+        x = self.recording.markers[spread][:, columns]
         box = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
         return float(np.median(np.linalg.norm(box, axis=1)))
 
     @property
     def has_body_size(self) -> bool:
-        """Whether the cloud of markers may be a person; also where too few are seen."""
+        """Whether the cloud of markers may be a person; also if too few markers are visible."""
         least, most = (size * self.subject.height for size in BODY_SIZE)
         return self.extent is None or least < self.extent < most
 
     @cached_property
     def swapped_labels(self) -> tuple[SwappedLabels, ...]:
-        """Pairs of labels that are exchanged somewhere, each once."""
+        """Pairs of labels that are swapped in some frames, each once."""
         fitted = self.as_fitted
         return find_swapped_labels(fitted.recording, fitted.templates, self.marker_set.noise)
 
     @cached_property
     def with_labels_restored(self) -> "TrialEvidence":
-        """The trial with all exchanges undone, so that only what else is wrong with it is seen;
-        itself where there are none.
-        """
+        """The trial with all swaps undone, so that other faults show; itself without swaps."""
         if not self.swapped_labels:
             return self
         return self.with_recording(restore_labels(self.recording, self.swapped_labels))
 
     @cached_property
     def contradictions(self) -> tuple[Contradiction, ...]:
-        """All in which a moving trial contradicts the static one, of what it is fitted by; every
-        segment is a witness.
-        """
+        """Contradictions of a moving trial to the static one, in its fitted segments."""
         found, joint = find_contradictions(self.clusters, self.links), self.trial.joint
         if joint is None:
             return found
@@ -333,15 +345,13 @@ class TrialEvidence:
 
     @cached_property
     def displaced(self) -> dict[str, list[DisplacedInterval]]:
-        """Marker -> where it is elsewhere than usual in its segment."""
+        """Marker -> intervals in which it is displaced in its segment."""
         fitted = self.as_fitted
         return find_displaced_intervals(fitted.recording, fitted.clusters)
 
     @cached_property
     def pelvis(self) -> RigidFit | None:
-        """Rigid fit of the pelvis markers; None with fewer than three, or where they never show its
-        turn.
-        """
+        """Rigid fit of the pelvis markers; None with fewer than three, or with a free rotation."""
         return (
             None
             if self.model is None
@@ -350,17 +360,17 @@ class TrialEvidence:
 
     @cached_property
     def progression(self) -> Array:
-        """(2,) m, x and z, by which the body gets on."""
+        """Displacement (2,) m, x and z, of the body over the trial."""
         return measure_progression(self.recording)[[0, 2]]
 
     @property
     def on_the_spot(self) -> bool:
-        """Whether the body does not get on, as on a treadmill."""
+        """Whether the body stays in one position, as on a treadmill."""
         return float(np.linalg.norm(self.progression)) < LEAST_PROGRESSION_M
 
     @cached_property
     def facing(self) -> Array | None:
-        """(2,) x and z, where the pelvis faces on the whole; None where it is not seen."""
+        """Mean direction (2,), x and z, of the pelvis; None if it is not visible."""
         if self.pelvis is None:
             return None
         out: Array = self.pelvis.rotation[self.pelvis.determined][:, [0, 2], 0].mean(axis=0)
@@ -368,7 +378,7 @@ class TrialEvidence:
 
     @cached_property
     def feet(self) -> Feet | None:
-        """The feet of a gait trial; None in another, or where no foot is seen."""
+        """The feet of a gait trial; None in other trials, or if no foot is visible."""
         if not self.is_gait or len(self.recording.time) < 3:
             return None
         feet = Feet(self.recording.time, self.landmark)
@@ -376,25 +386,26 @@ class TrialEvidence:
 
     @cached_property
     def walked(self) -> Array:
-        """(2,) m, x and z, by which the person walks: over the floor, or over the belts under the
-        feet; where they do not get on either, a unit vector where the pelvis faces, and nothing
-        where it is not seen.
+        """Displacement (2,) m, x and z, of the walking person over the floor or over the belts.
+
+        Without any: a unit vector in the direction of the pelvis, or zero if it is not visible.
         """
-        way, feet = self.progression, self.feet if self.on_the_spot else None
+        walked, feet = self.progression, self.feet if self.on_the_spot else None
         if feet is not None:
-            way = way - np.ptp(self.recording.time) * feet.belt_velocities.mean(axis=0)[[0, 2]]
-        if np.linalg.norm(way) >= LEAST_PROGRESSION_M or self.facing is None:
-            return np.asarray(way)
+            belt = feet.belt_velocities.mean(axis=0)[[0, 2]]
+            walked = walked - np.ptp(self.recording.time) * belt
+        if np.linalg.norm(walked) >= LEAST_PROGRESSION_M or self.facing is None:
+            return np.asarray(walked)
         return np.asarray(self.facing / max(float(np.linalg.norm(self.facing)), 1e-12))
 
     @cached_property
     def plate_contacts(self) -> tuple[PlateContact, ...]:
-        """All loadings of all plates that are longer than a knock; none where no foot is seen."""
+        """Loadings of all plates that last longer than a knock; none if no foot is visible."""
         if self.feet is None:
             return ()
         return find_plate_contacts(self.feet, self.recording.plates, self.subject.height)
 
 
 def get_side(name: str) -> str:
-    """`r` or `l` of a segment or joint; empty for others."""
+    """Return `r` or `l` of a segment or joint; empty for others."""
     return name[-1] if name.endswith(("_r", "_l")) else ""

@@ -21,12 +21,12 @@ from gaitcal.study.study import Study
 from tests.quality.spoilt import findings, serious, sound_study, swapped, with_trial
 
 COUNTED = {
-    preprocessed_study: ("clean_trial", "rebuild_static", "nominal_of_clean", "put_back"),
+    preprocessed_study: ("clean_trial", "rebuild_static", "build_nominal_from_clean", "put_back"),
     trial_evidence: (
-        "exchanges",
-        "contradictions",
-        "displaced_intervals",
-        "plate_contacts",
+        "find_swapped_labels",
+        "find_contradictions",
+        "find_displaced_intervals",
+        "find_plate_contacts",
         "Feet",
     ),
 }
@@ -67,12 +67,12 @@ def test_a_calibration_carries_out_every_step_once(study: Study, calls: Counter[
         "clean_trial": 2,
         "put_back": 2,
         "rebuild_static": 1,
-        "nominal_of_clean": 1,
-        "exchanges": 2,
-        "contradictions": 1,
-        "displaced_intervals": 2,
+        "build_nominal_from_clean": 1,
+        "find_swapped_labels": 2,
+        "find_contradictions": 1,
+        "find_displaced_intervals": 2,
         "Feet": 1,
-        "plate_contacts": 1,
+        "find_plate_contacts": 1,
     }
 
 
@@ -87,7 +87,7 @@ def test_a_run_prepares_its_study_once(
     with pytest.raises(AttributeError):  # what follows needs a calibration
         run_study.run_found_study(tmp_path / "x.toml", tmp_path / "out", run_study.RunSettings())
     (of,) = taken
-    assert calls["clean_trial"] == len(study.trials) and calls["nominal_of_clean"] == 1
+    assert calls["clean_trial"] == len(study.trials) and calls["build_nominal_from_clean"] == 1
     assert isinstance(of, preprocessed_study.PreprocessedStudy) and of.study is study
 
 
