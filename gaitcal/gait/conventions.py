@@ -1,24 +1,26 @@
-"""Signs and units: in which convention angles, moments and powers are told.
+"""Conventions of signs, frames and units in which angles, moments and powers are reported.
 
-Inside, and in the files of a result, everything is as OpenSim has it: internal moments, positive in
-the sense of their coordinate (flexion, adduction, internal rotation, dorsiflexion, inversion), N·m.
-`Convention` brings them into others:
+Inside gaitcal, and in the files of a result, everything follows OpenSim: internal moments in N·m,
+positive in the sense of their coordinate (flexion, adduction, internal rotation, dorsiflexion,
+inversion). `Convention` converts them:
 
-    signs       opensim     positive: hip and knee flexion, adduction, internal rotation, dorsiflexion, inversion; trunk
-                            extension; pelvis posterior tilt, right side down, left turn
-                clinical    angles positive: as before; pelvis anterior tilt, this side up, this side forward; trunk
-                            flexion, to this side, this side forward. Internal moments positive in
-                            the opposite sense (extension, abduction, external rotation,
-                            plantarflexion, eversion), external ones in the sense of the angle
-                            (flexion, adduction): the same numbers
-    whose       internal    what muscles, ligaments and bones do; external: what they work against, the opposite
-    frame       coordinates, proximal, distal, jcs      `dynamics/joint_kinetics.py`
+    signs       opensim     positive: hip and knee flexion, adduction, internal rotation,
+                            dorsiflexion, inversion; trunk extension; pelvis posterior tilt,
+                            right side down, rotation to the left
+                clinical    angles: as before for the legs; pelvis anterior tilt, this side up,
+                            this side forward; trunk flexion, to this side, this side forward.
+                            Internal moments: positive in the opposite sense (extension,
+                            abduction, external rotation, plantarflexion, eversion). External
+                            moments: positive in the sense of the angle; the same numbers
+    acting      internal    moments of muscles, ligaments and bones
+                external    moments that these balance: the opposite
+    frame       coordinates, proximal, distal, jcs      (`dynamics/joint_kinetics.py`)
     unit        N·m; N·m/kg; %BW*H, percent of body weight times height
 
-Clinical signs are Plug-in Gait's (`export/plug_in_gait.py`): every graph of the right side has the
-shape of that of the left; the knee adduction moment is above zero in stance, internal (abduction
-positive) or external. Powers are positive where generated, in W beside N·m, else in W/kg: percent
-of body weight times height has no power.
+Clinical signs are those of Plug-in Gait (`export/plug_in_gait.py`): graphs of the right and the
+left side have the same shape, and the knee adduction moment is positive in stance, internal
+(abduction positive) or external. Powers are positive where generated. They are in W where moments
+are in N·m, else in W/kg.
 """
 
 from collections.abc import Mapping
@@ -34,7 +36,7 @@ from gaitcal.model.subject_model import Subject
 
 
 class Signs(Enum):
-    """Which sense is positive."""
+    """Sense in which angles and moments are positive."""
 
     OPENSIM = "opensim"
     """Flexion, adduction, internal rotation, dorsiflexion, inversion."""
@@ -45,7 +47,7 @@ class Signs(Enum):
 
 
 class Acting(Enum):
-    """Whose moment it is. `words`: in files."""
+    """Structures whose moment is reported: `key` in manifests, `label` in heads of files."""
 
     INTERNAL = (
         "internal",
@@ -63,7 +65,7 @@ class Acting(Enum):
 
 
 class MomentUnit(Enum):
-    """Unit of moments, with that of powers beside it."""
+    """Unit of moments (`key` in options, `label` in files) and the unit of powers that goes with it."""
 
     NM = ("Nm", "N m", "W")
     """N·m, powers in W."""
@@ -78,7 +80,7 @@ class MomentUnit(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Convention:
-    """How angles, moments and powers are told; as in the files of a result unless said otherwise."""
+    """Convention of angles, moments and powers; by default that of the files of a result."""
 
     signs: Signs = Signs.OPENSIM
     """Which sense is positive."""
@@ -90,11 +92,23 @@ class Convention:
     """Of moments; powers go with it."""
 
     def convert_moment(self, name: str, values: Array, subject: Subject, side: str = "r") -> Array:
-        """Moments or their standard errors in the unit and with the sign of this convention.
+        """Convert moments, or their standard errors, to the unit and sign of this convention.
 
-        `values`: N·m, internal and with OpenSim's sign, of a coordinate or component `name`
-        (`hip_flexion_r`), in the frame of this convention already; `side`: of the stride, which
-        matters to pelvis and trunk. Standard errors keep their sign: take `abs`.
+        Parameters
+        ----------
+        name : str
+            Coordinate or component, with the side of its leg (`hip_flexion_r`).
+        values : Array
+            N·m, any shape: internal, with OpenSim's sign, already in the frame of this convention.
+        subject : Subject
+            Mass (kg) and height (m) for normalised units.
+        side : {"r", "l"}
+            Side of the stride; it matters for pelvis and trunk.
+
+        Returns
+        -------
+        Array
+            Same shape, in `unit`. Standard errors take the sign as well: use `abs`.
         """
         factor = {MomentUnit.NM: 1.0, MomentUnit.NM_PER_KG: 1.0 / subject.mass}.get(
             self.unit, 100.0 / subject.bwh
@@ -102,21 +116,32 @@ class Convention:
         return factor * self._sign(name, CurveKind.MOMENT, side) * values
 
     def convert_power(self, values: Array, subject: Subject) -> Array:
-        """Powers (W) or their standard errors in the unit of this convention."""
+        """Convert powers (W, any shape), or their standard errors, to the unit of this convention."""
         return values if self.unit is MomentUnit.NM else values / subject.mass
 
     def convert_angle(self, name: str, values: Array, side: str) -> Array:
-        """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit
-        stays.
-        """
+        """Convert angles of a stride of one side (`r`, `l`) to the sign of this convention; same unit."""
         return self._sign(name, CurveKind.ANGLE, side) * values
 
     def convert_values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
-        """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of
-        errors take `abs`.
+        """Convert values of a variable of `cycles.csv` to this convention.
 
-        `side`: empty where no stride says it: what the sides count otherwise then has OpenSim's
-        sign.
+        Parameters
+        ----------
+        variable : str
+            Variable of `cycles.csv` (`hip_flexion_moment`).
+        values : Array
+            Any shape, in the unit of `cycles.csv`.
+        side : {"r", "l", ""}
+            Side of the strides. Empty where it is not known: variables whose clinical sign depends on
+            the side then keep OpenSim's sign.
+        subject : Subject
+            Mass (kg) and height (m) for normalised units.
+
+        Returns
+        -------
+        Array
+            Same shape. Standard errors take the sign as well: use `abs`.
         """
         name, kind = get_coordinate(variable), get_curve_kind(variable)
         match kind:
@@ -128,8 +153,19 @@ class Convention:
                 return self._sign(name, kind, side) * values
 
     def describe_senses(self, variable: str, side: str) -> tuple[str, str]:
-        """What positive and negative values of a variable mean in strides of one side; empty: where
-        none says it.
+        """Describe what positive and negative values of a variable mean in strides of one side.
+
+        Parameters
+        ----------
+        variable : str
+            Variable of `cycles.csv`.
+        side : {"r", "l", ""}
+            Side of the strides; empty where it is not known.
+
+        Returns
+        -------
+        tuple of str
+            Words for positive and for negative values: `("flexion", "extension")`.
         """
         name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.POWER:
@@ -144,7 +180,7 @@ class Convention:
         return (other, one) if opposed else (one, other)
 
     def make_title(self, variable: str) -> str:
-        """`Hip flexion`, `Hip extension moment`, `Hip power`: named by what a positive value means."""
+        """Make the title of a variable by the sense of its positive values: `Hip extension moment`."""
         name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.FORCE:
             return GROUND_FORCES[name].title
@@ -162,7 +198,7 @@ class Convention:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What it is in words, for the head of a file."""
+        """Description of the convention for the head of a file, a string a line."""
         signs = {
             Signs.OPENSIM: "signs: of the coordinates (OpenSim): flexion, adduction, internal "
             "rotation, dorsiflexion "
@@ -184,7 +220,7 @@ class Convention:
 
     @property
     def keys(self) -> dict[str, str]:
-        """The same for a manifest."""
+        """Description of the convention for a manifest: key -> value."""
         return {
             "signs": self.signs.value,
             "moments": self.acting.key,
@@ -194,6 +230,7 @@ class Convention:
         }
 
     def _sign(self, name: str, kind: CurveKind, side: str) -> float:
+        """Get the factor +1 or -1 from OpenSim's sign to that of this convention."""
         external = -1.0 if kind is CurveKind.MOMENT and self.acting is Acting.EXTERNAL else 1.0
         if self.signs is Signs.OPENSIM:
             return external
@@ -202,13 +239,14 @@ class Convention:
         return -angle if kind is CurveKind.MOMENT else angle
 
     def _get_clinical_sense(self, name: str, side: str) -> ClinicalSense | None:
+        """Get the clinical sense of a coordinate; None with OpenSim's signs or an unknown side."""
         row = GROUND_FORCES.get(name) or describe_coordinate(name)
         found = row.clinical if self.signs is Signs.CLINICAL else None
         return None if found and not side and found.right != found.left else found
 
 
 class GroundForce(NamedTuple):
-    """A component of the force of the ground on a foot, with OpenSim's senses."""
+    """Component of the ground reaction on a foot, with the senses of OpenSim's axes."""
 
     title: str
     senses: tuple[str, str]
@@ -227,6 +265,7 @@ GROUND_FORCES: Final[Mapping[str, GroundForce]] = {
 
 
 def _get_senses(name: str) -> tuple[str, str]:
+    """Get the words for positive and negative values with OpenSim's signs."""
     senses = GROUND_FORCES[name].senses if name in GROUND_FORCES else get_senses(name)
     if senses is None:
         raise KeyError(name)

@@ -1,15 +1,15 @@
-"""Gait cycles: from one foot strike to the next of the same foot, and the table of strides.
+"""Gait cycles from foot strike to foot strike, and the table of strides (`cycles.csv`).
 
-Signals are brought to 0 to 100 % of a cycle,
+Signals are resampled to 0 to 100 % of a cycle,
 
     percent(t) = 100 (t - t_strike) / (t_next strike - t_strike).
 
-Strikes and toe-offs come from `gait/events.py`, each with its source. A cycle inside which events
-show that a strike is missing is none.
+Strikes and toe-offs come from `gait/events.py`, each with its source. Two strikes between which
+events show that a strike is missing make no cycle.
 
-A variable of the table of strides (`cycles.csv`) is named after its coordinate, without the side of
-its leg; an ending says what it is if not the angle: `hip_flexion` (deg), `hip_flexion_moment` (N
-m). A further kind is one more member of `Kind`.
+A variable of the table of strides is named after its coordinate, without the side of its leg. An
+ending gives the kind of quantity: `hip_flexion` (deg), `hip_flexion_moment` (N m). A further kind
+is one more member of `CurveKind`.
 """
 
 import itertools
@@ -39,7 +39,7 @@ POINTS = 101  # 0, 1, ..., 100 %
 
 
 class EventSource(Enum):
-    """What tells an event, the first that there is."""
+    """Source of an event, in order of precedence."""
 
     PERSON = "corrected"  # A person, in `events.csv`: nothing else is asked then
     FILE = "file"  # The recording's own list of events, where it fits forces and motion
@@ -57,22 +57,20 @@ _SOURCE_LABELS = {
 
 @dataclass(frozen=True)
 class GaitEvent(FootEvent):
-    """One foot meets or leaves the ground, and how this is known."""
+    """Strike or off of one foot, and the source of its time."""
 
     source: EventSource
 
 
 def describe_sources(sources: Iterable[EventSource]) -> str:
-    """`force plates and the motion of the feet`: each source once, the best first; empty without
-    sources.
-    """
+    """Name each source once, in order of precedence: `force plates and the motion of the feet`."""
     found = set(sources)
     return " and ".join(words for source, words in _SOURCE_LABELS.items() if source in found)
 
 
 @dataclass(frozen=True)
 class FootEvents:
-    """When one foot meets and leaves the ground, s, increasing."""
+    """Times (s, increasing) at which one foot meets and leaves the ground."""
 
     strikes: Array
     toe_offs: Array
@@ -92,19 +90,17 @@ class GaitCycle:
     ] = ()  # of a repetition, in order: phase, and when it ends, s
 
     def compute_percent(self, time: Array | float) -> Array:
-        """Percent of the cycle at `time` (s)."""
+        """Compute the percent of the cycle at the times `time` (s, any shape)."""
         return 100.0 * (np.asarray(time) - self.start) / (self.stop - self.start)
 
     @property
     def stance(self) -> float | None:
-        """Percent at which stance ends."""
+        """Percent of the cycle at which stance ends; None where the off is not known."""
         return None if self.toe_off is None else float(self.compute_percent(self.toe_off))
 
     @property
     def phases(self) -> list[str]:
-        """Phase at 0, 1, ... 100 %: of a repetition its `parts`, else stance and swing; empty: not
-        known.
-        """
+        """Name of the phase at 0, 1, ... 100 %; empty names where the off of a stride is not known."""
         of_stride = (
             (("", self.stop),)
             if self.toe_off is None
@@ -116,11 +112,22 @@ class GaitCycle:
 
 
 def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | None = None) -> bool:
-    """Whether a foot makes one stride from its strike at `start` (s) to the next one that is known,
-    at `stop`.
+    """Check that two consecutive strikes of a foot enclose one stride.
 
-    Two offs of its own between them, or two strikes of the other foot, and a strike of its own is
-    missing there.
+    A strike is missing between them where the foot leaves the ground twice, or where the other foot
+    strikes twice.
+
+    Parameters
+    ----------
+    start, stop : float
+        s, times of the two strikes.
+    foot, other : FootEvents
+        Events of this foot and, where known, of the other one.
+
+    Returns
+    -------
+    bool
+        True where the duration is within `CYCLE_RANGE` and no strike is missing.
     """
     long_enough = CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]
     theirs = np.array([]) if other is None else other.strikes
@@ -132,13 +139,23 @@ def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | N
 
 
 def select_between(times: Array, start: float, stop: float) -> Array:
-    """Those of `times` (s) after `start` and before `stop`."""
+    """Select those of `times` (s, 1-D) after `start` and before `stop`."""
     return times[(times > start) & (times < stop)]
 
 
 def find_gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[GaitCycle, ...]:
-    """All complete cycles of one foot, in time order; `other`: of the other foot, which shows
-    missing strikes, too.
+    """Find all complete cycles of one foot, in order of time.
+
+    Parameters
+    ----------
+    events : FootEvents
+        Events of this foot.
+    other : FootEvents, optional
+        Events of the other foot, which also show missing strikes.
+
+    Returns
+    -------
+    tuple of GaitCycle
     """
     cycles = []
     for k, (start, stop) in enumerate(itertools.pairwise(events.strikes.tolist())):
@@ -153,14 +170,27 @@ def find_gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tup
 
 
 def list_contact_changes(foot: FootEvents) -> list[tuple[float, bool]]:
-    """Time (s) and whether the foot is down after it, in order of time."""
+    """List the times (s) at which a foot's contact changes, and whether it is down afterwards."""
     return sorted(
         [(t, True) for t in foot.strikes.tolist()] + [(t, False) for t in foot.toe_offs.tolist()]
     )
 
 
 def remove_flicker(time: Array, state: BoolArray) -> BoolArray:
-    """`state` (nf,) without flickers: short gaps are closed, then short stretches dropped."""
+    """Close gaps of contact shorter than `SHORTEST_PHASE`, then remove contacts shorter than that.
+
+    Parameters
+    ----------
+    time : (nf,) Array
+        s.
+    state : (nf,) BoolArray
+        Whether the foot is loaded.
+
+    Returns
+    -------
+    (nf,) BoolArray
+        The state at both ends of the trial stays.
+    """
     out = state.copy()
     for value in (False, True):
         for run in find_runs(out == value):
@@ -171,23 +201,50 @@ def remove_flicker(time: Array, state: BoolArray) -> BoolArray:
 
 
 def normalise(time: Array, values: Array, cycle: GaitCycle, points: int = POINTS) -> Array:
-    """(points, ...) `values` (nf, ...) at equal steps of the cycle, linear between frames.
+    """Resample a signal at equal steps of a cycle, linear between frames.
 
-    A NaN stays a gap: every point between a frame that is NaN and its neighbours is NaN.
+    Parameters
+    ----------
+    time : (nf,) Array
+        s.
+    values : (nf, ...) Array
+        Signal. Points between a NaN frame and its neighbours become NaN.
+    cycle : GaitCycle
+        Cycle over which to resample.
+    points : int
+        Number of points, 0 and 100 % included.
+
+    Returns
+    -------
+    (points, ...) Array
     """
     return resample(time, values, np.linspace(cycle.start, cycle.stop, points))
 
 
 def find_valid_percents(time: Array, valid: BoolArray, cycle: GaitCycle) -> BoolArray:
-    """(101,) percents of the cycle at which a signal that is valid in some frames (nf,) is so."""
+    """Find the percents of a cycle at which a signal is valid, given its valid frames (nf,)."""
     return np.isfinite(normalise(time, np.where(valid, 1.0, np.nan), cycle))
 
 
 def resample(time: Array, values: Array, at: Array) -> Array:
-    """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside.
+    """Resample a signal at given times, linear between frames.
 
-    A time that is a frame's but for rounding takes nothing from a neighbour that is a gap: C3D
-    files keep the times of their events in single precision.
+    A time that equals a frame up to the rounding of single precision takes nothing from a NaN
+    neighbour: C3D files store the times of their events in single precision.
+
+    Parameters
+    ----------
+    time : (nf,) Array
+        s, increasing.
+    values : (nf, ...) Array
+        Signal; NaN in gaps.
+    at : (n,) Array
+        s.
+
+    Returns
+    -------
+    (n, ...) Array
+        NaN in gaps and outside of the trial.
     """
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     left = right - 1
@@ -203,12 +260,12 @@ def resample(time: Array, values: Array, at: Array) -> Array:
 
 
 def select_best_cycle(cycles: Sequence[GaitCycle], time: Array, valid: BoolArray) -> GaitCycle:
-    """The cycle with the largest share of valid frames; the first of equals."""
+    """Select the cycle with the largest share of valid frames (nf,); the first among equals."""
     return max(cycles, key=lambda c: float(valid[(time >= c.start) & (time <= c.stop)].mean()))
 
 
 class CurveKind(Enum):
-    """What a variable is. `ending`: of its name; `unit`: in tables; `words`: on pages."""
+    """Quantity of a variable: `ending` of its name, `unit` in tables, `label` on pages."""
 
     ANGLE = ("", "deg", "angle")
     MOMENT = ("_moment", "N m", "moment")
@@ -224,7 +281,7 @@ GROUND_REACTION = "ground_reaction_vertical"
 
 
 def get_curve_kind(variable: str) -> CurveKind:
-    """Of a variable of `cycles.csv`: `knee_angle` is an angle, `knee_angle_moment` a moment."""
+    """Get the kind of a variable of `cycles.csv`: `knee_angle_moment` is a moment."""
     if variable.startswith("ground_reaction_"):
         return CurveKind.FORCE
     return next(
@@ -234,18 +291,18 @@ def get_curve_kind(variable: str) -> CurveKind:
 
 
 def get_unit(variable: str) -> str:
-    """`deg`, `N m`, `W`, `N`."""
+    """Get the unit of a variable of `cycles.csv`: `deg`, `N m`, `W` or `N`."""
     return get_curve_kind(variable).unit
 
 
 def get_coordinate(variable: str) -> str:
-    """The coordinate of a variable, without a side: `knee_angle_moment` -> `knee_angle`."""
+    """Get the coordinate of a variable, without a side: `knee_angle_moment` -> `knee_angle`."""
     kind = get_curve_kind(variable)
     return variable.removesuffix(kind.ending) if kind.ending else variable
 
 
 def list_variables() -> tuple[str, ...]:
-    """Every variable that a table of strides may hold, without sides: all but those of the arms."""
+    """List every variable that a table of strides may hold, without sides; arms are left out."""
     rows = [row for row in COORDINATE_TABLE.values() if row.group != "arm"]
     angles = tuple(row.name for row in rows if row.name not in LOCKED)
     moved = (*(n for n in angles if COORDINATE_TABLE[n].group != "pelvis"), *LOCKED)
@@ -295,18 +352,32 @@ _NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *
 
 
 def _make_error(text: str, source: object, field: str | None = None) -> InputError:
+    """Make the error of a table of strides."""
     return InputError(text, source=source, field=field, code=Code.STRIDE_TABLE)
 
 
 def validate_stride_table(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
-    """A table of strides, which may hold text or be read by pandas alone, made whole.
+    """Validate a table of strides and convert its columns to their types.
 
-    Numbers stand where numbers belong; a person or session that is not named is empty text, strides
-    of no activity are of walks, an error or a turn that the table lacks is NaN. Columns:
-    `CYCLE_COLUMNS`, then what else there is.
+    A person or session without a name becomes empty text. Strides without an activity are of walks.
+    Standard errors and turns that the table lacks become NaN.
 
-    Raises InputError: A column is missing, or holds something else than numbers. `source`: what the
-    message says it is of.
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Table as `gaitcal.cycles` makes it, or as pandas reads it from a file (columns of text).
+    source : object, optional
+        File that error messages name.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns `CYCLE_COLUMNS`, then all others of `table`.
+
+    Raises
+    ------
+    InputError
+        A column is missing, or holds text where a number is needed.
     """
     missing = [name for name in _NEEDED if name not in table]
     if missing:
@@ -338,6 +409,7 @@ def validate_stride_table(table: "pd.DataFrame", source: object = None) -> "pd.D
 
 
 def _convert_column(table: "pd.DataFrame", name: str, source: object) -> "pd.Series":
+    """Convert a column of text to floats; raise InputError at text that is no number."""
     import pandas as pd
 
     text = table[name]
@@ -351,10 +423,22 @@ def _convert_column(table: "pd.DataFrame", name: str, source: object) -> "pd.Ser
 
 
 def read_conventions(strides: "pd.DataFrame") -> dict[str, tuple[str, str]]:
-    """Variable -> its unit and what is positive (nothing where the table does not say it: as in
-    `cycles.csv`).
+    """Read the unit and the positive sense of each variable of a table of strides.
 
-    Raises InputError: A variable is there in two conventions.
+    Parameters
+    ----------
+    strides : pandas.DataFrame
+        Table of strides, with or without the columns `CONVENTION_COLUMNS`.
+
+    Returns
+    -------
+    dict
+        Variable -> unit and positive sense; the sense is empty where the table has OpenSim's signs.
+
+    Raises
+    ------
+    InputError
+        A variable appears in two conventions.
     """
     if not any(name in strides for name in CONVENTION_COLUMNS):
         return {str(name): (get_unit(str(name)), "") for name in strides["variable"].unique()}

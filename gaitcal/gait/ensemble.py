@@ -1,34 +1,33 @@
-"""Mean and spread of strides, percent by percent: how much is stride to stride, trial to trial, and
-measurement error.
+"""Mean and spread of strides at each percent: between strides, between trials, measurement error.
 
-The value of stride j of trial i, at one percent of the stride of one foot, is taken to be
+The value of stride j of trial i, at one percent of the stride of one foot, is modelled as
 
     y_ij = mu + a_i + b_ij + e_ij + c,
 
-a_i what trials differ by (variance V_b), b_ij what strides of a trial differ by (V_w), e_ij the
-measurement error that each stride has of its own (variance s_ij^2), and c the error that all
-strides of one calibrated person share: joint centres and axes, masses, the direction of the
-segments' axes, bandwidth, force plates. c moves the mean and every stride alike and is no part of
-any spread between strides. From n strides in k trials, n_i in each (Searle, Casella & McCulloch,
-Variance Components, 1992, chapter 3):
+with a_i the deviation of the trial (variance V_b), b_ij the deviation of the stride within its
+trial (V_w), e_ij the measurement error of the single stride (variance s_ij^2), and c the error
+that all strides of one calibrated person share: joint centres and axes, masses, axes of the
+segments, bandwidth, force plates. c moves the mean and every stride alike, so it is no part of any
+spread. From n strides in k trials, n_i in each (Searle, Casella & McCulloch, Variance Components,
+1992, chapter 3):
 
-    mean  = sum y_ij / n                     every stride counts the same
-    sd^2  = sum (y_ij - mean)^2 / (n - 1)    what gait reports call the standard deviation
+    mean  = sum y_ij / n                     each stride has the same weight
+    sd^2  = sum (y_ij - mean)^2 / (n - 1)    the standard deviation of gait reports
     V_w   = sum (y_ij - mean_i)^2 / (n - k)
-    V_b   = max(0, (sum n_i (mean_i - mean)^2 / (k - 1) - V_w) / n_0),    n_0 = (n - sum n_i^2 / n) / (k - 1)
-    sd_error^2 = mean of s_ij^2              part of sd^2 and of V_w, not beside them
+    V_b   = max(0, (sum n_i (mean_i - mean)^2 / (k - 1) - V_w) / n_0)
+    n_0   = (n - sum n_i^2 / n) / (k - 1)
+    sd_error^2 = mean of s_ij^2              a part of sd^2 and of V_w
 
-V_w needs a trial with two strides, V_b in addition a second trial; where every trial has one stride
-the two cannot be told apart, and only sd is known. s_ij is the standard error by the markers of the
-trial itself (`se_stride` of `cycles.csv`). Skin that moves alike in every stride is in it, though
-it makes strides no less alike, so that sd_error is an upper limit: where it is larger than sd the
-error bars are wider than the strides show. The standard error of the mean joins both kinds of
-error; c, the same in all, does not become smaller by more strides:
+V_w needs a trial with two strides, V_b a second trial as well. Where every trial has one stride the
+two cannot be separated, and only sd is known. s_ij is the standard error by the markers of the
+trial itself (`se_stride` of `cycles.csv`). It includes soft tissue motion that repeats in every
+stride, so sd_error is an upper limit: where it is larger than sd, the error bars are too wide. The
+standard error of the mean contains both kinds of error; more strides do not reduce c:
 
-    se^2 = sd^2 / n + mean(sqrt(se_ij^2 - s_ij^2))^2         n >= 2;   one stride: its own se
+    se^2 = sd^2 / n + mean(sqrt(se_ij^2 - s_ij^2))^2         n >= 2;   one stride: its se
 
-Samples that are not valid are left out one by one, so that n may change along the stride. Strides
-that turn (`gait/strides.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
+Samples that are not valid are left out one by one, so n may change along the stride. Strides in
+which the person turns (`gait/strides.py`) are left out as a whole.
 """
 
 from collections.abc import Mapping
@@ -70,12 +69,23 @@ class StrideStatistics:
 def compute_statistics(
     values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None
 ) -> StrideStatistics:
-    """Statistics over strides.
+    """Compute mean, standard deviations and standard error over strides.
 
-    `values`: (n, m) n strides at m points; NaN where a value is not valid.
-    `trials`: (n,) the trial of each stride, by any label.
-    `own`: (n, m) standard errors s_ij that each stride has of its own; None: not known.
-    `total`: (n, m) standard errors se_ij with what strides share; None: not known.
+    Parameters
+    ----------
+    values : (n, m) Array
+        Values of n strides at m points; NaN where a value is not valid.
+    trials : (n,) NDArray
+        Label of the trial of each stride.
+    own : (n, m) Array, optional
+        Standard errors s_ij of the single strides.
+    total : (n, m) Array, optional
+        Standard errors se_ij, errors that strides share included.
+
+    Returns
+    -------
+    StrideStatistics
+        `sd_error` needs `own`, `se` needs both kinds of errors.
     """
     values = np.asarray(values, dtype=np.float64)
     there = np.isfinite(values)
@@ -120,7 +130,7 @@ def compute_statistics(
 
 
 def _average_over(values: Array, there: Array) -> Array:
-    """(m,) mean over the strides whose value counts; NaN where one of them has no error."""
+    """Average over the strides whose value is valid; NaN where one of them has no error."""
     return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
 
 
@@ -142,8 +152,9 @@ ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 
 
 def require_unique_strides(strides: "pd.DataFrame") -> None:
-    """InputError where a table of strides has one twice, as those of two sessions without a name
-    have.
+    """Raise InputError where a table of strides contains a stride twice.
+
+    This happens where two sessions without a name are joined.
     """
     if (twice := strides.duplicated(SAMPLE_COLUMNS)).any():
         row = strides.loc[twice].iloc[0]
@@ -157,24 +168,26 @@ def require_unique_strides(strides: "pd.DataFrame") -> None:
 
 @with_one_blas_thread
 def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
-    """Mean and spread over strides and trials of every variable of each side, at every percent.
+    """Compute mean and spread over strides and trials of each variable and side, at each percent.
 
     Parameters
     ----------
-    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it, or pandas reads it; samples with
-    `valid` 0 and
-        strides that turn are left out.
+    strides : pandas.DataFrame
+        Table as `gaitcal.cycles` or `gaitcal.read_cycles` return it, or as pandas reads it. Samples
+        with `valid` 0 and strides in which the person turns are left out.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each percent, with `ENSEMBLE_COLUMNS` in the units of `strides`: `n` strides of
+        `trials` trials; `mean`; `sd` over strides; `sd_within` and `sd_between` trials; `sd_error`,
+        the part that is measurement error; `se` of the mean; `unit` and `positive` where `strides`
+        have them.
 
     Raises
     ------
     InputError
-        A column is missing, a stride is there twice, or a variable in two conventions.
-
-    Returns
-    -------
-    One row a percent, with `ENSEMBLE_COLUMNS`, in the units of `strides`: `n` strides of `trials`
-    trials; `mean`; `sd` over strides; `sd_within`, `sd_between` trials; `sd_error`, the part that
-    is measurement error; `se` of the mean; `unit` and `positive` where `strides` have them.
+        A column is missing, a stride appears twice, or a variable appears in two conventions.
     """
     import pandas as pd
 
@@ -204,10 +217,17 @@ def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def compute_mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, NDArray[Any]]:
-    """`ENSEMBLE_COLUMNS` of the columns of strides, each of which is there once (`CYCLE_COLUMNS`,
-    numbers as numbers).
+    """Compute `ENSEMBLE_COLUMNS` from columns of strides.
 
-    Groups are in the order in which they come first.
+    Parameters
+    ----------
+    strides : mapping
+        `CYCLE_COLUMNS` -> column; numbers as numbers, each stride once.
+
+    Returns
+    -------
+    dict
+        Column -> values. Groups are in the order of their first row.
     """
     codes = {name: _encode_column(strides[name]) for name in SAMPLE_COLUMNS}
     sizes = [len(known) for known, _ in codes.values()]
@@ -216,6 +236,7 @@ def compute_mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict
     stride_keys, first, row = np.unique(key, return_index=True, return_inverse=True)
 
     def wide(name: str) -> Array:
+        """Arrange a column as (strides, percents)."""
         out = np.full((len(stride_keys), len(percent)), np.nan)
         out[row, codes["percent"][1]] = strides[name]
         return out
@@ -240,7 +261,7 @@ def compute_mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict
 
 
 def _encode_column(values: NDArray[Any] | list[Any]) -> tuple[NDArray[Any], IntArray]:
-    """What a column holds, in its order, and the place there of each of its values."""
+    """List the values of a column in order, and give each row the index of its value there."""
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf":
         known, codes = np.unique(values, return_inverse=True)
         return known, codes

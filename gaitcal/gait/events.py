@@ -1,48 +1,45 @@
-"""When the feet of a trial meet and leave the ground, each moment with its source; repetitions of
-what is no gait.
+"""Foot events of a trial, each with its source, and repetitions of activities that are no gait.
 
-The file's own events come first, where they fit (`gait/event_clock.py`); where it has none, the
-moments at which a plate becomes loaded or unloaded; away from plates the motion. What the motion
-alone tells is moved by the median difference to the events that are known better, so that all of a
-foot mean the same. A plate that becomes loaded while the foot is long down, or unloaded long before
-the foot leaves, was entered or left by a foot that rolls over its edge: that is no event of the
+Sources in order of precedence: the file's events, where they agree with forces and motion
+(`gait/event_checks.py`); times at which a force plate becomes loaded or unloaded; the motion of the
+feet. Events of the motion are shifted by their median difference to the better-known ones, so that
+all events of a foot have one meaning. A plate that becomes loaded long after the foot has come
+down, or unloaded long before it leaves, was entered or left by a rolling foot: no event of the
 foot.
 
-By motion alone: when the slower of a foot's two ends comes to rest, and when it leaves,
+By motion alone, with the speeds of heel and toe against the ground (of a treadmill, its belt),
 
-    s(t) = min(|v_heel|, |v_toe|)        against the ground, so that a treadmill's belt counts as the floor
-    a swing is a peak p of s;  off: s rises through OFF p before it;  strike: s falls through STRIKE p after it.
+    s(t) = min(|v_heel|, |v_toe|)
+    a swing is a peak p of s;  off: s rises through OFF p before it;
+    strike: s falls through STRIKE p after it.
 
-The speed of heel and toe (Ghoussayni, Stevens, Durham & Ewins, Gait & Posture 2004), with
-thresholds that follow how fast this swing is (Bruening & Ridge, Gait & Posture 2014, took the
-walking speed), holds for any direction of walking, in turns and from one step to the next, also
-where a foot lands on its toes. Where the heel is furthest in front of the pelvis (Zeni, Richards &
-Higginson 2008) it still travels at the pelvis' own speed: 20 to 60 ms before the contact. Both
-thresholds lie where vertical forces pass 20 N, as the median of laboratories has it (`python -m
-scripts.validation events STUDY`). A foot that drags slides on before and after its contact: the
-strike then comes late, and the off early.
+The speed of heel and toe is from Ghoussayni, Stevens, Durham & Ewins (Gait & Posture 2004),
+thresholds relative to speed are from Bruening & Ridge (Gait & Posture 2014), who took the walking
+speed. Both hold for any direction of walking, in turns, and where a foot lands on its toes. Where
+the heel is furthest in front of the pelvis (Zeni, Richards & Higginson 2008) it still moves with
+the pelvis, 20 to 60 ms before the contact. The thresholds are at the median of laboratories of the
+time at which vertical forces pass 20 N (`python -m scripts.validation events STUDY`). A foot that
+drags slides before and after its contact: its strike comes late, its off early.
 
-Strides are what an activity repeats where one foot strikes after the other, whatever speed, slope
-or flight there is. Else it repeats what the pelvis does between two rests: with its height h(t) and
-rate h'(t),
+An activity in which the feet strike in turn has strides. In any other one, the repetitions are
+those of the pelvis between two rests: with its height h(t) and rate h'(t),
 
-    still     |h'| < `STILL` of its largest value, or h' changes sign
-    rest      still, and within `NEAR` of the range of h of the height of the first still frame
-    repetition   from a rest to the next, where h leaves it by more than `FAR` of the range between them.
+    still        |h'| < `STILL` of its largest value, or h' changes sign
+    rest         still, and h within `NEAR` of the range of h from the first still frame
+    repetition   from a rest to the next, with h beyond `FAR` of the range in between.
 
 So one squat is from standing to standing, one sit-to-stand from sitting to sitting where the person
-sits first, one jump from standing to standing with the flight in it. Who ends elsewhere (stands up
-once, drops from a box) repeats nothing: that is one repetition, from the first rest to where the
-pelvis comes to stay. A pelvis that keeps its height has none.
+sits first, one jump from standing to standing. A movement that ends elsewhere (standing up once, a
+drop from a box) is one repetition, from the first rest to the last level of the pelvis. A pelvis
+that keeps its height has no repetition.
 
-The phases of a repetition are what the pelvis does while feet stand, and flight. Each stretch on
-the ground parts at its lowest or highest h, where that is beyond both its ends by more than `NEAR`
-of the range:
+A repetition consists of flight and of phases on the ground. Each stretch on the ground is split at
+its lowest or highest h, where that is beyond both its ends by more than `NEAR` of the range:
 
-    lowering, rising   h falls, rises               (squat: descent and ascent; sit-to-stand: rising, then sitting down)
+    lowering, rising   h falls, rises     (squat: descent, ascent; sit-to-stand: rising, lowering)
     push-off           h rises, and flight follows
-    flight             h'' < -`FALLING_SHARE` g; last foot off to first strike, where known by plates or feet
-    landing            h falls, and flight was before
+    flight             h'' < -`FALLING` g; from the last off to the first strike, where known
+    landing            h falls after flight
 """
 
 from collections.abc import Iterator, Sequence
@@ -56,7 +53,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions, compute_foot_points, has_feet
 from gaitcal.errors import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, remove_flicker
-from gaitcal.gait.event_clock import (
+from gaitcal.gait.event_checks import (
     SAME_EVENT,
     check_corrected_events,
     check_event_order,
@@ -88,14 +85,14 @@ LEAST_TRAVEL: Final = 0.1
 
 @dataclass(frozen=True)
 class GaitEvents:
-    """The events of one trial, and what speaks against those of its file."""
+    """Events of one trial, and findings on those of its file."""
 
     events: tuple[GaitEvent, ...] = ()  # in order of time
     findings: tuple[Finding, ...] = ()  # without the name of the trial
     repeats: tuple[GaitCycle, ...] = ()  # of an activity that is no gait, instead of strides
 
     def select_foot(self, side: str) -> FootEvents:
-        """Strikes and offs of one foot."""
+        """Select strikes and offs of one foot (`r`, `l`)."""
         strikes = [e for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
         offs = np.array(select_event_times(self.events, side, FootMoment.OFF))
         return FootEvents(
@@ -106,11 +103,22 @@ class GaitEvents:
 def find_trial_events(
     model: SubjectModel, motion: Motion, reactions: GroundReactions | None, recording: Recording
 ) -> GaitEvents:
-    """Foot strikes and offs of a whole-body motion, each with its source.
+    """Find foot strikes and offs of a whole-body motion, each with its source.
 
-    `model`: its heel and toe landmarks are needed for events of the motion; without them there are
-    none. `reactions`: None without force plates. `recording`: of the same trial; its file's events,
-    and its plates, which tell the moment between frames.
+    Parameters
+    ----------
+    model : SubjectModel
+        Without heel and toe landmarks there are no events of the motion.
+    motion : Motion
+        Motion of the whole body.
+    reactions : GroundReactions or None
+        Forces under the feet; None without force plates.
+    recording : Recording
+        Recording of the same trial: events of its file, and plates, which give the time between frames.
+
+    Returns
+    -------
+    GaitEvents
     """
     by_motion: list[FootEvent] = []
     if has_feet(model):
@@ -128,8 +136,19 @@ def find_trial_events(
 
 
 def find_activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
-    """Of any activity, from the events `found` of its feet: those of strides, or else what the
-    pelvis repeats.
+    """Find the events of any activity: strides, or else repetitions of the pelvis.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the whole body.
+    found : GaitEvents
+        Events of its feet.
+
+    Returns
+    -------
+    GaitEvents
+        `found` where the feet strike in turn, else repetitions only.
     """
     feet = [found.select_foot(side) for side in SIDES]
     if is_alternating(*feet):
@@ -144,8 +163,20 @@ def find_activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
 def use_corrected_events(
     time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]
 ) -> GaitEvents:
-    """The events that a person set, inside the trial `time` (nf,) s; `shown`: by plates and motion,
-    to tell of.
+    """Use the events that a person corrected, inside the trial, and report differences.
+
+    Parameters
+    ----------
+    time : (nf,) Array
+        s, frames of the trial.
+    events : sequence of FootEvent
+        Corrected events.
+    shown : sequence of FootEvent
+        Events of plates and motion, to compare with.
+
+    Returns
+    -------
+    GaitEvents
     """
     inside = [e for e in events if time[0] - 1e-3 <= e.time <= time[-1] + 1e-3]
     found = GaitEvents(
@@ -158,7 +189,20 @@ def use_corrected_events(
 def combine_events(
     time: Array, file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> GaitEvents:
-    """The events of three sources as one list; `time` (nf,) s of the trial's frames."""
+    """Combine the events of file, plates and motion, each from the best source.
+
+    Parameters
+    ----------
+    time : (nf,) Array
+        s, frames of the trial.
+    file, plates, motion : sequence of FootEvent
+        Events of the three sources.
+
+    Returns
+    -------
+    GaitEvents
+        In order of time, with findings on the file's events and on missing ones.
+    """
     plates = _select_confirmed_plate_events(plates, motion, time)
     used, findings = check_file_events(file, plates, motion, time)
     events: list[GaitEvent] = []
@@ -188,7 +232,7 @@ def combine_events(
 def _select_confirmed_plate_events(
     plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array
 ) -> list[FootEvent]:
-    """The events of plates that the motion has, too, or where it shows nothing of that foot."""
+    """Select plate events that the motion confirms, or cannot show."""
 
     def is_of_foot(event: FootEvent) -> bool:
         of_foot = select_event_times(motion, event.side, event.moment)
@@ -205,22 +249,32 @@ def _select_further_events(
     moment: FootMoment,
     side: str,
 ) -> list[GaitEvent]:
-    """Events at those `times` that no known event means."""
+    """Make events at those times that are no event known already."""
     new = [t for t in times if all(abs(t - e.time) >= SAME_EVENT for e in known)]
     return [GaitEvent(moment, side, t, source) for t in new]
 
 
 def _compute_median_difference(known: Sequence[float], other: Sequence[float]) -> float:
-    """Time (s) by which known events come after the others' of the same step; 0 where none is
-    known.
-    """
+    """Compute the median delay (s) of known events after those of another source; 0 without any."""
     pairs = [min((k - t for k in known), key=abs) for t in other] if known else []
     near = [d for d in pairs if abs(d) < SAME_EVENT]
     return float(np.median(near)) if near else 0.0
 
 
 def find_motion_events(time: Array, slower: Array) -> list[FootEvent]:
-    """Events of both feet from the speed (nf, 2) m/s of the slower end of each: order right, left."""
+    """Find strikes and offs of both feet by motion alone.
+
+    Parameters
+    ----------
+    time : (nf,) Array
+        s.
+    slower : (nf, 2) Array
+        m/s, speed of the slower end of each foot against the ground; right, left.
+
+    Returns
+    -------
+    list of FootEvent
+    """
     events = []
     for foot, side in enumerate(SIDES):
         strikes, offs = find_swing_events(time, slower[:, foot])
@@ -232,7 +286,21 @@ def find_motion_events(time: Array, slower: Array) -> list[FootEvent]:
 def find_plate_events(
     time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]
 ) -> list[FootEvent]:
-    """Where the plates under a foot become loaded and unloaded; `loaded` (nf, 2)."""
+    """Find the times at which the plates under each foot become loaded and unloaded.
+
+    Parameters
+    ----------
+    time : (nf,) Array
+        s, frames of the trial.
+    loaded : (nf, 2) BoolArray
+        Whether a foot loads plates; right, left.
+    plates : sequence of ForcePlate
+        Plates, whose samples give the time between two frames.
+
+    Returns
+    -------
+    list of FootEvent
+    """
     events = []
     inner = find_covered_frames(plates, time) if plates else slice(0, len(time))
     for foot, side in enumerate(SIDES):
@@ -253,9 +321,7 @@ def find_plate_events(
 def _find_threshold_time(
     plates: Sequence[ForcePlate], begin: float, end: float, *, rising: bool
 ) -> float:
-    """When a plate's vertical force passes `LOADED_N` between two frames; the loaded frame where no
-    sample tells.
-    """
+    """Find when a vertical force passes `LOADED_N` between two frames; without samples the loaded frame."""
     for plate in plates:
         near = (plate.time >= begin - 1e-9) & (plate.time <= end + 1e-9)
         pressed = np.nan_to_num(plate.force[near, 1]) > LOADED_N
@@ -265,10 +331,19 @@ def _find_threshold_time(
 
 
 def find_swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
-    """Strikes and offs (s, increasing) of one foot, between frames by a straight line.
+    """Find strikes and offs of one foot, interpolated between frames.
 
-    `time`: (nf,) s.
-    `slower`: (nf,) m/s, speed of heel or toe against the ground, whichever is the slower.
+    Parameters
+    ----------
+    time : (nf,) Array
+        s.
+    slower : (nf,) Array
+        m/s, speed of heel or toe against the ground, whichever is slower.
+
+    Returns
+    -------
+    tuple of Array
+        s, strikes and offs, increasing.
     """
     if len(time) < 3 or not np.isfinite(slower).all():
         return np.array([]), np.array([])
@@ -296,10 +371,9 @@ def find_swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
 
 
 def _find_peaks(values: Array, least: float) -> Array:
-    """Samples of at least that height that are higher than those beside them; of a flat top the
-    middle one.
+    """Find samples above `least` that are higher than their neighbours; of a plateau the middle.
 
-    As `scipy.signal.find_peaks`, whose package takes half a second to load.
+    Same as `scipy.signal.find_peaks`, whose package takes half a second to load.
     """
     turns = np.flatnonzero(
         np.diff(values)
@@ -312,8 +386,9 @@ def _find_peaks(values: Array, least: float) -> Array:
 
 
 def _is_separate_peak(speed: Array, peak: int) -> bool:
-    """Whether no higher peak follows or precedes before the speed has fallen by `DIP`; of equals,
-    the first counts.
+    """Check that the speed falls by `DIP` on both sides before it reaches a higher peak.
+
+    Of equal peaks the first counts.
     """
 
     def first(marked: BoolArray) -> int:
@@ -326,15 +401,13 @@ def _is_separate_peak(speed: Array, peak: int) -> bool:
 
 
 def _find_slow_frame(speed: Array, start: int, threshold: float, step: int) -> int | None:
-    """The first frame after `start`, forwards or backwards, that is slower than the threshold; None
-    without one.
-    """
+    """Find the next frame, forwards or backwards, below the threshold; None without one."""
     slow = np.flatnonzero((speed[start:] if step > 0 else speed[start::-1]) < threshold)
     return start + step * int(slow[0]) if len(slow) and slow[0] else None
 
 
 def _interpolate_crossing(time: Array, speed: Array, before: int, threshold: float) -> float:
-    """When the speed passes the threshold, between the frame `before` and the next one."""
+    """Interpolate when the speed passes the threshold after the frame `before`."""
     a, b = float(speed[before]), float(speed[before + 1])
     part = 0.0 if a == b else float(np.clip((threshold - a) / (b - a), 0.0, 1.0))
     return float(time[before] + part * (time[before + 1] - time[before]))
@@ -357,8 +430,19 @@ of one, at most; sprinters' steps last 0.2 s."""
 
 
 def is_alternating(right: FootEvents, left: FootEvents) -> bool:
-    """Whether feet strike and leave in turn, as of who walks, climbs or runs; not together, as in a
-    jump, of which a strike may be late in markers that slide.
+    """Check whether the feet strike and leave in turn, as in walking, climbing or running.
+
+    In a jump both feet strike and leave together; one strike may be late in sliding markers, so the
+    median difference counts.
+
+    Parameters
+    ----------
+    right, left : FootEvents
+        Events of both feet.
+
+    Returns
+    -------
+    bool
     """
     if not len(right.strikes) or not len(left.strikes):
         return False
@@ -373,10 +457,18 @@ def is_alternating(right: FootEvents, left: FootEvents) -> bool:
 def find_repetitions(
     time: Array, height: Array, feet: Sequence[FootEvents] = ()
 ) -> tuple[GaitCycle, ...]:
-    """The repetitions of a trial with their phases, in order of time.
+    """Find the repetitions of a trial with their phases, in order of time.
 
-    `time`, `height`: (nf,) s, m: of the pelvis.
-    `feet`: events of both.
+    Parameters
+    ----------
+    time, height : (nf,) Array
+        s; m, height of the pelvis.
+    feet : sequence of FootEvents
+        Events of both feet, which limit flights.
+
+    Returns
+    -------
+    tuple of GaitCycle
     """
     reach = float(np.ptp(height))
     if reach < LEAST_RANGE_M:
@@ -415,8 +507,19 @@ def find_repetitions(
 def find_crouches(
     time: Array, height: Array, feet: Sequence[FootEvents]
 ) -> list[tuple[float, float]]:
-    """From which event of the `feet` to which (s) the pelvis goes down and up further than in any
-    step, among steps.
+    """Find where the pelvis goes down and up further than in any step, among steps.
+
+    Parameters
+    ----------
+    time, height : (nf,) Array
+        s; m, height of the pelvis.
+    feet : sequence of FootEvents
+        Events of both feet.
+
+    Returns
+    -------
+    list of tuple
+        s, times of the events before and after each crouch.
     """
     moments = [
         float(time[0]),
@@ -434,7 +537,7 @@ def find_crouches(
 def _find_flights(
     time: Array, falls: BoolArray, feet: Sequence[FootEvents]
 ) -> Iterator[tuple[float, float]]:
-    """Take-off and landing (s) of each flight."""
+    """Find take-off and landing (s) of each flight."""
     for run in find_runs(falls):
         begin, end = float(time[run.start]), float(time[run.stop - 1])
         if end - begin >= SHORTEST_FLIGHT_S:
@@ -454,8 +557,9 @@ def _split_phases(
     flights: Sequence[tuple[float, float]],
     least: float,
 ) -> Iterator[tuple[str, float]]:
-    """Name and end (s) of each phase between the `ends` of a repetition; `least`: m, of a turning
-    point.
+    """Yield name and end (s) of each phase between the `ends` of a repetition.
+
+    `least`: m, smallest depth of a turning point at which a stretch on the ground is split.
     """
     inner = [flight for flight in flights if ends[0] < flight[0] and flight[1] < ends[1]]
     moments = [ends[0], *(t for flight in inner for t in flight), ends[1]]

@@ -1,8 +1,8 @@
-"""Joint moments in numbers, their peaks and how much calibration changed them; and words for what
-the program names.
+"""Joint moments in numbers: extremes and the effect of the calibration; and descriptions of names.
 
-A gait laboratory reads the right hip's flexion for `hip_flexion_r`. Coordinates, segments, joints
-and parameters have words here; names from the data (markers, trials) stay as they are.
+Reports of gait laboratories contain the right hip's flexion, not `hip_flexion_r`. This module has
+descriptions of coordinates, segments, joints and parameters. Names from the data (markers, trials)
+stay as they are.
 """
 
 import re
@@ -30,21 +30,45 @@ from gaitcal.study.study_trial import Role
 
 
 def list_moments(model: SubjectModel) -> list[str]:
-    """All joint moments that the model moves, the knees' adduction reaction after their flexion."""
+    """List all joint moments that the model moves; adduction reactions follow the flexion of the knee."""
     elements = (e for joint in JOINTS for e in list_joint_elements(joint, reactions=True))
     return [e.name for e in elements if e.name in FORCES and e.name not in model.frozen]
 
 
 def get_moment(forces: Moments | TorqueErrors, name: str) -> Array:
-    """(nf,) N·m, one moment of generalised forces or of their standard errors."""
+    """Get one moment (nf,) N·m of generalised forces, or its standard error.
+
+    Parameters
+    ----------
+    forces : Moments or TorqueErrors
+        Generalised forces of a trial, or their standard errors.
+    name : str
+        Coordinate or knee reaction, with its side.
+
+    Returns
+    -------
+    (nf,) Array
+        N·m
+    """
     if name in REACTIONS:
         return forces.knee_adduction[:, REACTIONS.index(name)]
     return forces.tau[:, COORDINATE_INDEX[name]]
 
 
 def get_marker_error(errors: TorqueErrors, name: str) -> Array | None:
-    """(nf,) N·m, the part of the standard error of one moment that the trial's own markers make;
-    None: not known.
+    """Get the part of a moment's standard error that the markers of the trial make.
+
+    Parameters
+    ----------
+    errors : TorqueErrors
+        Standard errors of a trial.
+    name : str
+        Coordinate or knee reaction, with its side.
+
+    Returns
+    -------
+    (nf,) Array or None
+        N·m; None where it is not known.
     """
     variance = errors.by_source.get(ErrorSource.MOTION)
     return None if variance is None else np.sqrt(variance[:, FORCES.index(name)])
@@ -52,7 +76,7 @@ def get_marker_error(errors: TorqueErrors, name: str) -> Array | None:
 
 @dataclass(frozen=True)
 class Extreme:
-    """The largest value of a moment."""
+    """Largest value of a moment."""
 
     value: float  # N·m/kg
     error: float | None  # N·m/kg, standard error
@@ -62,7 +86,7 @@ class Extreme:
 
 @dataclass(frozen=True, kw_only=True)
 class MomentSummary:
-    """One joint moment of one trial."""
+    """Summary of one joint moment of one trial."""
 
     name: str  # `hip_flexion_r`
     highest: (
@@ -75,12 +99,12 @@ class MomentSummary:
 
     @property
     def side(self) -> str:
-        """`r`, `l` or nothing."""
+        """Side of the moment: `r`, `l` or empty."""
         return split_side(self.name)[1]
 
     @property
     def change_of_peak(self) -> float:
-        """The change in percent of the peak."""
+        """Change by the calibration in percent of the peak."""
         return 100.0 * self.change / self.peak if self.peak else 0.0
 
 
@@ -91,10 +115,22 @@ def summarise_moments(
     nominal: Moments,
     errors: TorqueErrors | None = None,
 ) -> tuple[MomentSummary, ...]:
-    """Of all joint moments with valid frames, right and left side by side; a leg's frames are valid
-    by its own foot.
+    """Summarise all joint moments with valid frames, right and left side by side.
 
-    `final` and `nominal`: with the calibrated and with the nominal model; `errors`: of `final`.
+    Parameters
+    ----------
+    model : SubjectModel
+        Calibrated model.
+    layout : Layout
+        Strides and valid frames; those of a leg are valid by its foot.
+    final, nominal : Moments
+        Moments with the calibrated and with the nominal model.
+    errors : TorqueErrors, optional
+        Standard errors of `final`.
+
+    Returns
+    -------
+    tuple of MomentSummary
     """
     subject = model.subject
     to_bwh = 100.0 * subject.mass / subject.bwh
@@ -142,22 +178,22 @@ SIDE_WORDS = {**linkage.SIDE_WORDS, "": ""}
 
 
 def describe_coordinate_side(name: str) -> str:
-    """`hip_flexion_r` -> `Right hip flexion`."""
+    """Describe a coordinate with its side: `hip_flexion_r` -> `Right hip flexion`."""
     return capitalise(_add_side(COORDINATE_TABLE[split_side(name)[0]].title, split_side(name)[1]))
 
 
 def capitalise(text: str) -> str:
-    """The text with a capital first letter, all others as they are."""
+    """Make the first letter a capital one; all others stay."""
     return text[:1].upper() + text[1:]
 
 
 def _add_side(word: str, side: str) -> str:
-    """`Hip` -> `right hip`; without a side the word as it is."""
+    """Add the side: `Hip` -> `right hip`; without a side the word stays."""
     return f"{SIDE_WORDS[side]} {word[:1].lower()}{word[1:]}" if side else word
 
 
 def describe_segment(segment: str) -> str:
-    """`thigh_r` -> `right thigh`."""
+    """Describe a segment: `thigh_r` -> `right thigh`."""
     base, side = split_side(segment)
     return _add_side(
         SEGMENT_TABLE[base].title or base if base in SEGMENT_TABLE else base.replace("_", " "), side
@@ -165,7 +201,7 @@ def describe_segment(segment: str) -> str:
 
 
 def describe_joint(joint: str) -> str:
-    """`knee_r` -> `right knee`; without a side, `Knee`."""
+    """Describe a joint: `knee_r` -> `right knee`; without a side, `Knee`."""
     base, side = split_side(joint)
     return _add_side(JOINT_TABLE[base].title if base in JOINT_TABLE else base.capitalize(), side)
 
@@ -184,8 +220,9 @@ _INERTIAL = {
 
 
 def describe_parameter_location(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `hip centre in the pelvis`; `thigh_r.com.sup` -> `mass centre`; nothing
-    for a mass.
+    """Describe what a parameter belongs to: `hip_r.pelvis.ant` -> `hip centre in the pelvis`.
+
+    `thigh_r.com.sup` gives `mass centre`; a mass gives an empty text.
     """
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][0]
@@ -195,7 +232,7 @@ def describe_parameter_location(name: str) -> str:
 
 
 def describe_parameter_direction(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `forward`; `thigh_r.com.sup` -> `up`."""
+    """Describe the direction of a parameter: `hip_r.pelvis.ant` -> `forward`."""
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][1]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
@@ -205,9 +242,7 @@ def describe_parameter_direction(name: str) -> str:
 
 
 def describe_parameter(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`; `thigh_r.com.sup` -> `mass centre
-    up`.
-    """
+    """Describe a parameter: `hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`."""
     between = " " if name in IP_INDEX else ", "
     return (
         f"{describe_parameter_location(name)}{between}{describe_parameter_direction(name)}".strip()
@@ -215,9 +250,7 @@ def describe_parameter(name: str) -> str:
 
 
 def explain_parameters(text: str) -> str:
-    """A message with every parameter's name followed by what it means: `hip_r.pelvis.ant (right hip
-    centre ...)`.
-    """
+    """Add the description after each parameter in a message: `hip_r.pelvis.ant (right hip centre ...)`."""
 
     def explain(match: re.Match[str]) -> str:
         name = match[0]
@@ -232,7 +265,7 @@ def explain_parameters(text: str) -> str:
 
 
 def describe_role(role: Role, joint: str | None) -> str:
-    """What a trial is for: `right hip alone`, `walking`."""
+    """Describe what a trial is for: `right hip alone`, `walking`."""
     if role is Role.STATIC:
         return "standing still"
     return (
@@ -245,12 +278,12 @@ def describe_role(role: Role, joint: str | None) -> str:
 
 
 def format_count(number: int, noun: str) -> str:
-    """`1 frame`, `3 frames`."""
+    """Format a number with its noun: `1 frame`, `3 frames`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def format_list(words: list[str]) -> str:
-    """`a, b and c`."""
+    """Join texts to a list: `a, b and c`."""
     return (
         words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
     )

@@ -1,21 +1,20 @@
-"""How far the angles of a gait are from healthy people's: Gait Profile Score and Movement Analysis
-Profile.
+"""Gait Profile Score and Movement Analysis Profile: distance of a gait's angles from healthy means.
 
 Baker, McGinley, Schwartz, Beynon, Rozumalski, Graham and Tirosh, Gait Posture 30:265-269, 2009. For
-stride s and angle i, x at 51 points of the stride (0, 2, ... 100 %), m the healthy mean,
+stride s and angle i, with x at 51 points of the stride (0, 2, ... 100 %) and m the healthy mean,
 
-    GVS_i,s = sqrt(mean_t (x_i,s(t) - m_i(t))^2)        deg; GVS_i is the mean over straight strides
+    GVS_i,s = sqrt(mean_t (x_i,s(t) - m_i(t))^2)        deg
+    GVS_i   = mean of GVS_i,s over straight strides
 
-nine of a side make the Movement Analysis Profile, and the score of the side is their RMS; that of
-both holds the pelvis once, of left strides, and the other six of each side: 15 angles. 0 is the
-healthy mean itself, which nobody walks like. What healthy people score follows from their spread:
-the RMS over the stride of their standard deviation.
+Nine angles of a side make the Movement Analysis Profile. The score of the side is their RMS. That
+of both sides contains the pelvis once, of left strides, and the other six angles of each side: 15
+angles. Healthy people do not score 0 but about the RMS of their standard deviation over the stride.
 
 Standard errors: strides differ (SD / sqrt(n)), and each angle has errors that all strides share, of
-joint centres and axes. These are nearly an offset: x moves by z e(t), z standard normal, e the
-shared standard error. The SD of GVS over z is taken by Gauss-Hermite quadrature, as a score near 0
-is no linear function of z. Scores add up as if the errors of different angles were independent. An
-error makes a score larger in the mean, as any noise does.
+joint centres and axes. These are nearly an offset: x is displaced by z e(t), z standard normal, e
+the shared standard error. The SD of GVS over z is computed by Gauss-Hermite quadrature, because a
+score near 0 is not linear in z. Scores are combined as if the errors of different angles were
+independent. On average an error makes a score larger, as any noise does.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +48,7 @@ _Z, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """One angle's Gait Variable Score, or a Gait Profile Score; deg."""
+    """Gait Variable Score of one angle, or a Gait Profile Score; deg."""
 
     side: str  # `r`, `l`, or `both`
     variable: str  # of `ANGLES`, or `gps`
@@ -62,12 +61,21 @@ class Score:
 def compute_profile_scores(
     strides: Mapping[str, Sequence[Any] | NDArray[Any]], bands: normal_bands.Bands, subject: Subject
 ) -> tuple[Score, ...]:
-    """Nine angles and the score of each side that has a whole straight stride of all, and that of
-    both.
+    """Compute the scores of nine angles, of each side and of both.
 
-    Empty where the norm lacks an angle.
+    Parameters
+    ----------
+    strides : mapping
+        Columns of `cycles.csv`, a row for each percent.
+    bands : Bands
+        Normal bands; without one of the nine angles there are no scores.
+    subject : Subject
+        Person to whom the bands are scaled.
 
-    `strides`: columns of `cycles.csv`, a row a percent.
+    Returns
+    -------
+    tuple of Score
+        A side without a complete straight stride of every angle has scores of some angles at most.
     """
     if not set(ANGLES) <= set(bands):
         return ()
@@ -110,7 +118,7 @@ def compute_profile_scores(
 
 
 def make_score_title(score: Score) -> str:
-    """`Hip rotation`, `Gait Profile Score`."""
+    """Make the title of a score: `Hip rotation`, `Gait Profile Score`."""
     return (
         "Gait Profile Score"
         if score.variable == GPS
@@ -119,7 +127,7 @@ def make_score_title(score: Score) -> str:
 
 
 def _score_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> Score:
-    """`away`: (n, 51) deg from the healthy mean; `shared`: (51,) standard error."""
+    """Score one angle from deviations `away` (n, 51) deg and shared standard errors (51,) deg."""
     scores = _compute_rms(away)
     moved = np.stack([_compute_rms(away + z * shared).mean() for z in _Z])
     weights = _WEIGHTS / _WEIGHTS.sum()
@@ -137,7 +145,7 @@ def _score_angle(side: str, name: str, away: Array, shared: Array, norm: float) 
 
 
 def _combine_scores(side: str, parts: Sequence[Score]) -> Score:
-    """RMS of the scores of angles."""
+    """Combine the scores of angles to their RMS."""
     score, error, norm = (
         np.array([getattr(p, name) for p in parts]) for name in ("score", "error", "norm")
     )
@@ -154,5 +162,5 @@ def _combine_scores(side: str, parts: Sequence[Score]) -> Score:
 
 
 def _compute_rms(values: Array) -> Array:
-    """Over the last axis."""
+    """Compute the root mean square over the last axis."""
     return np.asarray(np.sqrt(np.mean(np.square(values), axis=-1)))

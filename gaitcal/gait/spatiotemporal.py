@@ -46,7 +46,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.gait import ensemble, event_clock, moments
+from gaitcal.gait import ensemble, event_checks, moments
 from gaitcal.gait.cycles import (
     CYCLE_RANGE,
     EventSource,
@@ -257,7 +257,7 @@ def _measure_times(
         out["step_time"] = stop - struck
     if start is not None and off is not None:
         out["stance"] = off - start
-        out |= event_clock.compute_double_support(other, start, off)
+        out |= event_checks.compute_double_support(other, start, off)
     if stop is not None and off is not None:
         out["swing"] = stop - off
     if start is not None and stop is not None:

@@ -21,7 +21,7 @@ from gaitcal.export.plug_in_gait import (
     SavedMotion,
     make_plug_in_gait_points,
 )
-from gaitcal.gait import event_clock, moments
+from gaitcal.gait import event_checks, moments
 from gaitcal.io import formats, result_folder, segment_poses, toml
 from gaitcal.io.axes import AxisPermutation
 from gaitcal.io.c3d.reader import PER_METRE
@@ -305,7 +305,7 @@ def _select_new_events(
         return any(
             e.side == event.side
             and e.moment is event.moment
-            and abs(e.time - event.time) < event_clock.SAME_EVENT
+            and abs(e.time - event.time) < event_checks.SAME_EVENT
             for e in recording.events
         )
 

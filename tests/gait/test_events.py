@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gaitcal.errors import Code, Severity
 from gaitcal.gait.cycles import EventSource, describe_sources
-from gaitcal.gait.event_clock import check_file_events
+from gaitcal.gait.event_checks import check_file_events
 from gaitcal.gait.events import (
     OFF,
     STRIKE,
@@ -56,7 +56,7 @@ def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
     assert [e.time for e in found.events] == [e.time for e in set_by_hand[:-1]]
     assert {e.source for e in found.events} == {EventSource.PERSON}
     [apart] = [
-        f for f in found.findings if f.cause == "corrected events lie apart from forces and motion"
+        f for f in found.findings if f.cause == "corrected events differ from forces and motion"
     ]
     check_finding(apart, Code.FILE_EVENTS, Severity.INFO, f"{set_by_hand[0].time:.2f}", 100)
     assert not use_corrected_events(TIME, walk(), walk()).findings
@@ -404,7 +404,7 @@ def test_times_from_the_first_frame_are_used_as_they_are_meant(seed: int) -> Non
     right = moved(walk(2.1, 5.9), 0.0, BY_EYE, seed)
     for offset, words in (
         (-float(TIME[0]), "from its first frame"),
-        (float(TIME[0]), "from frame 0 twice over"),
+        (float(TIME[0]), "contain the time of the first frame twice"),
     ):
         used, (finding,) = check_file_events(moved(right, offset), [], walk(), TIME)
         assert [e.time for e in used] == pytest.approx([e.time for e in right])
