@@ -21,7 +21,8 @@ import numpy as np
 from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial, fits_legs_together
 from gaitcal.analysis.result import HeldOut
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.calibration import joint_calibration, joint_phases, joint_prior, soft_tissue_artefact
+from gaitcal.calibration import joint_phases, joint_prior, soft_tissue_artefact
+from gaitcal.calibration.joint_estimate import JointSettings
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model.anthropometry import move_limb_inertia
@@ -119,9 +120,10 @@ def fit_joint_parameters(
     settings, nominal = session.settings, session.model.parameters
     if not settings.jp or not trials:
         return None, nominal
-    bounds = joint_calibration.JointSettings(
+    fit_settings = JointSettings(
         position_bound=1e-3 * settings.position_bound_mm,
         orientation_bound=np.deg2rad(settings.orientation_bound_deg),
+        prior=session.prior,
     )
     problems = [
         joint_phases.JointProblem(
@@ -131,10 +133,10 @@ def fit_joint_parameters(
     ]
     if settings.decided_by is Protocol.EVIDENCE:
         joint = joint_phases.calibrate_by_evidence(
-            problems, nominal, bounds, SIDES[settings.legs], session.prior
+            problems, nominal, fit_settings, SIDES[settings.legs]
         )
     else:
-        joint = _fit_published_phases(problems, nominal, settings, bounds)
+        joint = _fit_published_phases(problems, nominal, settings, fit_settings)
     return joint, joint.parameters
 
 
@@ -142,7 +144,7 @@ def _fit_published_phases(
     problems: Sequence[joint_phases.JointProblem],
     nominal: Parameters,
     settings: CalibrationSettings,
-    bounds: joint_calibration.JointSettings,
+    fit_settings: JointSettings,
 ) -> joint_phases.JointCalibration:
     """Fit the joint parameters in the phases of the published protocol."""
     sides = SIDES[settings.legs]
@@ -160,13 +162,13 @@ def _fit_published_phases(
     # The phases fit no soft tissue; its table gives the error bars.
     tissue = soft_tissue_artefact.prepare_task_tissue(kinds, parts, nominal, fitted=False)
     phases = [phase.with_tissue(tissue) for phase in phases]
-    phase_settings = joint_phases.PhaseSettings(
-        search=bounds,
+    fit_settings = replace(
+        fit_settings,
         prior=joint_prior.WEAK if settings.prior == "weak" else None,
         equal_weights=True,
         fits_tissue=False,
     )
-    joint = joint_phases.calibrate_in_phases(phases, nominal, phase_settings)
+    joint = joint_phases.calibrate_in_phases(phases, nominal, fit_settings)
     keys = [key for phase in phases for key in phase.tissue.keys]
     columns = tissue.make_body_columns({t.name: t.body for t in used}, keys)
     return replace(joint, tissue=columns)

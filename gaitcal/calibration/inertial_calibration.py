@@ -35,7 +35,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.joint_calibration import describe_ending
+from gaitcal.calibration.joint_estimate import describe_ending
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model import parameters as params

@@ -4,54 +4,34 @@
 
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p
 the joint parameters with their prior from anatomy or a cohort (`joint_prior.py`), z the soft tissue
-of every kind of task with its prior from people (`soft_tissue_artefact.py`). Motions and z are
-eliminated (`reduced_problem.py`), p is found by SciPy. The published protocol (Reinbolt et al.
-2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one f nu^2 for all trials
-of a phase, their mean.
+of every kind of task with its prior (`soft_tissue_artefact.py`). Motions and z are eliminated
+(`reduced_problem.py`), and SciPy's `least_squares` finds p. The published protocol (Reinbolt et al.
+2007, eq. 1) is this with z = 0, without a prior (or with a weak one), and with one f nu^2 for all
+trials of a phase, the mean of theirs.
 
 nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its kind of
-task alone: a disagreement with gait is no noise of a functional trial. Trials of one task repeat
-their errors. With g_t and H_t the reduced gradients and matrices by p at the common estimate, in
-units of the noise of each trial, K trials err independently if
-
-    chi^2 = sum_t g_t^T H_t^-1 g_t - (sum g_t)^T (sum H_t)^-1 (sum g_t)
-
-has (K - 1) n degrees of freedom, over the n directions that they determine. If chi^2 is the
-share s of that, they
-have 1 - s of their variance in common and count as  K / (s + K (1 - s))  trials: f = s + K (1 - s).
-Kinds of task may disagree more than their errors allow: a cluster was put on anew for one, skin is
-not linear. With the same chi^2 between kinds, the soft tissue of each eliminated, b^2 = max(chi^2 /
-degrees of freedom, 1) is by how much the variances of all are too small (Birge, Phys Rev 40:207,
-1932); the estimate stays.
-
-With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z)
-are
-
-    -H^-1 ( sum_t b S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),    n, e_p, e_z independent, variance 1:
-
-F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `ErrorSources` by
-source, markers of each trial, nominal values, soft tissue (`error_sources.py`). Their squares sum
-to H^-1.
-
-What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as
-they are, and z where
-it stays zero. With S_pk of the same trials with k open, and errors R_k R_k^T of k, it makes errors  -H^-1 S_pk R_k.
-Residuals do not show these errors: soft tissue that moves in proportion to a joint angle looks like a
-joint in another position.
+task alone: a disagreement with gait is no noise of a functional trial. f_t accounts for errors that
+trials share (`trial_agreement.py`). Errors by source are in `estimate_errors.py`.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.optimize import OptimizeResult, least_squares
 
-from gaitcal.arrays import Array, IntArray
+from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors, propagate_errors
-from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
+from gaitcal.calibration.estimate_errors import (
+    compute_coupling,
+    compute_covariance,
+    compute_scores,
+    list_columns,
+)
 from gaitcal.calibration.joint_prior import (
     ANATOMY,
     NoisePrior,
@@ -61,20 +41,56 @@ from gaitcal.calibration.joint_prior import (
     get_noise_prior,
     select_prior,
 )
-from gaitcal.calibration.reduced_problem import NULL, ReducedState
+from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, make_secondary_prior
 from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
+from gaitcal.calibration.trial_agreement import compute_birge_ratio, count_effective_trials
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.study.cohort_prior import JointPrior
-from gaitcal.tracking.banded import eliminate
 from gaitcal.tracking.coordinate_prior import find_undetermined_joints
+from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.spline import compute_frame_rate
 from gaitcal.tracking.start import find_start_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
 
-BY_EVIDENCE = JointSettings(tolerance=1e-7)
+POSITION_SCALE = 0.1
+"""m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a
+marker about as far.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointSettings:
+    """Bounds, tolerances, prior and weights of a fit of joint parameters."""
+
+    # m, largest distance of a position from its nominal value
+    position_bound: float = np.inf
+    orientation_bound: float = np.inf  # rad, the same for orientations
+    tolerance: float = 1e-11
+    """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends
+    6e-5 rad off.
+    """
+    most_evaluations: int = 100
+    tracking: DescentSettings = field(default_factory=DescentSettings)
+    prior: JointPrior | None = None
+    """About nominal values; None: parameters that the trials do not determine are frozen."""
+    equal_weights: bool = False
+    """Whether all trials of a phase get the mean of their noise; else each gets its noise, for
+    which that of people is a prior (`joint_prior.get_noise_prior`)."""
+    fits_tissue: bool = True
+    """Whether soft tissue is fitted; else it is zero, and a source of error."""
+
+    def get_bound(self, name: str) -> float:
+        """Get the largest distance (m, rad) of a joint parameter from its nominal value."""
+        position = JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION
+        return self.position_bound if position else self.orientation_bound
+
+
+BY_EVIDENCE = JointSettings(tolerance=1e-7, prior=ANATOMY)
 """Far below the error bars; an axis that trials hardly determine is held by its prior."""
+
+
 # m, s: noise before any is known, and how long it lasts
 FIRST_NOISE, MEMORY_S = 0.010, 0.1
 ROUNDS = 3  # Fits after which the noise of every trial is found anew
@@ -85,12 +101,38 @@ known to 7 %."""
 WIDE_M, WIDE_RAD = 0.020, np.deg2rad(10.0)
 """m, rad: prior deviation of joints while noise is estimated, and unit of directions without a
 prior; wider than anatomy."""
-# Information of trials over that of the prior from which they determine a direction
-DETERMINED = 4.0
 
 Tasks = Mapping[str, Sequence[MotionProblem]]
 """Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that
 may move their markers, if any."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointFit:
+    """Result of a fit of joint parameters, with its state for error estimates."""
+
+    free: tuple[str, ...]
+    # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
+    keys: tuple[str, ...]
+    # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
+    values: Array
+    parameters: Parameters
+    state: ReducedState
+    iterations: int
+    seconds: float
+    converged: bool
+    message: str
+    at_bound: tuple[str, ...]  # Free parameters that ended on a bound
+
+    @property
+    def coefficients(self) -> tuple[Array, ...]:
+        """Per trial (nn, nq)."""
+        return tuple(trial.coefficients for trial in self.state.trials)
+
+    @property
+    def tissue(self) -> Array:
+        """(nz,) m, rad."""
+        return self.values[len(self.free) :]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +158,140 @@ class JointEstimate(JointFit):
     def whole_covariance(self) -> Array:
         """(np, np) covariance by noise, priors and soft tissue that was not fitted."""
         return self.covariance + self.tissue_errors @ self.tissue_errors.T
+
+
+class JointSearch:
+    """Search for joint parameters, which may be repeated with other weights of the trials."""
+
+    def __init__(
+        self,
+        problems: Sequence[MotionProblem],
+        parameters: Parameters,
+        free: tuple[str, ...],
+        starts: Sequence[Array],
+        settings: JointSettings | None = None,
+        *,
+        nominal: Parameters | None = None,
+        tissue: TissuePrior = NO_TISSUE,
+        expected: tuple[Array, Array] | None = None,
+        kinds: Sequence[str] | None = None,
+    ) -> None:
+        """Set up the search.
+
+        Parameters
+        ----------
+        problems : sequence of MotionProblem
+            The trials; each has its motion, all share the joint parameters.
+        parameters : Parameters
+            Start of the search, and the values of all that is not free.
+        free : tuple of str
+            Joint parameters to fit; those that no trial passes are left out.
+        starts : sequence of (nn, nq) array
+            Start coefficients of each trial.
+        settings : JointSettings, optional
+            Bounds and tolerances.
+        nominal : Parameters, optional
+            Centre of the bounds; `parameters` if not given.
+        tissue : TissuePrior
+            Prior of the soft tissue of the problems.
+        expected : tuple of array, optional
+            (np,) mean (m, rad) and (np, np) precision of the joint parameters `free` before any
+            trial; no prior if not given.
+        kinds : sequence of str, optional
+            Kind of task of each trial, which has its separate soft tissue; one for all if not
+            given.
+        """
+        self.settings = settings or JointSettings()
+        self.free = select_passed_parameters(problems, free)
+        index = [JP_INDEX[name] for name in self.free]
+        self.present = parameters.joint[index]
+        self.middle = (nominal or parameters).joint[index]
+        self.reach = np.array([self.settings.get_bound(name) for name in self.free])
+        position = np.array(
+            [JOINT_PARAMETERS[i].kind is ParameterKind.POSITION for i in index], dtype=bool
+        )
+        self.scale = np.where(position, POSITION_SCALE, 1.0)
+        centre, rows = self.present, np.zeros((0, len(index)))
+        if expected is not None:
+            centre, rows = expected[0], np.asarray(np.linalg.cholesky(expected[1]).T, float)
+        self.problem = ReducedProblem(
+            problems,
+            parameters,
+            self.free,
+            starts,
+            self.settings.tracking,
+            prior=rows,
+            centre=centre,
+            tissue=tissue,
+            kinds=kinds,
+        )
+
+    def run(self, start_values: Array | None = None) -> JointFit:
+        """Fit to the final tolerance.
+
+        Parameters
+        ----------
+        start_values : (np,) array, optional
+            Start (m, rad); the best point so far if not given.
+
+        Returns
+        -------
+        JointFit
+            Parameters, soft tissue and motions.
+        """
+        began = time.perf_counter()
+        self.problem.may_curve = True
+        result = self._run_least_squares(self.settings.tolerance, start_values)
+        state = self.problem.settle(result.x)
+        bounded = np.isfinite(self.reach)
+        edge = bounded & (
+            np.abs(result.x - self.middle) > 0.999 * np.where(bounded, self.reach, 1.0)
+        )
+        return JointFit(
+            free=self.free,
+            keys=tuple(key for kind in state.kinds for key in kind.prior.keys),
+            values=np.concatenate([result.x, *(kind.z for kind in state.kinds)]),
+            parameters=self.problem.get_parameters(result.x),
+            state=state,
+            iterations=int(result.nfev),
+            seconds=time.perf_counter() - began,
+            converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
+            message=describe_ending(result),
+            at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=True) if on_edge),
+        )
+
+    def run_to_tolerance(self, tolerance: float) -> ReducedState:
+        """Search to a larger tolerance; motions are those of the last step."""
+        return self.problem.at(self._run_least_squares(tolerance).x)
+
+    def _run_least_squares(self, tolerance: float, start: Array | None = None) -> OptimizeResult:
+        """Run SciPy's search from `start`, or from the best point so far."""
+        if start is None:
+            start = self.present if self.problem.best is None else self.problem.best.p
+        if not len(start):
+            return OptimizeResult(x=start, status=1, nfev=0, message="")
+        lower, upper = self.middle - self.reach, self.middle + self.reach
+        bounded = np.isfinite(self.reach)
+        inside = np.clip(start, lower + 1e-9 * (upper - lower) if bounded.all() else lower, upper)
+        return least_squares(
+            self.problem.compute_residual,
+            inside,
+            jac=self.problem.compute_jacobian,
+            bounds=(lower, upper) if bounded.any() else (-np.inf, np.inf),
+            x_scale=self.scale,
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=1e-15,
+            max_nfev=self.settings.most_evaluations,
+        )
+
+
+def select_passed_parameters(
+    problems: Sequence[MotionProblem], names: Sequence[str]
+) -> tuple[str, ...]:
+    """Select the joint parameters that the linkage of some trial passes."""
+    found = {name for problem in problems for name in problem.with_free(tuple(names)).chain.free}
+    return tuple(name for name in names if name in found)
 
 
 def select_movable_parameters(
@@ -163,12 +339,9 @@ def estimate_joints(
     tasks: Tasks,
     nominal: Parameters,
     free: tuple[str, ...],
+    settings: JointSettings = BY_EVIDENCE,
     *,
     tissue: TissuePrior = NO_TISSUE,
-    fits_tissue: bool = True,
-    prior: JointPrior | None = ANATOMY,
-    settings: JointSettings = BY_EVIDENCE,
-    equal_weights: bool = False,
     present: Parameters | None = None,
     known: ErrorSources | None = None,
 ) -> tuple[JointEstimate, ErrorSources]:
@@ -182,17 +355,10 @@ def estimate_joints(
         Centre of the prior and of the bounds.
     free : tuple of str
         Joint parameters to fit.
+    settings : JointSettings
+        Bounds, tolerances, prior and weights.
     tissue : TissuePrior
         Prior of the soft tissue of the problems.
-    fits_tissue : bool
-        Whether the soft tissue is fitted. Else it is zero, and a source of error.
-    prior : JointPrior or None
-        Prior of the joint parameters about `nominal`; None: no prior.
-    settings : JointSettings
-        Bounds and tolerances.
-    equal_weights : bool
-        Whether all trials have the mean noise as they show it; else the noise of people is a prior
-        (`joint_prior.get_noise_prior`).
     present : Parameters, optional
         Start of the search, and values of all that is not free; `nominal` if not given.
     known : ErrorSources, optional
@@ -204,7 +370,7 @@ def estimate_joints(
     tuple of JointEstimate and ErrorSources
         The estimate, and the errors of all parameters by source.
     """
-    began = time.perf_counter()
+    began, prior, fits_tissue = time.perf_counter(), settings.prior, settings.fits_tissue
     with_columns, present = (
         [problem for problems in tasks.values() for problem in problems],
         present or nominal,
@@ -217,7 +383,7 @@ def estimate_joints(
     for kind in tasks:
         of_kind = [p for p, task in zip(problems, kinds, strict=True) if task == kind]
         noise += estimate_noise(
-            of_kind, present, free, None if equal_weights else get_noise_prior(kind)
+            of_kind, present, free, None if settings.equal_weights else get_noise_prior(kind)
         )
     starts = [find_start_coefficients(p.build_body(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _compute_expected(nominal, free, prior)
@@ -232,13 +398,13 @@ def estimate_joints(
         expected=expected,
         kinds=kinds,
     )
-    weighed = _weigh(search, noise, equal=equal_weights)
+    weighed = _weigh(search, noise, equal=settings.equal_weights)
     repeated: dict[str, float] = {}
     if len(kinds) > len(tasks):
         state = search.run_to_tolerance(NOISE_TOLERANCE)
-        repeated = _count_effective_trials(
+        repeated = count_effective_trials(
             kinds,
-            search,
+            search.problem.columns,
             state,
             noise,
             _make_wide_precision(free) if expected is None else expected[1],
@@ -247,16 +413,16 @@ def estimate_joints(
             nu * float(np.sqrt(repeated.get(kind, 1.0)))
             for nu, kind in zip(noise, kinds, strict=True)
         ]
-        weighed = _weigh(search, noise, equal=equal_weights)
+        weighed = _weigh(search, noise, equal=settings.equal_weights)
     fit = search.run()
     arrow = Arrow(fit.state.kinds, _get_prior_precision(search), NULL if prior is None else None)
     birge_ratio = (
-        1.0 if prior is None or len(tasks) < 2 else _compute_birge_ratio(fit.state, arrow.precision)
+        1.0 if prior is None or len(tasks) < 2 else compute_birge_ratio(fit.state, arrow.precision)
     )
     sizes = [birge_ratio * nu / by for nu, by in zip(noise, weighed, strict=True)]
-    unknowns, columns = (*free, *fit.keys), _list_columns(search, arrow)
+    unknowns, columns = (*free, *fit.keys), list_columns(search.problem, arrow)
     parts = [trial.hessian / nu**2 for trial, nu in zip(fit.state.trials, weighed, strict=True)]
-    scores = _compute_scores([p.name for p in problems], unknowns, parts, columns, sizes)
+    scores = compute_scores([p.name for p in problems], unknowns, parts, columns, sizes)
     known = known or make_nominal_errors(free, prior)
     opened = [
         [key for problem in task for key in problem.with_free(free).unknowns]
@@ -270,7 +436,9 @@ def estimate_joints(
         (*known.clusters, *(f"skin/{key}" for key in tissue_keys)),
     )
     considered = tuple(name for name in known.free if name not in unknowns)
-    coupling = _compute_coupling(with_columns, fit, unknowns, considered, weighed)
+    coupling = compute_coupling(
+        with_columns, fit.parameters, fit.values, fit.coefficients, unknowns, considered, weighed
+    )
     by_tissue = np.zeros((len(free), 0))
     if not fits_tissue:
         of_tissue = [considered.index(key) for key in tissue_keys]
@@ -287,7 +455,7 @@ def estimate_joints(
         birge_ratio=birge_ratio,
         effective_parameters=arrow.count_effective_parameters(),
         information=arrow.information,
-        covariance=_compute_covariance(arrow, parts, columns, sizes),
+        covariance=compute_covariance(arrow, parts, columns, sizes),
         tissue_errors=by_tissue,
     )
     return estimate, propagate_errors(unknowns, scores, arrow, coupling, known)
@@ -296,36 +464,6 @@ def estimate_joints(
 def _get_prior_precision(search: JointSearch) -> Array:
     """Get the precision (np, np) of the joint parameters before any trial."""
     return np.asarray(search.problem.prior.T @ search.problem.prior, float)
-
-
-def _list_columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
-    """List the indices of each trial's unknowns among those of all kinds."""
-    problem, count = search.problem, len(search.free)
-    out = [np.zeros(0, dtype=np.intp)] * len(problem.columns)
-    for members, places in zip(problem.members, arrow.places, strict=True):
-        every = np.concatenate([np.arange(count), places])
-        for t in members:
-            out[t] = every[problem.columns[t]]
-    return out
-
-
-def _compute_covariance(
-    arrow: Arrow, parts: Sequence[Array], columns: Sequence[IntArray], sizes: Sequence[float]
-) -> Array:
-    """Compute the covariance (np, np) of joint parameters by priors and by the noise of trials.
-
-    The noise may be larger than the one that the trials were weighed by (`sizes`). The rows of H^-1
-    of joint parameters are C [1, -F_1^T, -F_2^T, ...], with their covariance C and the sensitivity
-    F_k of z_k.
-    """
-    along = np.vstack([np.eye(len(arrow.precision)), *(-kind.sensitivity for kind in arrow.kinds)])
-    spread = arrow.precision.copy()
-    for kind in arrow.kinds:
-        spread += kind.sensitivity.T @ kind.prior.precision @ kind.sensitivity
-    for part, places, size in zip(parts, columns, sizes, strict=True):
-        spread += size**2 * (along[places].T @ part @ along[places])
-    covariance = arrow.covariance @ spread @ arrow.covariance
-    return np.asarray(0.5 * (covariance + covariance.T), float)
 
 
 def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
@@ -418,121 +556,15 @@ def _compute_expected(
     )
 
 
-def _place_block(part: Array, places: IntArray, size: int) -> Array:
-    """Place a block at some rows and columns of a zero matrix (size, size)."""
-    out = np.zeros((size, size))
-    out[np.ix_(places, places)] = part
-    return out
+_STATUS = {
+    0: "stopped at the largest number of evaluations",
+    1: "the cost is stationary",
+    2: "the cost falls no further",
+    3: "the parameters move no further",
+    4: "neither cost nor parameters change any more",
+}
 
 
-def _count_effective_trials(
-    kinds: Sequence[str],
-    search: JointSearch,
-    state: ReducedState,
-    noise: Sequence[float],
-    precision: Array,
-) -> dict[str, float]:
-    """Compute f of each kind of task with several trials."""
-    out, count = dict[str, float](), len(precision)
-    for kind in dict.fromkeys(kinds):
-        members = [k for k, task in enumerate(kinds) if task == kind]
-        if len(members) < 2:
-            continue
-        scores, informations = [], []
-        for k in members:
-            trial, places = state.trials[k], search.problem.columns[k]
-            joint = places < count
-            score = np.zeros(count)
-            score[places[joint]] = trial.reduced_gradient[joint] / noise[k] ** 2
-            scores.append(score)
-            informations.append(
-                _place_block(
-                    trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count
-                )
-            )
-        share = _estimate_independent_share(scores, informations, precision)
-        out[kind] = share + len(members) * (1.0 - share)
-    return out
-
-
-def _estimate_independent_share(
-    scores: Sequence[Array], informations: Sequence[Array], precision: Array
-) -> float:
-    """Estimate s of K scores (n,) with matrices (n, n): chi^2 per degree of freedom, at most 1."""
-    root = np.linalg.inv(np.linalg.cholesky(precision)).T
-    values, vectors = np.linalg.eigh(root.T @ sum(informations) @ root)
-    base = root @ vectors[:, values > DETERMINED]
-    if not base.shape[1]:
-        return 1.0
-    total, chi2 = base.T @ sum(scores), 0.0
-    for score, information in zip(scores, informations, strict=True):
-        part, along = base.T @ information @ base, base.T @ score
-        part += 1e-9 * np.trace(part) / len(part) * np.eye(len(part))
-        chi2 += float(along @ np.linalg.solve(part, along))
-    chi2 -= float(total @ np.linalg.solve(base.T @ sum(informations) @ base, total))
-    return float(min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0))
-
-
-def _compute_birge_ratio(state: ReducedState, precision: Array) -> float:
-    """Compute the factor b at the common estimate, given the prior precision (np, np)."""
-    root = np.linalg.inv(np.linalg.cholesky(precision)).T
-
-    def spread(score: Array, information: Array) -> Array:
-        """Chi^2 and its degrees of freedom, of the directions that are determined."""
-        values, vectors = np.linalg.eigh(root.T @ information @ root)
-        known = values > DETERMINED
-        return np.array(
-            [(((root @ vectors[:, known]).T @ score) ** 2 / values[known]).sum(), known.sum()]
-        )
-
-    kept = [spread(kind.gradient, kind.hessian) for kind in state.kinds]
-    chi2, degrees = np.sum(kept, axis=0) - spread(state.gradient, state.hessian)
-    return float(np.sqrt(max(chi2 / degrees, 1.0))) if degrees else 1.0
-
-
-def _compute_scores(
-    trials: Sequence[str],
-    unknowns: tuple[str, ...],
-    parts: Sequence[Array],
-    columns: Sequence[IntArray],
-    sizes: Sequence[float],
-) -> ErrorSources:
-    """Compute u_t of every trial in independent columns; `sizes`: noise over that weighed by."""
-    scores, sources = [], []
-    for name, part, places, size in zip(trials, parts, columns, sizes, strict=True):
-        values, vectors = np.linalg.eigh(part)
-        kept = values > NULL * max(float(values.max(initial=0.0)), 1e-300)
-        of_trial = np.zeros((len(unknowns), int(kept.sum())))
-        of_trial[places] = vectors[:, kept] * np.sqrt(values[kept]) * size
-        scores.append(of_trial)
-        sources += [f"markers/{name}/{k}" for k in range(of_trial.shape[1])]
-    return ErrorSources(unknowns, np.hstack(scores), tuple(sources))
-
-
-def _compute_coupling(
-    problems: Sequence[MotionProblem],
-    fit: JointFit,
-    unknowns: tuple[str, ...],
-    considered: tuple[str, ...],
-    noise: Sequence[float],
-) -> Array:
-    """Compute S_pk (np + nz, nk): effect of errors of fixed unknowns on the scores of fitted ones.
-
-    Fixed unknowns that no trial depends on have no effect. Soft tissue and secondary motions are
-    where the fit has them.
-    """
-    if not considered:
-        return np.zeros((len(unknowns), 0))
-    names, found = (*unknowns, *considered), dict(zip(unknowns, fit.values.tolist(), strict=True))
-    out = np.zeros((len(names), len(names)))
-    joints = tuple(name for name in names if name in JP_INDEX)
-    for problem, coefficients, nu in zip(problems, fit.coefficients, noise, strict=True):
-        opened = problem.with_free(joints)
-        z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
-        moved = opened.displace(np.array(z)) if z else opened
-        of_trial = eliminate(
-            moved.assemble_equations(coefficients, moved.build_body(fit.parameters))
-        )
-        places = moved.locate_in(names)
-        out[np.ix_(places, places)] += of_trial.hessian / nu**2
-    return out[: len(unknowns), len(unknowns) :]
+def describe_ending(result: OptimizeResult) -> str:
+    """Describe SciPy's status; its message if the number is new."""
+    return _STATUS.get(int(result.status), str(result.message))

@@ -26,19 +26,16 @@ from functools import partial
 
 import numpy as np
 
-from gaitcal.calibration import (
-    identifiability,
-    joint_calibration,
-    joint_prior,
-    soft_tissue_artefact,
-)
+from gaitcal.calibration import identifiability, joint_prior, soft_tissue_artefact
 from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
 from gaitcal.calibration.joint_estimate import (
     BY_EVIDENCE,
     JointEstimate,
+    JointSettings,
     Tasks,
     estimate_joints,
     select_movable_parameters,
+    select_passed_parameters,
 )
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
@@ -199,20 +196,6 @@ class JointPhase:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhaseSettings:
-    """Settings and prior of phases."""
-
-    search: joint_calibration.JointSettings = BY_EVIDENCE
-    """Bounds and tolerances of the search."""
-    prior: JointPrior | None
-    """About nominal values; None: no prior, and undetermined parameters are frozen."""
-    equal_weights: bool = False
-    """Whether all trials of a phase count as equally noisy."""
-    fits_tissue: bool = True
-    """Whether soft tissue is fitted; else it is a source of error alone."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class FittedPhase:
     """Result of the fit of a phase."""
 
@@ -230,7 +213,7 @@ class FittedPhase:
 def fit_phase(
     plan: JointPhase,
     nominal: Parameters,
-    how: PhaseSettings,
+    settings: JointSettings,
     present: Parameters | None = None,
     known: ErrorSources | None = None,
 ) -> FittedPhase:
@@ -242,7 +225,7 @@ def fit_phase(
         Trials and free parameters.
     nominal : Parameters
         Centre of the prior and of the bounds.
-    how : PhaseSettings
+    settings : JointSettings
         Settings and prior.
     present : Parameters, optional
         Start of the search; `nominal` if not given.
@@ -258,11 +241,8 @@ def fit_phase(
         estimate_joints,
         plan.tasks,
         nominal,
+        settings=settings,
         tissue=plan.tissue,
-        fits_tissue=how.fits_tissue,
-        prior=how.prior,
-        settings=how.search,
-        equal_weights=how.equal_weights,
         present=present,
         known=known,
     )
@@ -271,7 +251,7 @@ def fit_phase(
         plan.problems, estimate.coefficients, plan.joints
     )
     frozen: tuple[str, ...] = ()
-    if how.prior is None:
+    if settings.prior is None:
         (alone,) = plan.tasks if len(plan.tasks) == 1 else (soft_tissue_artefact.GAIT,)
         unmoved = (
             ()
@@ -293,7 +273,7 @@ def fit_phase(
         if joint
         for finding in identifiability.report_small_ranges(problem, coefficients, joint)
     )
-    weighed = how.equal_weights and how.prior is not None
+    weighed = settings.equal_weights and settings.prior is not None
     summary = Phase(
         name=plan.name,
         trials=tuple(dict.fromkeys(plan.recordings)),
@@ -382,14 +362,14 @@ def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ..
     kinds = dict.fromkeys(t.kind for t in trials)
     tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
     recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
-    free = joint_calibration.select_passed_parameters(
+    free = select_passed_parameters(
         [problem for problems in tasks.values() for problem in problems], wanted
     )
     return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
 
 
 def calibrate_in_phases(
-    phases: Sequence[JointPhase], nominal: Parameters, how: PhaseSettings
+    phases: Sequence[JointPhase], nominal: Parameters, settings: JointSettings
 ) -> JointCalibration:
     """Fit one phase after the other; the posterior of each is the prior of the next.
 
@@ -399,7 +379,7 @@ def calibrate_in_phases(
         The protocol.
     nominal : Parameters
         Centre of the prior and of the bounds.
-    how : PhaseSettings
+    settings : JointSettings
         Settings, and the prior of the first phase.
 
     Returns
@@ -407,7 +387,7 @@ def calibrate_in_phases(
     JointCalibration
         All phases together.
     """
-    present, known, following = nominal, make_nominal_errors(), how
+    present, known, following = nominal, make_nominal_errors(), settings
     done: list[FittedPhase] = []
     for plan in phases:
         found = fit_phase(plan, nominal, following, present, known)
@@ -421,7 +401,7 @@ def calibrate_in_phases(
             following = replace(following, prior=following.prior.update(posterior))
         done.append(found)
     problems = [problem for plan in phases for task in plan.tasks.values() for problem in task]
-    whole = _assemble_calibration(done, nominal, how.prior, how.search, known, problems)
+    whole = _assemble_calibration(done, nominal, settings, known, problems)
     reached = {name: phase.estimate.parameters for phase in done for name in phase.summary.trials}
     return replace(whole, reached=reached)
 
@@ -429,9 +409,8 @@ def calibrate_in_phases(
 def calibrate_by_evidence(
     trials: Sequence[JointProblem],
     nominal: Parameters,
-    bounds: joint_calibration.JointSettings,
+    settings: JointSettings,
     sides: Sequence[str],
-    prior: JointPrior = joint_prior.ANATOMY,
 ) -> JointCalibration:
     """Calibrate the joints of the legs of `sides`, of the trunk and of the arms (default protocol).
 
@@ -441,19 +420,18 @@ def calibrate_by_evidence(
         All trials.
     nominal : Parameters
         Centre of the prior.
-    bounds : JointSettings
-        Parameters beyond these bounds are reported.
+    settings : JointSettings
+        Prior; parameters beyond its bounds are reported.
     sides : sequence of str
         Legs to calibrate.
-    prior : JointPrior
-        Prior of the joint parameters.
 
     Returns
     -------
     JointCalibration
         Parameters, errors, soft tissue and findings.
     """
-    how = PhaseSettings(prior=prior)
+    # The prior limits the search instead of bounds.
+    search = replace(BY_EVIDENCE, prior=settings.prior)
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
     kinds = list(dict.fromkeys(t.kind for t in used))
     legs = [
@@ -466,7 +444,7 @@ def calibrate_by_evidence(
     done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
     artefact = soft_tissue_artefact.NO_FOUND_TISSUE
     with ThreadPoolExecutor(1) as pool:
-        upper = pool.submit(with_one_blas_thread(_fit_trunk_and_arms), trials, nominal, how)
+        upper = pool.submit(with_one_blas_thread(_fit_trunk_and_arms), trials, nominal, search)
         if free:
             soft = soft_tissue_artefact.prepare_task_tissue(
                 {t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal
@@ -474,7 +452,7 @@ def calibrate_by_evidence(
             plan = replace(
                 _make_phase("joint parameters of the legs", legs, ()), free=free
             ).with_tissue(soft)
-            found = fit_phase(plan, nominal, how)
+            found = fit_phase(plan, nominal, search)
             errors = _with_untracked_tissue(found)
             done.append(
                 replace(found, errors=errors, notes=_describe_tissue(soft.scales, found.estimate))
@@ -482,10 +460,8 @@ def calibrate_by_evidence(
             tissue = soft.make_body_columns({t.name: t.body for t in legs}, plan.tissue.keys)
             artefact = soft.make_found_tissue(found.estimate.keys, found.estimate.tissue)
     done += upper.result()
-    known = make_nominal_errors(prior=prior)
-    calibration = _assemble_calibration(
-        done, nominal, prior, bounds, known, [t.fitted for t in legs]
-    )
+    known = make_nominal_errors(prior=settings.prior)
+    calibration = _assemble_calibration(done, nominal, settings, known, [t.fitted for t in legs])
     return replace(calibration, tissue=tissue, artefact=artefact)
 
 
@@ -563,7 +539,7 @@ def take_segments(
 
 
 def _fit_trunk_and_arms(
-    trials: Sequence[JointProblem], nominal: Parameters, how: PhaseSettings
+    trials: Sequence[JointProblem], nominal: Parameters, settings: JointSettings
 ) -> list[FittedPhase]:
     """Fit gait separately above the pelvis; empty if nothing is free."""
     walks = [t for t in trials if t.joint is None]
@@ -578,12 +554,12 @@ def _fit_trunk_and_arms(
     )
     if not plan.free:
         return []
-    found = fit_phase(plan, nominal, how)
+    found = fit_phase(plan, nominal, settings)
     if turned := identifiability.detect_ambiguous_arms(
         problems, found.estimate.coefficients, nominal
     ):
         found = fit_phase(
-            replace(plan, free=identifiability.exclude_arms(plan.free, turned)), nominal, how
+            replace(plan, free=identifiability.exclude_arms(plan.free, turned)), nominal, settings
         )
     return [replace(found, findings=identifiability.report_ambiguous_arms(turned))]
 
@@ -591,17 +567,17 @@ def _fit_trunk_and_arms(
 def _assemble_calibration(
     done: Sequence[FittedPhase],
     nominal: Parameters,
-    prior: JointPrior | None,
-    bounds: joint_calibration.JointSettings,
+    settings: JointSettings,
     known: ErrorSources,
     problems: Sequence[MotionProblem],
 ) -> JointCalibration:
     """Assemble all phases.
 
-    `prior` is that before any trial. `bounds`: parameters on them or beyond are reported. `known`
+    `settings`: prior before any trial; parameters on its bounds or beyond are reported. `known`
     are errors of all joint parameters; phases replace those of their parameters. The markers of
     `problems` show whether the static trial is of this body.
     """
+    prior = settings.prior
     parameters, spread, bounded = nominal, dict[str, float](), dict[str, None]()
     for phase in done:
         estimate, free = phase.estimate, phase.estimate.free
@@ -612,7 +588,7 @@ def _assemble_calibration(
         bounded |= dict.fromkeys(estimate.at_bound)
         known = known.replace_errors(phase.errors)
     free, distance = tuple(spread), np.abs(parameters.joint - nominal.joint)
-    bounded |= dict.fromkeys(n for n in free if distance[JP_INDEX[n]] > bounds.get_bound(n))
+    bounded |= dict.fromkeys(n for n in free if distance[JP_INDEX[n]] > settings.get_bound(n))
     if prior is None:
         undetermined, kept = (
             tuple(n for phase in done for n in phase.frozen if n not in spread),

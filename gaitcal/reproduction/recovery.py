@@ -34,7 +34,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
-from gaitcal.calibration import combined, inertial_calibration, joint_calibration
+from gaitcal.calibration import combined, inertial_calibration, joint_estimate
 from gaitcal.io.recording import Recording
 from gaitcal.model import parameters as params
 from gaitcal.model.nominal import published_model
@@ -173,14 +173,12 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
     p, coefficients, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
-    fit = joint_calibration.JointSearch(
-        [markers], held.with_joint(free, p), free, coefficients
-    ).run()
+    fit = joint_estimate.JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
     at_truth = track_nodes(markers, markers.build_body(truth), true_motion(problem).coefficients)
-    from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(
+    from_truth = joint_estimate.JointSearch([markers], held, free, [at_truth.x]).run(
         truth.joint[_index(free)]
     )
     return JointRecovery(

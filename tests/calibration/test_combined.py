@@ -18,7 +18,7 @@ from gaitcal.calibration.inertial_calibration import (
     assemble_root_equations,
     fit_consistent,
 )
-from gaitcal.calibration.joint_calibration import JointSearch
+from gaitcal.calibration.joint_estimate import JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model

@@ -10,10 +10,9 @@ from scipy.linalg import block_diag
 
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import (
-    DETERMINED,
+    BY_EVIDENCE,
     JointEstimate,
     Tasks,
-    _estimate_independent_share,
     estimate_joints,
     estimate_noise,
     select_movable_parameters,
@@ -30,6 +29,7 @@ from gaitcal.calibration.soft_tissue_artefact import (
     list_adjacent_coordinates,
     make_tissue_columns,
 )
+from gaitcal.calibration.trial_agreement import DETERMINED, _estimate_independent_share
 from gaitcal.model.linkage import JOINTS, LEGS, LOWER_BODY
 from gaitcal.model.parameters import (
     JP_INDEX,
@@ -115,7 +115,9 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     )
     mean, covariance = rng.normal(0, 0.002, 6), 1e-6 * np.cov(rng.normal(size=(6, 30)))
     learnt = JointPrior(names=HIP, mean=mean, covariance=covariance)
-    estimate, errors = estimate_joints(gait(problem), wrong, HIP, tissue=prior, prior=learnt)
+    estimate, errors = estimate_joints(
+        gait(problem), wrong, HIP, replace(BY_EVIDENCE, prior=learnt), tissue=prior
+    )
     centre = wrong.joint[[JP_INDEX[n] for n in HIP]] + mean
     whiten_p, whiten_z = (
         np.linalg.inv(np.linalg.cholesky(c)) for c in (covariance, prior.covariance)
@@ -164,9 +166,8 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
         gait(problem),
         nominal,
         free,
+        replace(BY_EVIDENCE, prior=expected, fits_tissue=fits_tissue),
         tissue=prior,
-        fits_tissue=fits_tissue,
-        prior=expected,
         known=known,
     )
     assert estimate.keys == (prior.keys if fits_tissue else ())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.error_sources import classify_source
-from gaitcal.calibration.joint_calibration import JointSettings
+from gaitcal.calibration.joint_estimate import BY_EVIDENCE
 from gaitcal.calibration.joint_phases import (
     LEG_PARAMETERS,
     JointCalibration,
@@ -58,7 +58,7 @@ def calibrated(softness: float, bent: float = 0.0) -> JointCalibration:
     """A walk whose name is a word of our own, from nominal joints that are a little wrong."""
     walk = soft_walk(11, "nominal", softness, bent)
     return calibrate_by_evidence(
-        [JointProblem(walk, walk, None)], nominal(), JointSettings(), ("r", "l")
+        [JointProblem(walk, walk, None)], nominal(), BY_EVIDENCE, ("r", "l")
     )
 
 
@@ -103,7 +103,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
         JointProblem(knee, knee.extract_part(segments[0], segments), "knee_r"),
         JointProblem(walk, walk, None),
     ]
-    found = calibrate_by_evidence(trials, nominal(), JointSettings(), ("r", "l"))
+    found = calibrate_by_evidence(trials, nominal(), BY_EVIDENCE, ("r", "l"))
     assert set(found.tissue) == {"walk", "bends"}
     assert {group.carrier for group in found.tissue["bends"].groups} == set(segments)
     assert {key.split("/")[0] for key in found.tissue["walk"].keys} == {GAIT}

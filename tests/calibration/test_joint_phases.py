@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_calibration import JointSearch, JointSettings
+from gaitcal.calibration.joint_estimate import JointSearch, JointSettings
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     JointProblem,
-    PhaseSettings,
     calibrate_in_phases,
     get_parameters_for_trial,
     plan_sequential_phases,
@@ -25,13 +24,11 @@ from gaitcal.calibration.soft_tissue_artefact import (
 from gaitcal.errors import Code
 from gaitcal.model.parameters import Parameters, read_published_parameters
 from gaitcal.tracking.trial_problem import MotionProblem
-from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
+from tests.calibration.test_joint_search import KNEE, PART, knee_trial, values
 from tests.derivatives import noisy, perturbed_parameters, random_trial, started
 from tests.messages import check_finding
 
-PUBLISHED, WEAKLY = (
-    PhaseSettings(search=JointSettings(), prior=p, equal_weights=True) for p in (None, WEAK)
-)
+PUBLISHED, WEAKLY = (JointSettings(prior=p, equal_weights=True) for p in (None, WEAK))
 WEAK_LEAVES = 3e-4
 """m, rad: of the weak prior against markers that err by what cameras do at least."""
 
@@ -54,7 +51,7 @@ def taking_part(trials: list[MotionProblem]) -> list[JointProblem]:
 
 
 def in_sequence(
-    trials: list[MotionProblem], nominal: Parameters, how: PhaseSettings
+    trials: list[MotionProblem], nominal: Parameters, how: JointSettings
 ) -> JointCalibration:
     return calibrate_in_phases(
         plan_sequential_phases(taking_part(trials), {"r": KNEE}), nominal, how
@@ -162,7 +159,7 @@ def test_an_activity_is_of_its_own_kind_whatever_its_trial_is_called(name: str) 
 
 
 @pytest.mark.parametrize("how", [PUBLISHED, WEAKLY])
-def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
+def test_without_noise_the_truth_is_found(how: JointSettings) -> None:
     problem, truth = knee_trial(1)
     start = truth.with_joint(KNEE, values(read_published_parameters(), KNEE))
     trial = JointProblem(problem, problem, "knee_r")

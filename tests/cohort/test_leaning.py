@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_estimate import estimate_joints
+from gaitcal.calibration.joint_estimate import BY_EVIDENCE, estimate_joints
 from gaitcal.calibration.joint_prior import ANATOMY, factor_prior, make_study_prior, select_prior
 from gaitcal.cohort.cohort_people import Cohort, CohortPerson, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, NotUsedError, evidence_of, learn_priors
@@ -50,7 +50,7 @@ def test_the_default_prior_as_a_learnt_one_gives_the_same() -> None:
     problem, _ = hip_trial(1)
     nominal = perturbed_parameters(np.random.default_rng(2))
     (plain, errors), (same, as_learnt) = (
-        estimate_joints(gait(problem), nominal, HIP, prior=learnt)
+        estimate_joints(gait(problem), nominal, HIP, replace(BY_EVIDENCE, prior=learnt))
         for learnt in (ANATOMY, prior(*select_prior(HIP, None)))
     )
     np.testing.assert_allclose(same.values, plain.values, atol=1e-9)
@@ -68,7 +68,9 @@ def test_without_movement_the_mean_and_spread_of_the_cohort_stay() -> None:
     rng = np.random.default_rng(3)
     root = rng.normal(0.0, 0.001, (len(HIP), len(HIP)))
     learnt = prior(off, root @ root.T + 1e-8 * np.eye(len(HIP)))
-    estimate, errors = estimate_joints(gait(still), nominal, HIP, prior=learnt)
+    estimate, errors = estimate_joints(
+        gait(still), nominal, HIP, replace(BY_EVIDENCE, prior=learnt)
+    )
     np.testing.assert_allclose(estimate.values, truth, atol=2e-4)
     assert (np.diag(learnt.covariance) - np.diag(errors.covariance) > -1e-12).all()
 
@@ -85,7 +87,7 @@ def test_what_a_study_file_expects_is_found_where_a_joint_does_not_move_and_its_
         for segment in ("pelvis", "thigh")
     }
     study = make_study_prior(both)
-    estimate, errors = estimate_joints(gait(still), nominal, HIP, prior=study)
+    estimate, errors = estimate_joints(gait(still), nominal, HIP, replace(BY_EVIDENCE, prior=study))
     off = estimate.values - nominal.joint[[JP_INDEX[name] for name in HIP]]
     place = HIP.index("hip_r.pelvis.ant")
     assert off[place] == pytest.approx(-0.007, abs=0.001)

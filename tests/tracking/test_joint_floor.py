@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_calibration import JointSearch
+from gaitcal.calibration.joint_estimate import JointSearch
 from gaitcal.model.chain import get_chain
 from gaitcal.model.linkage import JOINTS
 from gaitcal.model.parameters import JP_NAMES, read_published_parameters

@@ -27,7 +27,7 @@ import pinocchio as pin
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.sparse import csr_array
 
-from gaitcal.calibration.joint_calibration import JointFit, JointSearch
+from gaitcal.calibration.joint_estimate import JointFit, JointSearch
 from gaitcal.export.opensim.osim_writer import write_osim
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording

@@ -29,7 +29,7 @@ from gaitcal.calibration.inertial_calibration import (
     fit_consistent,
     fit_published,
 )
-from gaitcal.calibration.joint_calibration import JointFit, JointSearch
+from gaitcal.calibration.joint_estimate import JointFit, JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import build_model

@@ -19,15 +19,8 @@ import numpy as np
 from gaitcal.analysis.trial_bandwidth import choose_bandwidth
 from gaitcal.arrays import Array
 from gaitcal.calibration import soft_tissue_artefact
-from gaitcal.calibration.joint_estimate import select_movable_parameters
-from gaitcal.calibration.joint_phases import (
-    LEG_PARAMETERS,
-    FittedPhase,
-    JointPhase,
-    PhaseSettings,
-    fit_phase,
-)
-from gaitcal.calibration.joint_prior import ANATOMY
+from gaitcal.calibration.joint_estimate import BY_EVIDENCE, select_movable_parameters
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS, FittedPhase, JointPhase, fit_phase
 from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import compute_knee_flexion, published_model
@@ -279,7 +272,7 @@ def fit_recording(
         of_trial = {recording.name: kind}, {recording.name: problem}
         soft = soft_tissue_artefact.prepare_task_tissue(*of_trial, start, table, pinned=pinned)
         plan = plan.with_tissue(soft)
-    phase = fit_phase(plan, start, PhaseSettings(prior=ANATOMY))
+    phase = fit_phase(plan, start, BY_EVIDENCE)
     if tissue:
         tracked = soft.make_found_tissue(
             phase.estimate.keys, phase.estimate.tissue

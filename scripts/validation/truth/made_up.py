@@ -46,8 +46,7 @@ from gaitcal.calibration.error_sources import (
     compute_coordinate_errors,
     compute_motion_sensitivity,
 )
-from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints
+from gaitcal.calibration.joint_estimate import JointEstimate, JointSettings, estimate_joints
 from gaitcal.calibration.torque_errors import ForceErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import (
@@ -157,7 +156,7 @@ def estimated(
     problem: MotionProblem, truth: Parameters, free: tuple[str, ...]
 ) -> tuple[JointEstimate, ErrorSources]:
     """As the published protocol has it: nothing is expected, markers stay in their places."""
-    return estimate_joints({"trial": (problem,)}, truth, free, prior=None, settings=JointSettings())
+    return estimate_joints({"trial": (problem,)}, truth, free, JointSettings())
 
 
 def _standardised(fit: JointEstimate, truth: Parameters, influence: ErrorSources) -> Array:

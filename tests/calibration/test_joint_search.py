@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from gaitcal.calibration import reduced_problem
 from gaitcal.calibration import reduced_problem as open_motion
-from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
+from gaitcal.calibration.joint_estimate import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.calibration.soft_tissue_artefact import TissuePrior
 from gaitcal.calibration.tissue_elimination import EliminatedKind, split_by_kind
