@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_estimate import Tasks, estimate_joints
+from gaitcal.calibration.joint_estimate import BY_EVIDENCE, Tasks, estimate_joints
 from gaitcal.calibration.joint_prior import select_prior
 from gaitcal.calibration.soft_tissue_artefact import (
     CUBE_SHARE,
@@ -328,7 +328,8 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
     known = ErrorSources((kept,), np.array([[step]]), (f"nominal/{kept}",))
     elsewhere = truth.with_joint((kept,), truth.joint[[JP_INDEX[kept]]] + step)
     for fits, other_tasks, other in ((True, seen(0 * z), elsewhere), (False, seen(z), truth)):
-        fit = partial(estimate_joints, free=free, tissue=prior, fits_tissue=fits, known=known)
+        settings = replace(BY_EVIDENCE, fits_tissue=fits)
+        fit = partial(estimate_joints, free=free, settings=settings, tissue=prior, known=known)
         here, errors = fit(seen(0 * z), truth)
         there, _ = fit(other_tasks, other)
         rows = errors.parameters[: len(here.values)]
