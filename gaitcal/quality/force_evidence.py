@@ -25,7 +25,7 @@ The foot on a plate is found by time alone, as faulty forces may have their load
 of the plate and a contact of the foot match if they overlap for most of the time of either.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -322,27 +322,10 @@ def build_force_evidence(
     )
     frames = _select_frames(time, reactions.valid)
     points = compute_foot_points(model, motion, parameters)
-    # forces that are far from every foot, or in another unit, leave no valid frames: then assign
-    # plates to feet by time, and try again without the plates' corners
+    # forces that are far from every foot, or in another unit, leave no valid frames
     if plates_on_ground is not plates or is_off_feet(plates_on_ground, feet, time, points):
-        counts = [[int((row == k).sum()) for k in range(len(FEET))] for row in feet]
-        by_time = {
-            p.name: SIDES[int(np.argmax(n))]
-            for p, n in zip(plates_on_ground, counts, strict=True)
-            if any(n)
-        }
-        assigned = {**by_time, **trial.plates}
-        for known in (
-            plates_on_ground,
-            tuple(replace(plate, corners=None) for plate in plates_on_ground),
-        ):
-            again = replace(recording, plates=known)
-            retimed = compute_motion_reactions(
-                model, parameters, motion, again, assigned, motion.cutoff_hz
-            )
-            frames = _select_frames(time, retimed.valid)
-            if len(frames) >= FEWEST_FRAMES:
-                break
+        assigned = {**_assign_plates_by_time(plates_on_ground, feet), **trial.plates}
+        frames = _reselect_frames(recording, model, parameters, motion, plates_on_ground, assigned)
     if len(frames) < FEWEST_FRAMES:
         return None
     loads = [
@@ -353,12 +336,6 @@ def build_force_evidence(
         return None
     standing = feet[heavy][:, frames]
     soles = list_soles(standing, frames, points)
-    gone = np.isnan(
-        recording.markers[
-            :, [k for k, m in enumerate(recording.labels) if m in model.markers.labels], 0
-        ]
-    )
-    gone = gone[:, ~gone.all(axis=0)]
     q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
     dynamics = Dynamics(parameters)
     required = compute_pelvis_residual(
@@ -392,8 +369,46 @@ def build_force_evidence(
         empty=tuple(estimate_empty_reading(plates[i], weight) for i in heavy),
         weight=weight,
         height=model.subject.height,
-        missing=float(gone.mean()) if gone.size else 0.0,
+        missing=_measure_missing_share(recording, model),
     )
+
+
+def _assign_plates_by_time(plates: Sequence[ForcePlate], feet: IntArray) -> dict[str, str]:
+    """Assign plates to sides by the foot (plates, nf) that is in contact most often."""
+    out: dict[str, str] = {}
+    for plate, row in zip(plates, feet, strict=True):
+        counts = [int((row == k).sum()) for k in range(len(FEET))]
+        if any(counts):
+            out[plate.name] = SIDES[int(np.argmax(counts))]
+    return out
+
+
+def _reselect_frames(
+    recording: Recording,
+    model: SubjectModel,
+    parameters: Parameters,
+    motion: Motion,
+    plates: tuple[ForcePlate, ...],
+    assigned: Mapping[str, str],
+) -> IntArray:
+    """Select valid frames of plates with assigned feet; if too few, without the plates' corners."""
+    frames = np.zeros(0, dtype=np.int64)
+    for known in (plates, tuple(replace(plate, corners=None) for plate in plates)):
+        reactions = compute_motion_reactions(
+            model, parameters, motion, replace(recording, plates=known), assigned, motion.cutoff_hz
+        )
+        frames = _select_frames(motion.time, reactions.valid)
+        if len(frames) >= FEWEST_FRAMES:
+            break
+    return frames
+
+
+def _measure_missing_share(recording: Recording, model: SubjectModel) -> float:
+    """Measure the share of missing samples of the model's markers that are visible at all."""
+    columns = [k for k, m in enumerate(recording.labels) if m in model.markers.labels]
+    missing = np.isnan(recording.markers[:, columns, 0])
+    missing = missing[:, ~missing.all(axis=0)]
+    return float(missing.mean()) if missing.size else 0.0
 
 
 def compute_inertial_spread(

@@ -15,7 +15,7 @@ of the three segments of a leg, s is no guide, as the leg has two possible postu
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from gaitcal.dynamics.foot_contact import compute_distance_to_line
 from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import (
+    MarkerGaps,
     find_runs,
     find_visible,
     format_spans,
@@ -396,35 +397,7 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """
     used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
-    rare = {
-        g.label: f"{g.label} {100 * g.visible_share:.0f} %"
-        for g in markers
-        if g.visible_share < HALF
-    }
-    kept = Counter(
-        segment
-        for segment in trial.templates
-        for m in trial.weighed(segment)
-        if m in used - set(rare)
-    )
-    harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
-    harmful = [m for m in harmful if kept[trial.marker_set.segment_of[m]] < FEWEST_MARKERS]
-    for labels, severity in (
-        (harmful, Severity.WARNING),
-        (set(rare) - set(harmful), Severity.INFO),
-    ):
-        if labels:
-            found = (
-                "visible in less than half of the frames: "
-                f"{listed([share for m, share in rare.items() if m in labels])}"
-            )
-            cure = "label more of the trial, or check the camera setup"
-            if severity is Severity.INFO:
-                cure = (
-                    f"no action: {FEWEST_MARKERS} others determine the pose of their segments, or "
-                    "they have little weight"
-                )
-            yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
+    yield from _check_rare_markers(trial, used, markers)
     long = sorted(
         (g for g in markers if g.visible_share >= HALF and g.longest_gap > BRIDGED_S),
         key=lambda g: -g.longest_gap,
@@ -436,6 +409,33 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
             "gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS
         )
     yield from _check_pelvis_gaps(trial.as_fitted)
+
+
+def _check_rare_markers(
+    trial: TrialEvidence, used: set[str], markers: Sequence[MarkerGaps]
+) -> Iterator[Finding]:
+    """Report markers visible in less than half of the frames; a warning if few others remain."""
+    rare = {g.label: g for g in markers if g.visible_share < HALF}
+    common = used - set(rare)
+    kept = Counter(
+        segment for segment in trial.templates for m in trial.weighed(segment) if m in common
+    )
+    harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
+    harmful = [m for m in harmful if kept[trial.marker_set.segment_of[m]] < FEWEST_MARKERS]
+    for labels, severity in (
+        (harmful, Severity.WARNING),
+        (set(rare) - set(harmful), Severity.INFO),
+    ):
+        if labels:
+            shares = [f"{m} {100 * g.visible_share:.0f} %" for m, g in rare.items() if m in labels]
+            found = f"visible in less than half of the frames: {listed(shares)}"
+            cure = "label more of the trial, or check the camera setup"
+            if severity is Severity.INFO:
+                cure = (
+                    f"no action: {FEWEST_MARKERS} others determine the pose of their segments, or "
+                    "they have little weight"
+                )
+            yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
 
 
 def _check_pelvis_gaps(trial: TrialEvidence) -> Iterator[Finding]:
@@ -610,51 +610,60 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
                 f"{format_spans(trial.recording.time, lasting)}"
             )
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
-    unsure = _estimate_uncertainty(trial, trial.model) if trial.is_whole_body and single else {}
+    uncertain = _estimate_uncertainty(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
-        side, labels = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
-        share = 100 * np.mean(counts[segment] >= TWO)
-        found = (
-            f"{segment} has two visible markers with weight in {share:.0f} % of the frames "
-            f"({labels})"
-        )
+        # with one marker on each of its segments, the leg has two possible postures
+        whole_leg = sum(s[-1] == segment[-1] for s in single) == len(linkage.LEG_SEGMENTS) // 2
+        share = float(np.mean(counts[segment] >= TWO))
+        yield _report_single_marker(trial, segment, share, None if whole_leg else uncertain)
+
+
+def _report_single_marker(
+    trial: TrialEvidence, segment: str, share: float, uncertain: dict[str, float] | None
+) -> Finding:
+    """Build the finding on a segment that has two markers in this share of the frames only.
+
+    `uncertain`: angle of a leg -> rad; None if it is not known.
+    """
+    side, labels = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
+    found = (
+        f"{segment} has two visible markers with weight in {100 * share:.0f} % of the frames "
+        f"({labels})"
+    )
+    cure = (
+        "label its other markers, here and in the static trial, or add them to this segment in "
+        "the marker set"
+    )
+    along = listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
+    if along:
         cure = (
-            "label its other markers, here and in the static trial, or add them to this segment in "
-            "the marker set"
+            f"{along} of the file moves with it: add it to this segment in the marker set, or "
+            "rename it"
         )
-        along = listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
-        if along:
-            cure = (
-                f"{along} of the file moves with it: add it to this segment in the marker set, or "
-                "rename it"
+    angles = {name: s for name, s in (uncertain or {}).items() if name.endswith(f"_{side}")}
+    large = [f"{n} ({np.rad2deg(s):.0f} deg)" for n, s in angles.items() if s > UNDETERMINED_RAD]
+    severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
+    if uncertain is None:
+        found += "; the adjacent joints do not determine its pose"
+    elif worst > UNDETERMINED_RAD:
+        found += f"; with marker errors of {1e3 * MARKER_M:.0f} mm undetermined: {listed(large)}"
+    else:
+        severity = Severity.WARNING
+        found += "; the adjacent joints determine its rotation"
+        if worst:
+            found += (
+                f", to {np.rad2deg(worst):.0f} deg with marker errors of {1e3 * MARKER_M:.0f} mm"
             )
-        angles = {name: s for name, s in (unsure or {}).items() if name.endswith(f"_{side}")}
-        severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
-        if unsure is None or sum(s[-1] == side for s in single) == len(linkage.LEG_SEGMENTS) // 2:
-            found += "; the adjacent joints do not determine its pose"
-        elif worst > UNDETERMINED_RAD:
-            named = listed(
-                [
-                    f"{name} ({np.rad2deg(s):.0f} deg)"
-                    for name, s in angles.items()
-                    if s > UNDETERMINED_RAD
-                ]
-            )
-            found += f"; with marker errors of {1e3 * MARKER_M:.0f} mm undetermined: {named}"
-        else:
-            severity = Severity.WARNING
-            found += "; the adjacent joints determine its rotation"
-            if worst:
-                found += (
-                    f", to {np.rad2deg(worst):.0f} deg with marker errors of "
-                    f"{1e3 * MARKER_M:.0f} mm"
-                )
-        weight = 3.0 if severity is Severity.WARNING else 1.0
-        cause = f"{segment} has a single marker"
-        code = Code.ONE_MARKER_SEGMENT
-        yield trial.finding(
-            severity, ONE_MARKER, found, cure, cause=cause, leg=side, weight=weight, code=code
-        )
+    return trial.finding(
+        severity,
+        ONE_MARKER,
+        found,
+        cure,
+        cause=f"{segment} has a single marker",
+        leg=side,
+        weight=3.0 if severity is Severity.WARNING else 1.0,
+        code=Code.ONE_MARKER_SEGMENT,
+    )
 
 
 def _count_markers(trial: TrialEvidence) -> dict[str, Array]:

@@ -287,18 +287,13 @@ def check_proportions(trial: TrialEvidence) -> Iterator[Finding]:
     if any(name not in p for name in marker_set.REQUIRED):
         # reported already, as the nominal model cannot be built; other measures would be misleading
         return
-    found = list(find_faults(p, given))
-    if any(isinstance(fault, DisplacedLandmark) for fault in found):
-        # a bent or lifted leg looks like displaced landmarks: use measures independent of posture
-        stands = measure_standing_legs(p, given)
-        even = stands is None or not (stands.uneven or stands.bent or stands.sitting)
-        found = found if even else list(find_faults(p, given, even=False))
-    swapped = [
-        pairs for fault in found if isinstance(fault, SwappedLandmarks) for pairs in fault.pairs
-    ]
+    found = _find_faults_in_posture(p, given)
+    swapped: list[tuple[str, str]] = []
+    for fault in found:
+        swapped += fault.pairs if isinstance(fault, SwappedLandmarks) else ()
     sound = swap_landmarks(p, tuple(swapped))
-    stands = measure_standing_legs(sound, given)
-    straight = stands is None or not (stands.bent or stands.sitting)
+    posture = measure_standing_legs(sound, given)
+    straight = posture is None or not (posture.bent or posture.sitting)
     factor = estimate_height_factor(sound, given, even=straight)
     legs = measure_hip_height(trial) if straight else None
     beyond = 0.0 if legs is None or found else abs(legs / given - HIP_HEIGHT[0]) / HIP_HEIGHT[1]
@@ -314,6 +309,19 @@ def check_proportions(trial: TrialEvidence) -> Iterator[Finding]:
         )
     if not found:
         yield from _check_impossible_lengths(trial, measure_landmarks(sound, factor * given))
+
+
+def _find_faults_in_posture(
+    p: Landmarks, height: float
+) -> list[SwappedLandmarks | DisplacedLandmark]:
+    """Find faults; if the legs are bent or lifted, by measures independent of posture."""
+    found = list(find_faults(p, height))
+    # a bent or lifted leg looks like displaced landmarks
+    if any(isinstance(fault, DisplacedLandmark) for fault in found):
+        posture = measure_standing_legs(p, height)
+        if posture is not None and (posture.uneven or posture.bent or posture.sitting):
+            return list(find_faults(p, height, even=False))
+    return found
 
 
 def measure_hip_height(trial: TrialEvidence) -> float | None:
