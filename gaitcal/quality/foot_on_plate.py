@@ -183,11 +183,9 @@ def _report_no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Fin
             <= MAX_BESIDE_SHARE
         )
         stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
-        if long := [
-            run
-            for run in find_runs(stands, 2)
-            if measure_duration(feet.time, run) > foot_contact.MIN_LOADING_S
-        ]:
+        runs = find_runs(stands, 2)
+        long = [r for r in runs if measure_duration(feet.time, r) > foot_contact.MIN_LOADING_S]
+        if long:
             found += f", though the {name} foot stands on them ({format_spans(feet.time, long)})"
             severity = Severity.WARNING
     cure = (
@@ -251,7 +249,9 @@ def _check_synchronisation(
         common = [min(run.stop, loaded.stop) - max(run.start, loaded.start) for run in down]
         if max(common, default=0) <= 0:
             continue
-        start, stop = (run := down[int(np.argmax(common))]).start, run.stop
+        contact = down[int(np.argmax(common))]
+        start, stop = contact.start, contact.stop
+        # an event at an end of either recording has no time
         inner = find_covered_frames([step.plate], feet.time)
         if start > 0 and loaded.start > inner.start:
             late.append(float(feet.time[loaded.start] - feet.time[start]))
@@ -338,6 +338,7 @@ def _summarise_outside(feet: Feet, parts: Sequence[_Part]) -> _PressureOutside |
     loaded = np.concatenate([one.load for one, *_ in parts])
     away = np.concatenate([pressure.distance for _, pressure, _ in parts])[chosen]
     impulse = float(loaded[chosen].sum() / loaded.sum())
+    # impact and lift-off are short and carry little
     if impulse < REPORTED_SHARE or chosen.sum() * float(np.median(np.diff(feet.time))) < REPORTED_S:
         return None
     direction = np.concatenate([pressure.direction for _, pressure, _ in parts])[chosen]
@@ -347,6 +348,7 @@ def _summarise_outside(feet: Feet, parts: Sequence[_Part]) -> _PressureOutside |
     # unit vectors along the foot and to its right, viewed from above
     line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     right = np.column_stack([-line[:, 1], line[:, 0]])
+    # load while the foot moves suggests a time offset rather than a displaced plate
     down = foot_contact.mark_near(feet.resting[:, foot], feet.time)
     in_air = np.concatenate([~down[one.frames] for one, *_ in parts])[chosen]
     weights = loaded[chosen]
@@ -436,8 +438,8 @@ def _report_divided_force(
     both: BoolArray = np.asarray(divided.any(axis=0))
     share = divided.sum() / sum(len(one.load) for one, *_ in shared)
     found = (
-        f"{format_spans(trial.recording.time, find_runs(both))}{how_far}, in {100 * share:.0f} % of the loaded "
-        "frames"
+        f"{format_spans(trial.recording.time, find_runs(both))}{how_far}, in {100 * share:.0f} % "
+        "of the loaded frames"
     )
     cure = (
         "export the forces of each plate or belt separately; torques of both legs are invalid in "
@@ -452,6 +454,7 @@ def _is_explained(trial: TrialEvidence, off: _PressureOutside, others: Sequence[
     blaming = [f for f in others if f.severity is not Severity.INFO]
     if any(f.topic in DISORDERS_PRESSURE or f.cause == PLATES_ELSEWHERE for f in blaming):
         return True
+    # a finding on this plate, or on the heel and toe markers, explains it as well
     plate = re.compile(rf"\bplate {re.escape(off.plate)}(?!\w)", re.IGNORECASE)
     if any(plate.search(f.evidence) for f in blaming if f.topic in (TOPIC, "plates")):
         return True

@@ -124,6 +124,7 @@ def normalise_plates(
     """Return the plates in N and without their empty readings; unchanged if they need neither."""
     loads = np.stack([np.nan_to_num(resample_wrench(plate, time))[:, 1] for plate in plates])
     most = float(loads.sum(axis=0).max()) / weight
+    # a total load far below body weight suggests another unit of force
     unit = 1.0
     if most < 0.5 * WALKING_LOAD[0]:
         unit = next(
@@ -151,10 +152,10 @@ def match_feet_by_time(plate: ForcePlate, time: Array, resting: BoolArray) -> In
     for loaded in find_runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
         if measure_duration(time, loaded) < foot_contact.MIN_LOADING_S:
             continue
-        shares = [
-            max((_compute_overlap(loaded, down) for down in find_runs(resting[:, k])), default=0.0)
-            for k in range(len(FEET))
-        ]
+        shares = []
+        for foot in range(len(FEET)):
+            overlaps = [_compute_overlap(loaded, down) for down in find_runs(resting[:, foot])]
+            shares.append(max(overlaps, default=0.0))
         if max(shares) > OVERLAP:
             out[loaded] = int(np.argmax(shares))
     return out
@@ -176,6 +177,7 @@ def is_off_feet(
             on = (row == foot) & (wrench[:, 1] > LOADED_N)
             if on.any():
                 heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
+                # distance from the line heel-toe, weighted by load
                 away = foot_contact.compute_distance_to_line(
                     compute_centre_on_ground(wrench[on])[:, [0, 2]], heel, toe
                 )
@@ -346,6 +348,10 @@ def build_force_evidence(
     spread, trunk = compute_inertial_spread(
         dynamics.compute_root_regressor(q, v, a), parameters.inertial, model.subject.height
     )
+    plate_forces = []
+    for k, i in enumerate(heavy):
+        on_plate = [sole for sole in soles if sole.plate == k]
+        plate_forces.append(_build_plate_forces(plates[i], motion, frames, on_plate))
     return ForceEvidence(
         name=trial.name,
         room=_find_axes_rotation(trial.recording, recording),
@@ -358,12 +364,7 @@ def build_force_evidence(
         spread=spread,
         trunk=trunk,
         trunk_observed=not any(name.startswith("lumbar") for name in motion.guessed),
-        plates=tuple(
-            _build_plate_forces(
-                plates[i], motion, frames, [sole for sole in soles if sole.plate == k]
-            )
-            for k, i in enumerate(heavy)
-        ),
+        plates=tuple(plate_forces),
         feet=standing,
         soles=soles,
         empty=tuple(estimate_empty_reading(plates[i], weight) for i in heavy),
@@ -448,14 +449,17 @@ def compute_inertial_spread(
     return np.concatenate(columns, axis=2), trunk
 
 
-def _find_axes_rotation(measured: Recording, turned: Recording) -> Array:
+def _find_axes_rotation(measured: Recording, rotated: Recording) -> Array:
     """Find the quarter rotation (3, 3) about y from the measured recording to the rotated one.
 
     The latter may lack markers that were far from the body.
     """
-    shared = [label for label in turned.labels if label in measured.labels]
-    columns = [[r.labels.index(label) for label in shared] for r in (measured, turned)]
-    markers = [r.markers[:, column] for r, column in zip((measured, turned), columns, strict=True)]
+    shared = [label for label in rotated.labels if label in measured.labels]
+    markers = []
+    for recording in (measured, rotated):
+        columns = [recording.labels.index(label) for label in shared]
+        markers.append(recording.markers[:, columns])
+    # any common visible marker determines the rotation
     visible = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
     before, after = (m[visible] for m in markers)
     rotations = [rotation.apply(np.eye(3)).T for rotation in QUARTER_ROTATIONS]
@@ -468,6 +472,7 @@ def _select_frames(time: Array, valid: BoolArray) -> IntArray:
     for frame in np.flatnonzero(valid):
         if not chosen or time[frame] - time[chosen[-1]] >= 0.99 * STEP_S:
             chosen.append(int(frame))
+    # ceiling division
     every = -(-len(chosen) // MOST_FRAMES) if chosen else 1
     return np.array(chosen[::every], dtype=np.int64)
 
@@ -544,6 +549,7 @@ class ForceResidual:
         evidence = self.trials[trial]
         scale = expected_residual.BASELINE_RESIDUAL * np.repeat([evidence.weight, evidence.bwh], 3)
         r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
+        # first-order autoregressive noise: subtract the predictable part of each frame
         rho = self._rho[trial].reshape((-1,) + (1,) * (r.ndim - 1))
         out = r.copy()
         out[1:] -= rho[1:] * r[:-1]

@@ -1,4 +1,4 @@
-"""Check markers of the set in a trial: far away, missing, unknown, duplicated, invisible, misplaced.
+"""Check markers of the set in a trial: missing, unknown, duplicated, invisible, misplaced.
 
 In the static trial each segment is a line between landmarks: ASIS to knee, knee to ankle, heel to
 toe, sacrum to the middle of the ASIS. A marker is at most 0.088 body heights from the line of its
@@ -53,6 +53,12 @@ LANDMARK_M = 0.008
 """Uncertainty from which a reconstructed landmark is doubtful: repeated palpation scatters by 6 to
 21 mm (Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
 LIMBS = ("thigh", "shank")
+SEGMENT_ENDS = (
+    ("thigh", "asis", "knee_lat"),
+    ("shank", "knee_lat", "ankle_lat"),
+    ("foot", "heel", "toe"),
+)
+"""Segment of a leg, and the landmarks at its ends."""
 # Largest distance from the segment in body heights; a marker on a wand adds some 0.05
 FARTHEST_SHARE = 0.14
 OFF_SEGMENT, NEARER_SHARE = 0.06, 0.4
@@ -208,6 +214,7 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     if not empty:
         return
     segment_of = trial.marker_set.segment_of
+    # visible markers with weight that remain on these segments
     left = {segment_of[m]: 0 for m in empty}
     for label in trial.present:
         if trial.ever_seen(label) and trial.weight(label) > 0 and segment_of[label] in left:
@@ -329,6 +336,7 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     for i, label in enumerate(labels):
         distance = np.abs(paths[:, i, None] - paths[:, :i])
         both = find_visible(distance)
+        # only frames in which both are visible are compared
         farthest = np.where(both[:, :, None], distance, 0.0).max(axis=(0, 2), initial=0.0)
         on_it = np.flatnonzero((both.sum(axis=0) >= 3) & (farthest < SAME_M))
         same += [f"'{labels[k]}' and '{label}'" for k in on_it]
@@ -566,16 +574,13 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
 
 def _locate_segment_lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
     """Locate segments: name -> its two ends, (3,) m."""
-    p, parts = (
-        trial.posture or {},
-        (("thigh", "asis", "knee_lat"), ("shank", "knee_lat", "ankle_lat")),
-    )
-    ends = {
-        f"{segment}_{side}": (f"{a}_{side}", f"{b}_{side}")
-        for side in linkage.SIDES
-        for segment, a, b in (*parts, ("foot", "heel", "toe"))
-    }
-    out = {segment: (p[a], p[b]) for segment, (a, b) in ends.items() if a in p and b in p}
+    p = trial.posture or {}
+    out: dict[str, tuple[Array, Array]] = {}
+    for side in linkage.SIDES:
+        for segment, proximal, distal in SEGMENT_ENDS:
+            a, b = f"{proximal}_{side}", f"{distal}_{side}"
+            if a in p and b in p:
+                out[f"{segment}_{side}"] = (p[a], p[b])
     if all(name in p for name in ("asis_r", "asis_l", "sacrum")):
         out["pelvis"] = (p["sacrum"], 0.5 * (p["asis_r"] + p["asis_l"]))
     return out
@@ -678,9 +683,11 @@ def _count_markers(trial: TrialEvidence) -> dict[str, Array]:
         if joint is None
         else tuple(s for s in linkage.list_joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
     )
-    return {
-        s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in checked
-    }
+    out: dict[str, Array] = {}
+    for segment in checked:
+        columns = [trial.place[m] for m in trial.weighed(segment)]
+        out[segment] = trial.seen[:, columns].sum(axis=1)
+    return out
 
 
 def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
@@ -707,6 +714,7 @@ def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str
         problem.compute_frame_hessians(motion.q, problem.build_body(nominal))
     )
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
+    # a single bad frame does not decide
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
     names, beyond = (
         zip(problem.chain.coordinates, worst, strict=True),
@@ -748,6 +756,7 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
     """Return whether a label keeps its distances to a segment while it moves against others."""
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
+    # near the axis of the proximal joint the distance varies a little more
     near_joint = {
         m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place
     }
@@ -758,6 +767,7 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
         for s in linkage.SIDES
         for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")
     ]
+    # in a trial without motion every distance is constant
     moved = max((s for s in others if s is not None), default=0.0)
     return (
         bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M
