@@ -237,6 +237,7 @@ def _find_swapped_marker(tracked: TrackedMarkers, k: int, frames: BoolArray) -> 
     here = np.linalg.norm(measured - model[:, [k]], axis=2)
     with np.errstate(invalid="ignore"):
         ratio = np.nanmedian(there + here, axis=0) / np.nanmedian(present[:, [k]] + present, axis=0)
+    # a marker is not swapped with itself
     ratio[k] = np.inf
     best = int(np.argmin(np.nan_to_num(ratio, nan=np.inf)))
     return best if ratio[best] < SWAPPED_SHARE else None
@@ -252,6 +253,7 @@ def _is_straight(path: Array) -> bool:
 def _check_lasting_offset(tracked: TrackedMarkers, k: int, baseline: Array) -> Iterator[Finding]:
     """Report marker `k` if it alone of its segment is far from the model marker throughout."""
     limit = DISPLACED_M if tracked.has_full_weight(k) else LIGHT_DISPLACED_M
+    # typical residuals of the other markers of the segment
     mates = [
         baseline[i]
         for i, segment in enumerate(tracked.segments)
@@ -390,6 +392,7 @@ def _compute_resolved_speed(motion: Motion, at: int) -> Array:
     left out there.
     """
     time, basis = motion.time, motion.basis
+    # knot spacing of the splines
     spacing = float(time[-1] - time[0]) / max(basis.nodes - DEGREE, 1)
     end = min(0.5 * ORDER * spacing, LARGEST_END * float(time[-1] - time[0]))
     angle = np.rad2deg(motion.q[:, at])

@@ -6,9 +6,11 @@ check of its own; what only follows from it is not reported again (`_is_explaine
 """
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 
@@ -46,6 +48,10 @@ ONE_DIRECTION = 0.7  # Cosine above which directions count as the same
 ALONG_FOOT = 0.7
 # Share of the load outside a foot that acts while the foot moves: more is a time offset
 IN_AIR_SHARE = 0.5
+
+
+_Part: TypeAlias = tuple[foot_contact.Loading, PressurePosition, BoolArray]
+"""A loading, its centres of pressure, and the frames (nf,) in which these are outside."""
 
 
 def check_contacts(trial: TrialEvidence) -> Iterator[Finding]:
@@ -177,11 +183,9 @@ def _report_no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Fin
             <= MAX_BESIDE_SHARE
         )
         stands = sole.resting.all(axis=1) & on_plate & feet.visible[:, foot]
-        if long := [
-            run
-            for run in find_runs(stands, 2)
-            if measure_duration(feet.time, run) > foot_contact.MIN_LOADING_S
-        ]:
+        runs = find_runs(stands, 2)
+        long = [r for r in runs if measure_duration(feet.time, r) > foot_contact.MIN_LOADING_S]
+        if long:
             found += f", though the {name} foot stands on them ({format_spans(feet.time, long)})"
             severity = Severity.WARNING
     cure = (
@@ -245,7 +249,9 @@ def _check_synchronisation(
         common = [min(run.stop, loaded.stop) - max(run.start, loaded.start) for run in down]
         if max(common, default=0) <= 0:
             continue
-        start, stop = (run := down[int(np.argmax(common))]).start, run.stop
+        contact = down[int(np.argmax(common))]
+        start, stop = contact.start, contact.stop
+        # an event at an end of either recording has no time
         inner = find_covered_frames([step.plate], feet.time)
         if start > 0 and loaded.start > inner.start:
             late.append(float(feet.time[loaded.start] - feet.time[start]))
@@ -300,67 +306,61 @@ def check_pressure_outside_sole(
     made = [step for step in trial.plate_contacts if sides.get(step.plate.name) != "none"]
     named = {plate: SIDES.index(side) for plate, side in sides.items() if side in SIDES}
     loadings = [replace(step, foot=named.get(step.plate.name, step.foot)) for step in made]
-    places = locate_pressures(loadings, feet.build_points(trial.subject.height), feet.time)
+    pressures = locate_pressures(loadings, feet.build_points(trial.subject.height), feet.time)
     outside = np.zeros((len(loadings), len(feet.time)), dtype=bool)
-    for frames, one, place, step in zip(outside, loadings, places, made, strict=True):
+    for frames, one, pressure, step in zip(outside, loadings, pressures, made, strict=True):
         # larger distances are reported by `check_contacts`
-        frames[one.frames] = place.outside & (
-            (step.distance if one.foot == step.foot else step.other_distance)
-            < foot_contact.UNDER_FOOT_M
-        )
+        distance = step.distance if one.foot == step.foot else step.other_distance
+        frames[one.frames] = pressure.outside & (distance < foot_contact.UNDER_FOOT_M)
     divided = np.zeros_like(outside)
     for i, k in combinations(range(len(loadings)), 2):
         divided[[i, k]] |= find_divided_frames(
-            loadings[i], loadings[k], (places[i], places[k]), len(feet.time)
+            loadings[i], loadings[k], (pressures[i], pressures[k]), len(feet.time)
         )
     if divided.any():
-        yield _report_divided_force(trial, loadings, places, divided)
-    made_up = {
-        one.plate.name for one, frames in zip(loadings, divided, strict=True) if frames.any()
-    }
-    found = []
-    for plate, foot in dict.fromkeys(
-        (x.plate.name, x.foot) for x in loadings if x.plate.name not in made_up
-    ):
-        of_pair = [
-            i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)
-        ]
-        off = _summarise_outside(feet, [(loadings[i], places[i], outside[i]) for i in of_pair])
-        if off is not None and not _is_explained(trial, off, others):
-            found.append(off)
+        yield _report_divided_force(trial, loadings, pressures, divided)
+    # plates with a divided force have no centre of pressure to check
+    parts: dict[tuple[str, int], list[_Part]] = defaultdict(list)
+    with_divided = {one.plate.name for one, d in zip(loadings, divided, strict=True) if d.any()}
+    for part in zip(loadings, pressures, outside, strict=True):
+        if part[0].plate.name not in with_divided:
+            parts[part[0].plate.name, part[0].foot].append(part)
+    summaries = [_summarise_outside(feet, of_pair) for of_pair in parts.values()]
+    found = [s for s in summaries if s is not None and not _is_explained(trial, s, others)]
     if found:
         yield from _report_outside(trial, found)
 
 
-def _summarise_outside(
-    feet: Feet, parts: Sequence[tuple[foot_contact.Loading, PressurePosition, BoolArray]]
-) -> _PressureOutside | None:
+def _summarise_outside(feet: Feet, parts: Sequence[_Part]) -> _PressureOutside | None:
     """Summarise frames (nf,) outside the foot of one plate's loadings; None if they are too few."""
     plate, foot = parts[0][0].plate.name, parts[0][0].foot
     chosen = np.concatenate([off[one.frames] for one, _, off in parts])
     loaded = np.concatenate([one.load for one, *_ in parts])
-    away = np.concatenate([place.distance for _, place, _ in parts])[chosen]
+    away = np.concatenate([pressure.distance for _, pressure, _ in parts])[chosen]
     impulse = float(loaded[chosen].sum() / loaded.sum())
+    # impact and lift-off are short and carry little
     if impulse < REPORTED_SHARE or chosen.sum() * float(np.median(np.diff(feet.time))) < REPORTED_S:
         return None
-    way = np.concatenate([place.direction for _, place, _ in parts])[chosen]
+    direction = np.concatenate([pressure.direction for _, pressure, _ in parts])[chosen]
     line = np.concatenate(
         [(feet.toe - feet.heel)[one.frames, foot][:, [0, 2]] for one, *_ in parts]
     )[chosen]
-    # unit vectors along the foot and to its right, seen from above
+    # unit vectors along the foot and to its right, viewed from above
     line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     right = np.column_stack([-line[:, 1], line[:, 0]])
+    # load while the foot moves suggests a time offset rather than a displaced plate
     down = foot_contact.mark_near(feet.resting[:, foot], feet.time)
     in_air = np.concatenate([~down[one.frames] for one, *_ in parts])[chosen]
     weights = loaded[chosen]
     along, across = (
-        float(np.average(np.sum(way * axis, axis=1), weights=weights)) for axis in (line, right)
+        float(np.average(np.sum(direction * axis, axis=1), weights=weights))
+        for axis in (line, right)
     )
     where = f"beside the foot, to its {'right' if across > 0 else 'left'}"
     if abs(along / max(float(np.linalg.norm([along, across])), 1e-9)) > ALONG_FOOT:
         where = "in front of the toes" if along > 0 else "behind the heel"
     frames = np.any([off for *_, off in parts], axis=0)
-    shift = np.average(away[:, None] * way, axis=0, weights=weights)
+    mean = np.average(away[:, None] * direction, axis=0, weights=weights)
     return _PressureOutside(
         plate=plate,
         foot=foot,
@@ -369,7 +369,7 @@ def _summarise_outside(
         f"most {1e3 * away.max():.0f} mm) {where}, in {100 * float(chosen.mean()):.0f} % of the "
         f"loaded frames ({100 * impulse:.0f} % of the impulse)",
         in_air=float(np.average(in_air, weights=weights)),
-        direction=shift / np.linalg.norm(shift),
+        direction=mean / np.linalg.norm(mean),
         impulse=impulse,
     )
 
@@ -422,14 +422,14 @@ def _report_outside(trial: TrialEvidence, found: Sequence[_PressureOutside]) -> 
 def _report_divided_force(
     trial: TrialEvidence,
     loadings: Sequence[foot_contact.Loading],
-    places: Sequence[PressurePosition],
+    pressures: Sequence[PressurePosition],
     divided: BoolArray,
 ) -> Finding:
     """Report plates that share one centre of pressure in frames (loadings, nf)."""
     shared = [
-        (one, p, own) for one, p, own in zip(loadings, places, divided, strict=True) if own.any()
+        (one, p, d) for one, p, d in zip(loadings, pressures, divided, strict=True) if d.any()
     ]
-    away = 1e3 * np.concatenate([p.distance[own[one.frames] & p.outside] for one, p, own in shared])
+    away = 1e3 * np.concatenate([p.distance[d[one.frames] & p.outside] for one, p, d in shared])
     how_far = (
         f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside the foot"
         if len(away)
@@ -438,8 +438,8 @@ def _report_divided_force(
     both: BoolArray = np.asarray(divided.any(axis=0))
     share = divided.sum() / sum(len(one.load) for one, *_ in shared)
     found = (
-        f"{format_spans(trial.recording.time, find_runs(both))}{how_far}, in {100 * share:.0f} % of the loaded "
-        "frames"
+        f"{format_spans(trial.recording.time, find_runs(both))}{how_far}, in {100 * share:.0f} % "
+        "of the loaded frames"
     )
     cure = (
         "export the forces of each plate or belt separately; torques of both legs are invalid in "
@@ -454,6 +454,7 @@ def _is_explained(trial: TrialEvidence, off: _PressureOutside, others: Sequence[
     blaming = [f for f in others if f.severity is not Severity.INFO]
     if any(f.topic in DISORDERS_PRESSURE or f.cause == PLATES_ELSEWHERE for f in blaming):
         return True
+    # a finding on this plate, or on the heel and toe markers, explains it as well
     plate = re.compile(rf"\bplate {re.escape(off.plate)}(?!\w)", re.IGNORECASE)
     if any(plate.search(f.evidence) for f in blaming if f.topic in (TOPIC, "plates")):
         return True

@@ -210,6 +210,7 @@ def _assemble_fit(
 ) -> ForceFit:
     """Assemble the fit of a cause of size `x` from sums of squares without and with it."""
     trials = [trial for residual in residuals for trial in residual.trials]
+    # the choice of one plate among several costs log(plates)
     plates = len({plate.name for trial in trials for plate in trial.plates}) if cause.plates else 1
     of_side = [
         compute_surprise(t.baseline) - compute_surprise(_compute_side_evidence(t, cause, x))
@@ -250,12 +251,11 @@ def _fit_cause(residual: ForceResidual, cause: Cause, plain: Array, before: Arra
         rows, known = jacobian, plain
         if cause.by_side_evidence:
             baseline = np.concatenate([trial.baseline for trial in residual.trials])
-            each = [
-                np.concatenate([_compute_side_evidence(t, cause, e) for t in residual.trials])
-                - baseline
-                for e in np.eye(cause.parameters)
-            ]
-            rows = np.concatenate([jacobian, np.stack(each, axis=1)])
+            columns = []
+            for e in np.eye(cause.parameters):
+                each = [_compute_side_evidence(trial, cause, e) for trial in residual.trials]
+                columns.append(np.concatenate(each) - baseline)
+            rows = np.concatenate([jacobian, np.stack(columns, axis=1)])
             known = np.concatenate([plain, baseline])
         x = np.asarray(np.linalg.lstsq(rows, -known, rcond=None)[0], dtype=np.float64)
         y = plain + jacobian @ x
@@ -352,7 +352,8 @@ def choose(trials: Sequence[ForceEvidence]) -> Choice:
     for trial, residual in zip(trials, residuals, strict=True):
         size, found = fit_causes(residual)
         possible[trial.name] = estimate_plate_errors(found)
-        if best := select_named(found, *_find_doubts([trial])):
+        best = select_named(found, *_find_doubts([trial]))
+        if best:
             alone.append(NamedFault(trials=(trial,), fits=best))
         elif size > UNEXPLAINED_SQUARE and not trial.doubtful:
             left.append(UnexplainedTrial(trial=trial, size=size))
@@ -361,6 +362,7 @@ def choose(trials: Sequence[ForceEvidence]) -> Choice:
     if together is None:
         return separate
     first = together.fits[0]
+    # a common fault must also be found in the trials without one of their own
     named_trials = {one.trials[0].name for one in alone}
     if alone and not _is_confirmed(
         [r for r in residuals if r.trials[0].name not in named_trials], first
@@ -435,6 +437,7 @@ def select_named(
     if not reportable or reportable[0].gain < LEAST_GAIN:
         return ()
     best = reportable[0].gain
+    # least gain of a rival, relative to the best cause
     least = min(max(0.5 * LEAST_GAIN, RIVAL_SHARE * best, best - MOST_BEHIND), best - RIVAL_BEHIND)
     return _prefer_units([fit for fit in reportable if fit.gain >= least])[: 1 + MOST_RIVALS]
 

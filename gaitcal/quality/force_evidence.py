@@ -25,7 +25,7 @@ The foot on a plate is found by time alone, as faulty forces may have their load
 of the plate and a contact of the foot match if they overlap for most of the time of either.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -124,6 +124,7 @@ def normalise_plates(
     """Return the plates in N and without their empty readings; unchanged if they need neither."""
     loads = np.stack([np.nan_to_num(resample_wrench(plate, time))[:, 1] for plate in plates])
     most = float(loads.sum(axis=0).max()) / weight
+    # a total load far below body weight suggests another unit of force
     unit = 1.0
     if most < 0.5 * WALKING_LOAD[0]:
         unit = next(
@@ -151,10 +152,10 @@ def match_feet_by_time(plate: ForcePlate, time: Array, resting: BoolArray) -> In
     for loaded in find_runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
         if measure_duration(time, loaded) < foot_contact.MIN_LOADING_S:
             continue
-        shares = [
-            max((_compute_overlap(loaded, down) for down in find_runs(resting[:, k])), default=0.0)
-            for k in range(len(FEET))
-        ]
+        shares = []
+        for foot in range(len(FEET)):
+            overlaps = [_compute_overlap(loaded, down) for down in find_runs(resting[:, foot])]
+            shares.append(max(overlaps, default=0.0))
         if max(shares) > OVERLAP:
             out[loaded] = int(np.argmax(shares))
     return out
@@ -176,6 +177,7 @@ def is_off_feet(
             on = (row == foot) & (wrench[:, 1] > LOADED_N)
             if on.any():
                 heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
+                # distance from the line heel-toe, weighted by load
                 away = foot_contact.compute_distance_to_line(
                     compute_centre_on_ground(wrench[on])[:, [0, 2]], heel, toe
                 )
@@ -322,27 +324,10 @@ def build_force_evidence(
     )
     frames = _select_frames(time, reactions.valid)
     points = compute_foot_points(model, motion, parameters)
-    # forces that are far from every foot, or in another unit, leave no valid frames: then assign
-    # plates to feet by time, and try again without the plates' corners
+    # forces that are far from every foot, or in another unit, leave no valid frames
     if plates_on_ground is not plates or is_off_feet(plates_on_ground, feet, time, points):
-        counts = [[int((row == k).sum()) for k in range(len(FEET))] for row in feet]
-        by_time = {
-            p.name: SIDES[int(np.argmax(n))]
-            for p, n in zip(plates_on_ground, counts, strict=True)
-            if any(n)
-        }
-        assigned = {**by_time, **trial.plates}
-        for known in (
-            plates_on_ground,
-            tuple(replace(plate, corners=None) for plate in plates_on_ground),
-        ):
-            again = replace(recording, plates=known)
-            retimed = compute_motion_reactions(
-                model, parameters, motion, again, assigned, motion.cutoff_hz
-            )
-            frames = _select_frames(time, retimed.valid)
-            if len(frames) >= FEWEST_FRAMES:
-                break
+        assigned = {**_assign_plates_by_time(plates_on_ground, feet), **trial.plates}
+        frames = _reselect_frames(recording, model, parameters, motion, plates_on_ground, assigned)
     if len(frames) < FEWEST_FRAMES:
         return None
     loads = [
@@ -353,12 +338,6 @@ def build_force_evidence(
         return None
     standing = feet[heavy][:, frames]
     soles = list_soles(standing, frames, points)
-    gone = np.isnan(
-        recording.markers[
-            :, [k for k, m in enumerate(recording.labels) if m in model.markers.labels], 0
-        ]
-    )
-    gone = gone[:, ~gone.all(axis=0)]
     q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
     dynamics = Dynamics(parameters)
     required = compute_pelvis_residual(
@@ -369,6 +348,10 @@ def build_force_evidence(
     spread, trunk = compute_inertial_spread(
         dynamics.compute_root_regressor(q, v, a), parameters.inertial, model.subject.height
     )
+    plate_forces = []
+    for k, i in enumerate(heavy):
+        on_plate = [sole for sole in soles if sole.plate == k]
+        plate_forces.append(_build_plate_forces(plates[i], motion, frames, on_plate))
     return ForceEvidence(
         name=trial.name,
         room=_find_axes_rotation(trial.recording, recording),
@@ -381,19 +364,52 @@ def build_force_evidence(
         spread=spread,
         trunk=trunk,
         trunk_observed=not any(name.startswith("lumbar") for name in motion.guessed),
-        plates=tuple(
-            _build_plate_forces(
-                plates[i], motion, frames, [sole for sole in soles if sole.plate == k]
-            )
-            for k, i in enumerate(heavy)
-        ),
+        plates=tuple(plate_forces),
         feet=standing,
         soles=soles,
         empty=tuple(estimate_empty_reading(plates[i], weight) for i in heavy),
         weight=weight,
         height=model.subject.height,
-        missing=float(gone.mean()) if gone.size else 0.0,
+        missing=_measure_missing_share(recording, model),
     )
+
+
+def _assign_plates_by_time(plates: Sequence[ForcePlate], feet: IntArray) -> dict[str, str]:
+    """Assign plates to sides by the foot (plates, nf) that is in contact most often."""
+    out: dict[str, str] = {}
+    for plate, row in zip(plates, feet, strict=True):
+        counts = [int((row == k).sum()) for k in range(len(FEET))]
+        if any(counts):
+            out[plate.name] = SIDES[int(np.argmax(counts))]
+    return out
+
+
+def _reselect_frames(
+    recording: Recording,
+    model: SubjectModel,
+    parameters: Parameters,
+    motion: Motion,
+    plates: tuple[ForcePlate, ...],
+    assigned: Mapping[str, str],
+) -> IntArray:
+    """Select valid frames of plates with assigned feet; if too few, without the plates' corners."""
+    frames = np.zeros(0, dtype=np.int64)
+    for known in (plates, tuple(replace(plate, corners=None) for plate in plates)):
+        reactions = compute_motion_reactions(
+            model, parameters, motion, replace(recording, plates=known), assigned, motion.cutoff_hz
+        )
+        frames = _select_frames(motion.time, reactions.valid)
+        if len(frames) >= FEWEST_FRAMES:
+            break
+    return frames
+
+
+def _measure_missing_share(recording: Recording, model: SubjectModel) -> float:
+    """Measure the share of missing samples of the model's markers that are visible at all."""
+    columns = [k for k, m in enumerate(recording.labels) if m in model.markers.labels]
+    missing = np.isnan(recording.markers[:, columns, 0])
+    missing = missing[:, ~missing.all(axis=0)]
+    return float(missing.mean()) if missing.size else 0.0
 
 
 def compute_inertial_spread(
@@ -433,14 +449,17 @@ def compute_inertial_spread(
     return np.concatenate(columns, axis=2), trunk
 
 
-def _find_axes_rotation(measured: Recording, turned: Recording) -> Array:
+def _find_axes_rotation(measured: Recording, rotated: Recording) -> Array:
     """Find the quarter rotation (3, 3) about y from the measured recording to the rotated one.
 
     The latter may lack markers that were far from the body.
     """
-    shared = [label for label in turned.labels if label in measured.labels]
-    columns = [[r.labels.index(label) for label in shared] for r in (measured, turned)]
-    markers = [r.markers[:, column] for r, column in zip((measured, turned), columns, strict=True)]
+    shared = [label for label in rotated.labels if label in measured.labels]
+    markers = []
+    for recording in (measured, rotated):
+        columns = [recording.labels.index(label) for label in shared]
+        markers.append(recording.markers[:, columns])
+    # any common visible marker determines the rotation
     visible = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
     before, after = (m[visible] for m in markers)
     rotations = [rotation.apply(np.eye(3)).T for rotation in QUARTER_ROTATIONS]
@@ -453,6 +472,7 @@ def _select_frames(time: Array, valid: BoolArray) -> IntArray:
     for frame in np.flatnonzero(valid):
         if not chosen or time[frame] - time[chosen[-1]] >= 0.99 * STEP_S:
             chosen.append(int(frame))
+    # ceiling division
     every = -(-len(chosen) // MOST_FRAMES) if chosen else 1
     return np.array(chosen[::every], dtype=np.int64)
 
@@ -529,6 +549,7 @@ class ForceResidual:
         evidence = self.trials[trial]
         scale = expected_residual.BASELINE_RESIDUAL * np.repeat([evidence.weight, evidence.bwh], 3)
         r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
+        # first-order autoregressive noise: subtract the predictable part of each frame
         rho = self._rho[trial].reshape((-1,) + (1,) * (r.ndim - 1))
         out = r.copy()
         out[1:] -= rho[1:] * r[:-1]

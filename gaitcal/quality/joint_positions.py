@@ -4,7 +4,7 @@ Each segment adjacent to a joint locates it by some parameters theta: the pelvis
 thigh a knee axis by two positions and two rotations. theta_0 is the expected value: the nominal
 value plus the prior mean. With d = theta - theta_0, of n parameters,
 
-    z^2 = d^T (P + E)^-1 d,     doubtful if chi^2 with n degrees of freedom is larger in `RARE` of all cases only,
+    z^2 = d^T (P + E)^-1 d,     doubtful if chi^2 of n degrees of freedom exceeds it in `RARE` of cases,
 
 P is the covariance of people about theta_0, including that of palpation and regressions
 (`joint_prior.py`), and E the covariance of theta by noise and soft tissue of the markers. A fit
@@ -17,6 +17,7 @@ standard deviations of people away, however uncertain it is.
 A study file or a cohort prior changes the mean in theta_0; P remains that of anatomy.
 """
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -131,13 +132,14 @@ class JointPosition:
 
     @property
     def farthest(self) -> float:
-        """Largest offset of a parameter in standard deviations of people, without the fit's error."""
+        """Largest offset of a parameter, in standard deviations of people alone."""
         return float((np.abs(self.offset) / np.sqrt(np.diag(self.scatter))).max())
 
     @property
     def description(self) -> str:
         """`in the pelvis 34 mm outward and 12 mm down (SD of people 9 and 10; error ± 3 and 4)`."""
         deviation, error = (np.sqrt(np.diag(c)) for c in (self.scatter, self.error))
+        # components that are small relative to their scatter are left out
         ratio = np.abs(self.offset) / deviation
         large = [k for k in np.argsort(-ratio) if ratio[k] >= LEAST_SHARE * ratio.max()]
         offsets = " and ".join(_describe_offset(self.names[k], self.offset[k]) for k in large)
@@ -156,6 +158,7 @@ class _FittedPositions:
         expected = model.nominal.joint.copy()
         expected[[JP_INDEX[name] for name in prior.names]] += prior.mean
         self._offset = fitted.joint - expected
+        # errors by the prior itself are part of the scatter of people
         measured_clusters = [
             k for k, name in enumerate(errors.clusters) if not name.startswith(PRIOR_SOURCE)
         ]
@@ -216,29 +219,33 @@ def _report_joint(
     )
 
 
-def _report_hip_distance(place: JointPosition, model: SubjectModel, fitted: Parameters) -> Finding:
+def _report_hip_distance(
+    distance: JointPosition, model: SubjectModel, fitted: Parameters
+) -> Finding:
     """Build the warning or note on an unusual distance between the hips."""
-    hips = [
-        [p.centre(f"hip_{side}", "pelvis") for side in linkage.SIDES]
-        for p in (fitted, model.nominal)
-    ]
-    gap, nominal = (1e3 * float(np.linalg.norm(right - left)) for right, left in hips)
-    deviation, error = (1e3 * float(np.sqrt(c[0, 0])) for c in (place.scatter, place.error))
-    others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
+    gap, nominal = (_measure_hip_gap(parameters) for parameters in (fitted, model.nominal))
+    deviation, error = (1e3 * float(np.sqrt(c[0, 0])) for c in (distance.scatter, distance.error))
+    others = f"{'further apart' if distance.offset[0] > 0 else 'nearer together'} than"
     return Finding(
-        severity=Severity.WARNING if place.probability < RARE else Severity.INFO,
+        severity=Severity.WARNING if distance.probability < RARE else Severity.INFO,
         topic=verdict.JOINT_POSITIONS,
         where=STUDY,
         cause=f"the hips are {others} those of "
-        f"{'999 in 1000' if place.probability < RARE else '19 in 20'} people",
+        f"{'999 in 1000' if distance.probability < RARE else '19 in 20'} people",
         found=f"{gap:.0f} mm apart{_compare_with_spines(model, gap)}; "
         f"expected from {coordinates.JOINT_TABLE['hip'].landmarks}: {nominal:.0f} mm, SD of people "
         f"{deviation:.0f} mm, error of the fit ± {error:.0f} mm; "
-        f"{_describe_odds(place.probability)} so far",
-        cure=_build_remedy("hip", isolated=False) if place.probability < RARE else "",
-        weight=_compute_weight([place]),
+        f"{_describe_odds(distance.probability)} so far",
+        cure=_build_remedy("hip", isolated=False) if distance.probability < RARE else "",
+        weight=_compute_weight([distance]),
         code=Code.JOINT_PLACE,
     )
+
+
+def _measure_hip_gap(parameters: Parameters) -> float:
+    """Measure the distance (mm) between the hip centres in the pelvis."""
+    right, left = (parameters.centre(f"hip_{side}", "pelvis") for side in linkage.SIDES)
+    return 1e3 * float(np.linalg.norm(right - left))
 
 
 def _compare_with_spines(model: SubjectModel, gap_mm: float) -> str:
@@ -293,13 +300,10 @@ def _describe_offset(name: str, value: float) -> str:
 def _describe_few_markers(model: SubjectModel, joint: str) -> str:
     """Name adjacent segments with too few markers to detect soft tissue by deformation."""
     adjacent = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint == joint)
-    pairs = list(zip(model.markers.segments, model.markers.weight, strict=True))
-    count = {
-        part: sum(s == part and w > 0 for s, w in pairs)
-        for part in adjacent
-        if not part.startswith("talus")
-    }
-    few = [f"{n} on the {part.split('_')[0]}" for part, n in count.items() if n < FEWEST_MARKERS]
+    pairs = zip(model.markers.segments, model.markers.weight, strict=True)
+    counts = Counter(segment for segment, weight in pairs if weight > 0)
+    parts = [part for part in adjacent if not part.startswith("talus")]
+    few = [f"{counts[p]} on the {p.split('_')[0]}" for p in parts if counts[p] < FEWEST_MARKERS]
     return f"; too few markers to detect soft tissue motion: {' and '.join(few)}" if few else ""
 
 
@@ -353,6 +357,7 @@ def check_given_hips(trial: trial_evidence.TrialEvidence) -> Iterator[Finding]:
         )
         for side in linkage.SIDES
     }
+    # asymmetry: one hip centre relative to the mirror image of the other
     uneven = p["hjc_r"] - [1.0, 1.0, -1.0] * p["hjc_l"]  # z is mirrored
     asymmetry, off = float(np.linalg.norm(uneven)), max(gaps.values())
     too_far = max(off / (DOUBTED_GIVEN * between), asymmetry / (UNEVEN_GIVEN * between))

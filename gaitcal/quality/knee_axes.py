@@ -144,6 +144,7 @@ def find_odd_lines(p: Mapping[str, Array], bending: Mapping[str, float]) -> Iter
     mean = {name: 0.5 * (x + legs["l"][name]) for name, x in legs["r"].items() if name in legs["l"]}
     both = _judge_line(linkage.SIDES, mean, BOTH_DEG)
     alike = [_estimate(legs[side], ONE_DEG)[0] for side in linkage.SIDES]
+    # an error of placement common to both knees is one finding
     if (
         both is not None
         and min(alike) * max(alike) > 0
@@ -162,7 +163,7 @@ def _compute_side_evidence(
     axes = body_plan.compute_body_axes(p)
 
     def measure_angle(medial: str, lateral: str) -> float | None:
-        """Measure a line from the medial-lateral axis, deg; positive if its lateral end is forward."""
+        """Measure a line from the medial-lateral axis, deg; positive if laterally forward."""
         if axes is None or medial not in p or lateral not in p:
             return None
         forward, _, right = (p[lateral] - p[medial]) @ axes
@@ -198,6 +199,7 @@ def _judge_line(
     baseline = spread * (ODD_BOTH if len(sides) == 2 and "bending" in found else ODD)
     if len(found) < 2 or abs(angle) < baseline:
         return None
+    # all side evidence must agree in direction
     least = {name: LEAST_BENDING if name == "bending" else LEAST_OTHERS for name in found}
     agree = all(np.sign(angle) * x / sd[name] > least[name] for name, x in found.items())
     return (
@@ -259,6 +261,7 @@ def measure_axis_angle(trial: TrialEvidence, knee: str) -> float | None:
         [about[:, i, j] - about[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1
     )
     axis = np.linalg.svd(vector - vector.mean(axis=0), full_matrices=False)[2][0]
+    # both lines in the transverse plane, pointing to the right
     (ax, az), (ex, ez) = (v[[0, 2]] * np.sign(v[2]) for v in (axis, epicondyles))
     return float(np.arctan2(ex, ez) - np.arctan2(ax, az))
 
@@ -289,7 +292,8 @@ def check_knee_axes(
                 severity=Severity.WARNING,
                 topic="one body",
                 where=next(iter(odd)) if len(odd) == 1 else STUDY,
-                cause=f"the {KNEES[side]} bends about another line than that through its epicondyles",
+                cause=f"the {KNEES[side]} bends about another line than that through its "
+                "epicondyles",
                 found=", ".join(
                     f"{v:+.0f} deg (viewed from above) in {name}" for name, v in odd.items()
                 )

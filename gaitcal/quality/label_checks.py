@@ -97,6 +97,7 @@ def check_sides(trial: TrialEvidence) -> Iterator[Finding]:
     when: list[slice] = []
     farthest = 0.0
     for name, other in _pair_namesakes(trial):
+        # component along the pelvis' lateral axis; positive to the right
         lateral = np.einsum(
             "fi,fi->f", trial.path(name) - trial.path(other), trial.pelvis.rotation[:, :, 2]
         )

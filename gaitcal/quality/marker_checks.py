@@ -1,4 +1,4 @@
-"""Check markers of the set in a trial: far away, missing, unknown, duplicated, invisible, misplaced.
+"""Check markers of the set in a trial: missing, unknown, duplicated, invisible, misplaced.
 
 In the static trial each segment is a line between landmarks: ASIS to knee, knee to ankle, heel to
 toe, sacrum to the middle of the ASIS. A marker is at most 0.088 body heights from the line of its
@@ -15,7 +15,7 @@ of the three segments of a leg, s is no guide, as the leg has two possible postu
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from gaitcal.dynamics.foot_contact import compute_distance_to_line
 from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import (
+    MarkerGaps,
     find_runs,
     find_visible,
     format_spans,
@@ -52,6 +53,12 @@ LANDMARK_M = 0.008
 """Uncertainty from which a reconstructed landmark is doubtful: repeated palpation scatters by 6 to
 21 mm (Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
 LIMBS = ("thigh", "shank")
+SEGMENT_ENDS = (
+    ("thigh", "asis", "knee_lat"),
+    ("shank", "knee_lat", "ankle_lat"),
+    ("foot", "heel", "toe"),
+)
+"""Segment of a leg, and the landmarks at its ends."""
 # Largest distance from the segment in body heights; a marker on a wand adds some 0.05
 FARTHEST_SHARE = 0.14
 OFF_SEGMENT, NEARER_SHARE = 0.06, 0.4
@@ -212,6 +219,7 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     if not empty:
         return
     segment_of = trial.marker_set.segment_of
+    # visible markers with weight that remain on these segments
     left = {segment_of[m]: 0 for m in empty}
     for label in trial.present:
         if trial.is_ever_visible(label) and trial.weight(label) > 0 and segment_of[label] in left:
@@ -333,6 +341,7 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     for i, label in enumerate(labels):
         distance = np.abs(paths[:, i, None] - paths[:, :i])
         both = find_visible(distance)
+        # only frames in which both are visible are compared
         farthest = np.where(both[:, :, None], distance, 0.0).max(axis=(0, 2), initial=0.0)
         on_it = np.flatnonzero((both.sum(axis=0) >= 3) & (farthest < SAME_M))
         same += [f"'{labels[k]}' and '{label}'" for k in on_it]
@@ -401,35 +410,7 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """
     used = {m for m in trial.as_fitted.present if trial.is_ever_visible(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
-    rare = {
-        g.label: f"{g.label} {100 * g.visible_share:.0f} %"
-        for g in markers
-        if g.visible_share < HALF
-    }
-    kept = Counter(
-        segment
-        for segment in trial.templates
-        for m in trial.list_weighted_markers(segment)
-        if m in used - set(rare)
-    )
-    harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
-    harmful = [m for m in harmful if kept[trial.marker_set.segment_of[m]] < FEWEST_MARKERS]
-    for labels, severity in (
-        (harmful, Severity.WARNING),
-        (set(rare) - set(harmful), Severity.INFO),
-    ):
-        if labels:
-            found = (
-                "visible in less than half of the frames: "
-                f"{listed([share for m, share in rare.items() if m in labels])}"
-            )
-            cure = "label more of the trial, or check the camera setup"
-            if severity is Severity.INFO:
-                cure = (
-                    f"no action: {FEWEST_MARKERS} others determine the pose of their segments, or "
-                    "they have little weight"
-                )
-            yield trial.make_finding(severity, "gaps", found, cure, code=Code.GAPS)
+    yield from _check_rare_markers(trial, used, markers)
     long = sorted(
         (g for g in markers if g.visible_share >= HALF and g.longest_gap > BRIDGED_S),
         key=lambda g: -g.longest_gap,
@@ -441,6 +422,33 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
             "gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS
         )
     yield from _check_pelvis_gaps(trial.as_fitted)
+
+
+def _check_rare_markers(
+    trial: TrialEvidence, used: set[str], markers: Sequence[MarkerGaps]
+) -> Iterator[Finding]:
+    """Report markers visible in less than half of the frames; a warning if few others remain."""
+    rare = {g.label: g for g in markers if g.visible_share < HALF}
+    common = used - set(rare)
+    kept = Counter(
+        segment for segment in trial.templates for m in trial.list_weighted_markers(segment) if m in common
+    )
+    harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
+    harmful = [m for m in harmful if kept[trial.marker_set.segment_of[m]] < FEWEST_MARKERS]
+    for labels, severity in (
+        (harmful, Severity.WARNING),
+        (set(rare) - set(harmful), Severity.INFO),
+    ):
+        if labels:
+            shares = [f"{m} {100 * g.visible_share:.0f} %" for m, g in rare.items() if m in labels]
+            found = f"visible in less than half of the frames: {listed(shares)}"
+            cure = "label more of the trial, or check the camera setup"
+            if severity is Severity.INFO:
+                cure = (
+                    f"no action: {FEWEST_MARKERS} others determine the pose of their segments, or "
+                    "they have little weight"
+                )
+            yield trial.make_finding(severity, "gaps", found, cure, code=Code.GAPS)
 
 
 def _check_pelvis_gaps(trial: TrialEvidence) -> Iterator[Finding]:
@@ -573,16 +581,13 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
 
 def _locate_segment_lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
     """Locate segments: name -> its two ends, (3,) m."""
-    p, parts = (
-        trial.posture or {},
-        (("thigh", "asis", "knee_lat"), ("shank", "knee_lat", "ankle_lat")),
-    )
-    ends = {
-        f"{segment}_{side}": (f"{a}_{side}", f"{b}_{side}")
-        for side in linkage.SIDES
-        for segment, a, b in (*parts, ("foot", "heel", "toe"))
-    }
-    out = {segment: (p[a], p[b]) for segment, (a, b) in ends.items() if a in p and b in p}
+    p = trial.posture or {}
+    out: dict[str, tuple[Array, Array]] = {}
+    for side in linkage.SIDES:
+        for segment, proximal, distal in SEGMENT_ENDS:
+            a, b = f"{proximal}_{side}", f"{distal}_{side}"
+            if a in p and b in p:
+                out[f"{segment}_{side}"] = (p[a], p[b])
     if all(name in p for name in ("asis_r", "asis_l", "sacrum")):
         out["pelvis"] = (p["sacrum"], 0.5 * (p["asis_r"] + p["asis_l"]))
     return out
@@ -617,51 +622,60 @@ def check_single_markers(trial: TrialEvidence) -> Iterator[Finding]:
                 f"{format_spans(trial.recording.time, lasting)}"
             )
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
-    unsure = _estimate_uncertainty(trial, trial.model) if trial.is_whole_body and single else {}
+    uncertain = _estimate_uncertainty(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
-        side, labels = segment[-1], listed([f"'{m}'" for m in trial.list_weighted_markers(segment)])
-        share = 100 * np.mean(counts[segment] >= TWO)
-        found = (
-            f"{segment} has two visible markers with weight in {share:.0f} % of the frames "
-            f"({labels})"
-        )
+        # with one marker on each of its segments, the leg has two possible postures
+        whole_leg = sum(s[-1] == segment[-1] for s in single) == len(linkage.LEG_SEGMENTS) // 2
+        share = float(np.mean(counts[segment] >= TWO))
+        yield _report_single_marker(trial, segment, share, None if whole_leg else uncertain)
+
+
+def _report_single_marker(
+    trial: TrialEvidence, segment: str, share: float, uncertain: dict[str, float] | None
+) -> Finding:
+    """Build the finding on a segment that has two markers in this share of the frames only.
+
+    `uncertain`: angle of a leg -> rad; None if it is not known.
+    """
+    side, labels = segment[-1], listed([f"'{m}'" for m in trial.list_weighted_markers(segment)])
+    found = (
+        f"{segment} has two visible markers with weight in {100 * share:.0f} % of the frames "
+        f"({labels})"
+    )
+    cure = (
+        "label its other markers, here and in the static trial, or add them to this segment in "
+        "the marker set"
+    )
+    along = listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
+    if along:
         cure = (
-            "label its other markers, here and in the static trial, or add them to this segment in "
-            "the marker set"
+            f"{along} of the file moves with it: add it to this segment in the marker set, or "
+            "rename it"
         )
-        along = listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
-        if along:
-            cure = (
-                f"{along} of the file moves with it: add it to this segment in the marker set, or "
-                "rename it"
+    angles = {name: s for name, s in (uncertain or {}).items() if name.endswith(f"_{side}")}
+    large = [f"{n} ({np.rad2deg(s):.0f} deg)" for n, s in angles.items() if s > UNDETERMINED_RAD]
+    severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
+    if uncertain is None:
+        found += "; the adjacent joints do not determine its pose"
+    elif worst > UNDETERMINED_RAD:
+        found += f"; with marker errors of {1e3 * MARKER_M:.0f} mm undetermined: {listed(large)}"
+    else:
+        severity = Severity.WARNING
+        found += "; the adjacent joints determine its rotation"
+        if worst:
+            found += (
+                f", to {np.rad2deg(worst):.0f} deg with marker errors of {1e3 * MARKER_M:.0f} mm"
             )
-        angles = {name: s for name, s in (unsure or {}).items() if name.endswith(f"_{side}")}
-        severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
-        if unsure is None or sum(s[-1] == side for s in single) == len(linkage.LEG_SEGMENTS) // 2:
-            found += "; the adjacent joints do not determine its pose"
-        elif worst > UNDETERMINED_RAD:
-            named = listed(
-                [
-                    f"{name} ({np.rad2deg(s):.0f} deg)"
-                    for name, s in angles.items()
-                    if s > UNDETERMINED_RAD
-                ]
-            )
-            found += f"; with marker errors of {1e3 * MARKER_M:.0f} mm undetermined: {named}"
-        else:
-            severity = Severity.WARNING
-            found += "; the adjacent joints determine its rotation"
-            if worst:
-                found += (
-                    f", to {np.rad2deg(worst):.0f} deg with marker errors of "
-                    f"{1e3 * MARKER_M:.0f} mm"
-                )
-        weight = 3.0 if severity is Severity.WARNING else 1.0
-        cause = f"{segment} has a single marker"
-        code = Code.ONE_MARKER_SEGMENT
-        yield trial.make_finding(
-            severity, ONE_MARKER, found, cure, cause=cause, leg=side, weight=weight, code=code
-        )
+    return trial.make_finding(
+        severity,
+        ONE_MARKER,
+        found,
+        cure,
+        cause=f"{segment} has a single marker",
+        leg=side,
+        weight=3.0 if severity is Severity.WARNING else 1.0,
+        code=Code.ONE_MARKER_SEGMENT,
+    )
 
 
 def _count_markers(trial: TrialEvidence) -> dict[str, Array]:
@@ -676,10 +690,11 @@ def _count_markers(trial: TrialEvidence) -> dict[str, Array]:
         if joint is None
         else tuple(s for s in linkage.list_joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
     )
-    return {
-        s: trial.visible[:, [trial.column[m] for m in trial.list_weighted_markers(s)]].sum(axis=1)
-        for s in checked
-    }
+    out: dict[str, Array] = {}
+    for segment in checked:
+        columns = [trial.place[m] for m in trial.list_weighted_markers(segment)]
+        out[segment] = trial.seen[:, columns].sum(axis=1)
+    return out
 
 
 def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
@@ -706,6 +721,7 @@ def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str
         problem.compute_frame_hessians(motion.q, problem.build_body(nominal))
     )
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
+    # a single bad frame does not decide
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
     names, beyond = (
         zip(problem.chain.coordinates, worst, strict=True),
@@ -751,6 +767,7 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
     """Return whether a label keeps its distances to a segment while it moves against others."""
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
+    # near the axis of the proximal joint the distance varies a little more
     near_joint = {
         m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.column
     }
@@ -762,6 +779,7 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
         for m in trial.list_weighted_markers(f"foot_{s}")
         + trial.list_weighted_markers(f"thigh_{s}")
     ]
+    # in a trial without motion every distance is constant
     moved = max((s for s in others if s is not None), default=0.0)
     return (
         bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M

@@ -102,6 +102,7 @@ def check_frozen(trial: TrialEvidence) -> Iterator[Finding]:
     if len(x) < 5:
         return
     same = (x[1:] == x[:-1]).all(axis=2)
+    # at low frame rates a few equal samples are by chance
     shortest = max(4, round(FROZEN_S * trial.recording.rate))
     labels, when = [], []
     for label in trial.as_fitted.present:

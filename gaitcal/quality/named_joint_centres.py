@@ -71,6 +71,7 @@ def find_measured_markers(
         float(np.linalg.norm(at[named["knee_lat_r"]] - at[named["ankle_lat_r"]]))
         / LENGTHS["shank"][2]
     )
+    # points of the file that the set does not know may be the measured markers
     strangers = [m for m in at if m not in marker_set.labels and m not in marker_set.devices]
     out: dict[str, str] = {}
     for joint in ("knee", "ankle"):
@@ -79,6 +80,7 @@ def find_measured_markers(
             for other in strangers:
                 away = at[other] - at[lateral]
                 outwards = sign(side) * float(away @ right)
+                # half a joint width outward of the point with the marker's label
                 wide = (
                     PLAUSIBLE_WIDTH[0]
                     <= outwards / compute_half_width(joint, height)

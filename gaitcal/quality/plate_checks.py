@@ -157,6 +157,7 @@ def check_signals(trial: TrialEvidence) -> Iterator[Finding]:
             cure = "check the sign and the offset of its channels"
             cause = f"the vertical force of {name} points down"
             yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_PULLS)
+        # samples near the median of low readings, without the rise and fall of steps
         empty = np.abs(up) < UNLOADED_N
         empty &= np.abs(up - np.median(up[empty])) < QUIET_N if empty.any() else False
         offset = float(np.median(up[empty])) if empty.mean() > 0.1 else 0.0
@@ -325,7 +326,8 @@ def compute_drifts(trial: TrialEvidence) -> list[float]:
 def check_horizontal_signs(trial: TrialEvidence) -> Iterator[Finding]:
     """Report horizontal forces of the wrong sign.
 
-    Signs are driving before braking, and both legs pushing outward. In a turn one leg alone pushes outward.
+    Signs are driving before braking, and both legs pushing outward. In a turn one leg alone pushes
+    outward.
 
     Parameters
     ----------
@@ -345,6 +347,7 @@ def check_horizontal_signs(trial: TrialEvidence) -> Iterator[Finding]:
     outward: dict[int, list[float]] = {}
     for step in steps:
         force = np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]]
+        # positive: outward, in body weights
         aside = float((force @ right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight
         outward.setdefault(step.foot, []).append(aside)
     wrong = {}
@@ -443,6 +446,7 @@ def check_free_moment_sign(trial: TrialEvidence) -> Iterator[Finding]:
             of_leg.setdefault(step.foot, []).append(_measure_free_moment(trial, step))
     if not of_leg:
         return
+    # the mean of each leg counts alike, however many steps it has
     mean = float(np.mean([np.mean(found) for found in of_leg.values()]))
     evidence = -2.0 * MEAN * mean / (PERSON**2 + LEG**2 / len(of_leg))
     if evidence < np.log(WRONG_SIGN_ODDS) or any(check_horizontal_signs(trial)):
@@ -538,17 +542,14 @@ def check_body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     Finding
         A warning or a note for each trial with a measured mass.
     """
-    weighings = [
-        (t, *found)
-        for t in trials
-        if (found := _weigh_standing(t) or _weigh_walking(t)) is not None
-    ]
+    measured = [(t, _weigh_standing(t) or _weigh_walking(t)) for t in trials]
+    weighings = [(t, *found) for t, found in measured if found is not None]
     off = [(carried / t.subject.mass - 1.0, allowed) for t, carried, allowed, _, _ in weighings]
-    wrong = any(
-        min(other / share for other, _ in off) > 0.5
-        for share, allowed in off
-        if abs(share) > allowed
-    )
+    # the given mass is wrong if a trial is far off and all others are nearer to that trial
+    wrong = False
+    for share, allowed in off:
+        if abs(share) > allowed:
+            wrong |= min(other / share for other, _ in off) > 0.5
     for (t, _, _, message, cure), (share, allowed) in zip(weighings, off, strict=True):
         message += f"; subject.mass_kg is {t.subject.mass:g}"
         if wrong:
@@ -604,17 +605,18 @@ def _weigh_walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None
         for run in find_runs(_mark_fully_on_plates(trial, feet), 3)
         if measure_duration(feet.time, run) >= SHORTEST_S
     ]
-    weighings = [
-        (run, measure_duration(feet.time, run), kg)
-        for run in runs_on
-        if (kg := _estimate_mass(trial, run)) is not None
-    ]
-    if not weighings:
+    runs, masses = [], []
+    for run in runs_on:
+        mass = _estimate_mass(trial, run)
+        if mass is not None:
+            runs.append(run)
+            masses.append(mass)
+    if not runs:
         return None
-    stretches, lengths, masses = zip(*weighings, strict=True)
+    lengths = [measure_duration(feet.time, run) for run in runs]
     carried = float(np.average(masses, weights=lengths))
     message = (
-        f"while every foot is on a plate ({format_spans(feet.time, stretches)}) the plates carry "
+        f"while every foot is on a plate ({format_spans(feet.time, runs)}) the plates carry "
         f"{carried:.1f} kg on average"
     )
     cure = (
@@ -668,5 +670,6 @@ def _estimate_mass(trial: TrialEvidence, run: slice) -> float | None:
         np.nan_to_num(resample_wrench(plate, time))[run, 1] for plate in trial.recording.plates
     )
     length = measure_duration(time, run)
+    # mean force = m (g + change of velocity / duration)
     mean = float(np.trapezoid(force, time[run])) / length
     return mean / (GRAVITY + (velocity[1] - velocity[0]) / length)

@@ -275,6 +275,7 @@ def estimate_empty_reading(plate: ForcePlate, weight: float) -> float | None:
         None if the plate is never empty.
     """
     up = np.nan_to_num(plate.force[:, 1])
+    # a plate that is empty for a part of the recording has a steady low reading
     low = float(np.quantile(up, 0.05))
     steady = [
         run
@@ -312,6 +313,7 @@ def compute_foot_evidence(
     out = np.zeros((len(soles), 2))
     for i, sole in enumerate(soles):
         wrench = wrenches[sole.plate, sole.frames]
+        # centres of pressure are reliable under load only
         on = wrench[:, 1] > LOADED_SHARE * weight
         if on.sum() < FEWEST:
             continue

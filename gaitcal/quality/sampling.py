@@ -92,6 +92,7 @@ def check_rate(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("sampling", found, cure, cause=cause, code=Code.SLOW_FRAMES)
     steps = np.diff(time)
     middle = float(np.median(steps))
+    # a single missing frame doubles one step
     odd = np.abs(steps - middle) > UNEVEN_STEP_SHARE * middle
     if odd.any():
         found = (
@@ -432,6 +433,7 @@ def find_seams(x: Array) -> list[Seam]:
     floor = 3 * one.shape[1] * NOISE_M**2
     gain = np.log((_sum_squares(x, one) + floor) / (_sum_squares(x, two) + floor))
     seen = np.isfinite(gain).sum(axis=1) >= FEWEST_MARKERS
+    # the median over markers: a seam affects most of them, a spike one
     typical = np.full(len(gain), -np.inf)
     typical[seen] = np.nanmedian(gain[seen], axis=1)
     out = []
@@ -441,6 +443,7 @@ def find_seams(x: Array) -> list[Seam]:
             continue  # a larger one is near
         step, velocity, change = np.einsum("wi,wmc->imc", ends, x[k : k + 2 * HALF_WINDOW])
         size, speed, stopping = (np.linalg.norm(v, axis=1) for v in (step, velocity, change))
+        # the step must exceed half a frame's movement and the effect of a sudden stop
         if np.nanmedian(size - STEP_FRAMES * speed - 0.5 * stopping) > 0:
             lost = np.nansum(step * velocity) / np.nansum(velocity**2)
             out.append(Seam(frame=k + HALF_WINDOW - 1, lost=float(lost)))
@@ -459,6 +462,7 @@ def _build_projections() -> tuple[Array, Array, Array]:
     halves = np.zeros((len(t), 6))
     halves[:HALF_WINDOW, :3], halves[HALF_WINDOW:, 3:] = half[:HALF_WINDOW], half[HALF_WINDOW:]
     left = [np.linalg.qr(basis, mode="complete")[0][:, 6:] for basis in (np.vander(t, 6), halves)]
+    # the parabolas' values and slopes at the middle, as functionals of the data
     before, after = np.split(np.linalg.pinv(halves), 2)
     ends = [after[2] - before[2], 0.5 * (after[1] + before[1]), after[1] - before[1]]
     return left[0], left[1], np.stack(ends, axis=1)

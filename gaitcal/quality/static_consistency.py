@@ -1,4 +1,4 @@
-"""Check that all trials show one body: unit and scale, moving against static trial, walk against walk.
+"""Check that all trials show one body: unit, scale, moving and static trials, walks.
 
 The effect of a cause on a result is measured by its effect on the pose of a segment: translation of
 a joint centre, rotation of the segment. Soft tissue and marker placement differ by 4 to 6 mm and 2
@@ -243,6 +243,7 @@ def _explain_whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) 
         (label_checks.swap_sides, "right and left labels are swapped"),
         (mirror_axis, "one axis of the laboratory is mirrored"),
     ):
+        # a correction that removes all contradictions explains them
         changed = trial.with_recording(change(trial.recording))
         if changed.clusters and not changed.contradictions:
             found.append(cause)
@@ -286,6 +287,7 @@ def _check_between_walks(walks: Sequence[TrialEvidence], reported: set[str]) -> 
             same = [c for c in clusters if c.labels == cluster.labels]
             if len(same) < FEWEST_WALKS or segment in reported:
                 continue
+            # compare the shape of the cluster with the median of all walks, after alignment
             baseline = np.median([c.shape for c in same], axis=0)
             turn, shift = align_points(cluster.shape, baseline)
             away = np.linalg.norm(cluster.shape @ turn.T + shift - baseline, axis=1)
@@ -346,6 +348,7 @@ def detect_odd_scale(trial: TrialEvidence) -> float | None:
     if scale is None:
         return None
     ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
+    # median absolute deviation as a standard deviation
     scatter = 1.48 * float(np.median(np.abs(ratios - np.median(ratios))))
     margin = min(MOST_MARGIN, 2.5 * scatter / float(np.sqrt(len(ratios))))
     margin += 2.0 * float(
@@ -398,6 +401,7 @@ def check_body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     at_fault = [(t, away[t.name]) for t, _ in odd]
     cause = "the trial shows a body of another size than the others"
     cure = "use the trial of this person, exported with the same camera calibration as the others"
+    # if all moving trials differ, the static trial is at fault
     if len(odd) == len(scales):
         at_fault = [(next((t for t in trials if t.is_static), odd[0][0]), max(away.values()))]
         cause = "the static trial shows a body of another size than "

@@ -1,4 +1,4 @@
-"""Check the landmarks of a static trial against human proportions: swapped, displaced, wrong height.
+"""Check the landmarks of a static trial: swapped, displaced, or of another body height.
 
 Each possible fault changes the landmarks p to p' and is judged by J of `body_plan.py`:
 
@@ -107,6 +107,7 @@ def estimate_height_factor(p: Landmarks, height: float, *, even: bool = True) ->
         (m.value, m.mean, m.sd) for m in measure_landmarks(p, height, even=even) if m.absolute
     ]
     value, mean, sd = np.reshape(lengths, (-1, 3)).T
+    # sum of squares for each tried height; 1 is in the middle
     costs = ((value / TALLER[:, None] - mean) ** 2 / sd**2).sum(axis=1)
     best = int(np.argmin(costs))
     gain = float(costs[len(costs) // 2] - costs[best])
@@ -185,6 +186,7 @@ def _find_worst_fault(
         key=lambda found: found[1],
     )
     suspicious = tuple(m for m in worst if abs(m.z) >= SUSPICIOUS_Z)
+    # a swap is preferred to a displacement that explains about as much
     if j - best > EXCHANGE_SAVES and best < moved[0][1] + RIVAL:
         return SwappedLandmarks(pairs=pairs, before=suspicious)
     name, least, away = moved[0]
@@ -198,7 +200,7 @@ def _find_worst_fault(
 
 
 def _list_swaps(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
-    """List common swaps: sides of landmark, joint, segment or leg; lateral and medial; two joints."""
+    """List common swaps: sides of a landmark, joint or leg; lateral and medial; two joints."""
 
     def select_present(*pairs: tuple[str, str]) -> tuple[tuple[str, str], ...]:
         return tuple(pair for pair in pairs if pair[0] in p and pair[1] in p)
@@ -243,6 +245,7 @@ def _fit_displacement(
     r = compute_residuals(d)
     damping = 1e-3
     for _ in range(STEPS):
+        # Jacobian by forward differences; Levenberg-Marquardt step
         J = np.stack([(compute_residuals(d + STEP_M * e) - r) / STEP_M for e in np.eye(3)], axis=1)
         H = J.T @ J
         step = np.linalg.solve(H + damping * np.diag(np.diag(H)), -J.T @ r)
@@ -287,18 +290,13 @@ def check_proportions(trial: TrialEvidence) -> Iterator[Finding]:
     if any(name not in p for name in marker_set.REQUIRED):
         # reported already, as the nominal model cannot be built; other measures would be misleading
         return
-    found = list(find_faults(p, given))
-    if any(isinstance(fault, DisplacedLandmark) for fault in found):
-        # a bent or lifted leg looks like displaced landmarks: use measures independent of posture
-        stands = measure_standing_legs(p, given)
-        even = stands is None or not (stands.uneven or stands.bent or stands.sitting)
-        found = found if even else list(find_faults(p, given, even=False))
-    swapped = [
-        pairs for fault in found if isinstance(fault, SwappedLandmarks) for pairs in fault.pairs
-    ]
+    found = _find_faults_in_posture(p, given)
+    swapped: list[tuple[str, str]] = []
+    for fault in found:
+        swapped += fault.pairs if isinstance(fault, SwappedLandmarks) else ()
     sound = swap_landmarks(p, tuple(swapped))
-    stands = measure_standing_legs(sound, given)
-    straight = stands is None or not (stands.bent or stands.sitting)
+    posture = measure_standing_legs(sound, given)
+    straight = posture is None or not (posture.bent or posture.sitting)
     factor = estimate_height_factor(sound, given, even=straight)
     legs = measure_hip_height(trial) if straight else None
     beyond = 0.0 if legs is None or found else abs(legs / given - HIP_HEIGHT[0]) / HIP_HEIGHT[1]
@@ -314,6 +312,19 @@ def check_proportions(trial: TrialEvidence) -> Iterator[Finding]:
         )
     if not found:
         yield from _check_impossible_lengths(trial, measure_landmarks(sound, factor * given))
+
+
+def _find_faults_in_posture(
+    p: Landmarks, height: float
+) -> list[SwappedLandmarks | DisplacedLandmark]:
+    """Find faults; if the legs are bent or lifted, by measures independent of posture."""
+    found = list(find_faults(p, height))
+    # a bent or lifted leg looks like displaced landmarks
+    if any(isinstance(fault, DisplacedLandmark) for fault in found):
+        posture = measure_standing_legs(p, height)
+        if posture is not None and (posture.uneven or posture.bent or posture.sitting):
+            return list(find_faults(p, height, even=False))
+    return found
 
 
 def measure_hip_height(trial: TrialEvidence) -> float | None:

@@ -92,6 +92,7 @@ def check_upright(trial: TrialEvidence) -> Iterator[Finding]:
         np.arccos(np.clip(trial.pelvis.rotation[trial.pelvis.determined][:, 1, 1], -1, 1))
     )
     allowed = LYING_DEG if trial.is_isolated else TILT_DEG
+    # feet above the pelvis mean a reversed vertical axis, a tilted pelvis swapped sides
     middle, above = float(np.median(tilt)), _measure_feet_above_pelvis(trial)
     found = (
         f"the pelvis is tilted by {middle:.0f} deg relative to the vertical axis found; allowed: "
@@ -117,9 +118,9 @@ def check_upright(trial: TrialEvidence) -> Iterator[Finding]:
 
 def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
     """Measure the median height (m) of the distal leg landmarks, or leg markers, above the ASIS."""
-    hips = [path[:, 1] for side in SIDES if (path := trial.landmark(f"asis_{side}")) is not None]
+    hips = _list_heights(trial, [f"asis_{side}" for side in SIDES])
     ends = [f"{name}_{side}" for name in ("ankle_lat", "heel", "knee_lat") for side in SIDES]
-    feet = [path[:, 1] for name in ends if (path := trial.landmark(name)) is not None]
+    feet = _list_heights(trial, ends)
     if not feet:
         legs = [
             m for s, labels in trial.marker_set.tracking.items() if s[:-2] in LEGS for m in labels
@@ -130,6 +131,12 @@ def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
     if not hips or not np.isfinite(feet).any():
         return None
     return float(np.nanmedian(np.array(feet)) - np.nanmedian(np.array(hips)))
+
+
+def _list_heights(trial: TrialEvidence, landmarks: Sequence[str]) -> list[Array]:
+    """List the heights (nf,) m of those landmarks that the trial shows."""
+    paths = [trial.landmark(name) for name in landmarks]
+    return [path[:, 1] for path in paths if path is not None]
 
 
 def check_static_length(trial: TrialEvidence) -> Iterator[Finding]:
@@ -237,6 +244,7 @@ def check_heading(trial: TrialEvidence) -> Iterator[Finding]:
             "back, right and left) and the direction of time"
         )
         feet, drifts = trial.feet, plate_checks.compute_drifts(trial)
+        # backward walking: feet and pelvis point the same way, and forces brake before they drive
         ahead = (
             np.zeros(2)
             if feet is None
@@ -382,6 +390,7 @@ def measure_standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs
     knees, thighs = [], []
     for side in SIDES:
         thigh, shank = body.frames[f"thigh_{side}"].rotation, body.frames[f"shank_{side}"].rotation
+        # the shank's long axis in the thigh frame
         up = thigh.T @ shank[:, 1]
         knees.append(float(np.rad2deg(np.arctan2(up[0], up[1]))))
         thighs.append(float(np.rad2deg(np.arccos(np.clip(thigh[1, 1], -1.0, 1.0)))))
@@ -556,7 +565,7 @@ def _find_disagreement(
     """Find the largest disagreement (m) and the marker named for it; None with too few markers."""
     if len(labels) < 2:
         return None
-    a, b = (np.array([where[m] for m in labels]) for where in (reference, positions))
+    a, b = np.array([reference[m] for m in labels]), np.array([positions[m] for m in labels])
     if len(labels) == 2:
         away = abs(float(np.linalg.norm(a[1] - a[0]) - np.linalg.norm(b[1] - b[0])))
         return away, labels[0] + "' or '" + labels[1]
@@ -567,7 +576,7 @@ def _find_disagreement(
         _compute_rigid_residuals(np.delete(a, k, axis=0), np.delete(b, k, axis=0))
         for k in range(len(labels))
     ]
-    culprit = int(np.argmin([float(np.sum(rest**2)) for rest in without]))
+    culprit = int(np.argmin([float(np.sum(others**2)) for others in without]))
     kept = [k for k in range(len(labels)) if k != culprit]
     return float(_compute_rigid_residuals(a, b, kept)[culprit]), labels[culprit]
 

@@ -27,7 +27,7 @@ SPOILS = {
     "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
     "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
 }
-"""Topic of an error with known cause -> topics of findings of the same trial that follow from it."""
+"""Topic of an error with known cause -> topics of the same trial that follow from it."""
 SPOILS_BODY = ("units", "axes", "sides", "landmarks")
 """Topics of errors that make the whole body of a trial differ from that of other trials."""
 FORCE_TOPICS = ("forces", "plates", "plate to foot", "body mass")
@@ -244,6 +244,7 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     """
     shared = [f for f in findings if f.where not in walks]
     of_all = _judge_legs(shared)
+    # an error about markers of one walk makes the joints of all walks doubtful
     spoilt = {
         f.where
         for f in findings
@@ -348,6 +349,7 @@ def collect_reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
             groups.setdefault((f.topic, f.cause or re.sub(r"[\d.,+-]+", "#", f.found)), []).append(
                 f
             )
+    # the worst finding gives the cause, remedy and severity of its reason
     for group in groups.values():
         group.sort(key=_rank)
     return tuple(
