@@ -257,7 +257,9 @@ def _format_subject(draft: Draft) -> list[str]:
             lines += _format_line(field, known.value, known.reason, known.certain)
         elif field in MISSING:
             write = f"write {MISSING[field]}, and remove the first #"
-            lines.append(f"# {field} =   # MISSING: not given in {_get_file_subject(draft)}; {write}")
+            lines.append(
+                f"# {field} =   # MISSING: not given in {_get_file_subject(draft)}; {write}"
+            )
     for field in (
         "knee_width_mm",
         "ankle_width_mm",
@@ -735,7 +737,7 @@ def list_files(draft: Draft) -> tuple[Path, ...]:
 
 
 def find_study_source(path: Path, person: Options) -> Path | Folder:
-    """Find the study file of a path, the file itself or the one in the folder; else read the folder.
+    """Find the study file of a path; without one read the folder.
 
     Parameters
     ----------
