@@ -27,7 +27,7 @@ NEARLY = 0.8
 KNOWN_SHARE = 0.8
 """Share of known labels from which a set is certain."""
 MOST_MISSING = 4
-"""Required landmarks, of 11, that may lack markers in a set that is still offered for inspection."""
+"""Required landmarks, of 11, that may lack markers in a set that is still offered."""
 
 
 @dataclass(frozen=True, kw_only=True)

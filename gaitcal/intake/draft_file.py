@@ -737,7 +737,7 @@ def list_files(draft: Draft) -> tuple[Path, ...]:
 
 
 def find_study_source(path: Path, person: Options) -> Path | Folder:
-    """Find the study file of a path, the file itself or the one in the folder; else read the folder.
+    """Find the study file of a path; without one read the folder.
 
     Parameters
     ----------

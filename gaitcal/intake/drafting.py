@@ -235,7 +235,7 @@ def _refuse_without_static(
 
 
 def _propose_set(recordings: Sequence[Recording], options: Options) -> SetChoice:
-    """Propose the set "landmarks" with labels by position and movement; InputError if not possible."""
+    """Propose the set "landmarks" by position and movement; InputError if not possible."""
     # imported here: it needs two libraries that few folders need
     from gaitcal.intake.label_proposal import LANDMARK_SET, propose_labels
 
@@ -302,7 +302,7 @@ def _replace_joint_centres(
 def _place_unknown_markers(
     choice: SetChoice, spelt: Mapping[int, Recording], session: Session, options: Options
 ) -> SetChoice:
-    """Assign markers that the set does not contain to the segments that they move with, if possible."""
+    """Assign markers that the set does not contain to the segments they move with, if possible."""
     if choice.proposal is not None or not choice.coverage.left_over:
         return choice
     from gaitcal.intake.label_proposal import place_unknown_markers

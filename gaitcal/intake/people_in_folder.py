@@ -1,33 +1,32 @@
-"""Which recordings of a folder show one person in one session: the static trials, and those with
-markers as in them.
+"""Find the recordings of a folder that show one person in one session.
 
-Skin moves a marker against another one of its segment by some millimetres; another person, or
-markers put on anew, differ in several segments by more. D(a, b) is the median distance of two
+Skin moves a marker relative to others of its segment by some millimetres; another person, or
+markers attached again, differ in several segments by more. D(a, b) is the median distance of two
 markers of a segment in a recording:
 
     d_s = max over pairs (a, b) of segment s of |D(a, b) - D'(a, b)|
 
 Within sessions of eight people the second largest d_s of pelvis and legs is at most 9 mm, between
-people from 11 mm.
+people at least 11 mm.
 
-Soft tissue goes with flexion, so D is the median over the frames in which the leg is about as
-straight as it ever is in that recording: e, from its hip to its foot, is at least cos(NEAR_RAD / 2)
-of the longest. Where that is a posture far from the other recording's, as in a lunge that is held,
-the limits are widened by what soft tissue does on the way.
+The soft tissue artefact depends on flexion. D is therefore the median over the frames in which the
+leg is about as straight as it ever is in that recording: its length from pelvis to foot is at least
+cos(NEAR_RAD / 2) of the largest one. If that posture is far from the other recording's, as in a
+lunge, the limits are widened by the soft tissue artefact between both.
 
-Points that are no markers (`model/subject_model.py`) show bones, from joint to joint: corners of a
-pose keep their distances whoever moves. Their errors sigma last for a time tau each, so that a
-median over T errs by
+Markerless points (`model/subject_model.py`) show bones, from joint to joint: corners of a pose keep
+their distances in any person. Their errors sigma last for a time tau each, so that a median over T
+has the error
 
     e = sqrt(2) sigma / sqrt(max(T / tau, 1)),
 
-which the limits are widened by: to (limit^2 + z^2 (e^2 + e'^2))^1/2, z = 1.96.
+by which the limits are widened: to (limit^2 + z^2 (e^2 + e'^2))^1/2, z = 1.96.
 
-A folder may hold two people, or one person on two days. Each static trial gathers the recordings
-whose markers sit as in itself; the largest such group is the session, and the others keep their
-reason. Where one exchange of labels (any two of pelvis and legs, or all of the right with those of
-the left) explains the difference, it is no other person: the recording stays in the study, and the
-checks find what is wrong with it.
+A folder may contain two people, or one person on two days. Each static trial collects the
+recordings with the same marker positions; the largest such group is the session, and the others
+keep the reason. If one swap of labels (any two of pelvis and legs, or all of the right with those
+of the left) explains the difference, the recording stays in the study, and the checks report the
+swap.
 """
 
 import re
@@ -49,36 +48,54 @@ from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, comput
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT
 
 APART_M = 0.015
-"""Second largest d_s from which the markers are placed otherwise: one marker that fell off spoils
-one segment only.
+"""m, second largest d_s from which marker positions differ: one detached marker affects only one
+segment.
 """
-ALL_APART_M = 0.008  # Median d_s from which they are, too
+ALL_APART_M = 0.008
+"""m, median d_s from which they differ, too."""
 FEWEST_FRAMES = 5
-MOST_FRAMES = 500  # Frames, evenly spread, that tell a median distance
-FEWEST_COMMON = 4  # Markers by which two recordings are compared
+MOST_FRAMES = 500
+"""Frames, evenly spread, for a median distance."""
+FEWEST_COMMON = 4
+"""Markers by which two recordings are compared."""
 SAME_M = {True: 0.00015, False: 0.002}
-"""RMS difference of two recordings, frame by frame, that are one: of a posture, where only rounding
-differs, and of a movement, where one may be filtered. No two walks agree to 2 mm at the same
+"""m, RMS difference, frame by frame, of a recording and its copy: of a posture, where only rounding
+differs, and of a movement, where one may be filtered. No two walks agree to 2 mm in the same
 frames; postures of one person may."""
-# Standard deviation of a marker's distance from the middle from which a recording is a movement
 MOVES_M = 0.01
+"""m, standard deviation of a marker's distance from the centroid from which a recording is a
+movement."""
 
-DOUBT = 1.96  # z, of 95 %
+DOUBT = 1.96
+"""z of 95 %."""
 
 
 @dataclass(frozen=True)
 class Distances:
-    """How far the points of one recording are from each other."""
+    """Distances between the points of one recording."""
 
-    medians: Mapping[frozenset[str], float]  # Two labels -> m, median distance
-    error: float = 0.0  # m, e of points that are no markers
-    extension: Mapping[str, float] = field(
-        default_factory=dict
-    )  # Side -> m, from pelvis to foot where it was measured
+    medians: Mapping[frozenset[str], float]
+    """Two labels -> median distance (m)."""
+    error: float = 0.0
+    """m, e of markerless points."""
+    extension: Mapping[str, float] = field(default_factory=dict)
+    """Side -> length of the leg (m), from pelvis to foot, where the distances were measured."""
 
 
 def measure_pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
-    """Distances of markers of pelvis and legs, within one segment or not."""
+    """Measure the distances between markers of pelvis and legs, within segments and across them.
+
+    Parameters
+    ----------
+    recording
+        With the labels of the set.
+    marker_set
+        The set.
+
+    Returns
+    -------
+    Distances
+    """
     column = {label: i for i, label in enumerate(recording.labels)}
     worn = sorted(
         {
@@ -92,16 +109,18 @@ def measure_pair_distances(recording: Recording, marker_set: MarkerSet) -> Dista
     segment_of = marker_set.segment_of
     out: dict[frozenset[str], float] = {}
     for a, b in combinations(worn, 2):
-        apart = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
+        distance = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
+        # with a straight leg, if that is visible
         side = segment_of.get(a, "")[-1:]
-        near = apart[straight[side][0]] if side in straight else apart
-        apart = near if np.isfinite(near).sum() >= FEWEST_FRAMES else apart
-        if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
-            out[frozenset((a, b))] = float(np.nanmedian(apart))
-    if (noise := marker_set.noise) is None:
+        near = distance[straight[side][0]] if side in straight else distance
+        distance = near if np.isfinite(near).sum() >= FEWEST_FRAMES else distance
+        if np.isfinite(distance).sum() >= min(FEWEST_FRAMES, len(distance)):
+            out[frozenset((a, b))] = float(np.nanmedian(distance))
+    noise = marker_set.noise
+    if noise is None:
         return Distances(out, extension={side: length for side, (_, length) in straight.items()})
     looks = max(float(recording.time[-1] - recording.time[0]) / noise.memory_s, 1.0)
-    # where a pose has a joint, four corners say
+    # the joint of a pose is the mean of four corners
     corners = 4.0 if has_poses(recording.labels) and not has_key_points(recording.labels) else 1.0
     return Distances(out, 1e-3 * noise.size_mm * float(np.sqrt(2.0 / (looks * corners))))
 
@@ -109,67 +128,78 @@ def measure_pair_distances(recording: Recording, marker_set: MarkerSet) -> Dista
 def _find_straight_legs(
     recording: Recording, marker_set: MarkerSet
 ) -> dict[str, tuple[BoolArray, float]]:
-    """Side -> which of the frames show the leg about as straight as it ever is, and m, how long it
-    is there.
-    """
+    """Find the frames in which each leg is about as straight as ever, and its length (m)."""
     out: dict[str, tuple[BoolArray, float]] = {}
-    pelvis, some = (
-        compute_segment_middle(recording, marker_set, "pelvis"),
-        max(1, len(recording.markers) // MOST_FRAMES),
-    )
+    pelvis = compute_segment_middle(recording, marker_set, "pelvis")
+    step = max(1, len(recording.markers) // MOST_FRAMES)
     for side in SIDES:
-        length = np.linalg.norm(
-            compute_segment_middle(recording, marker_set, f"foot_{side}") - pelvis, axis=1
-        )[::some]
+        foot = compute_segment_middle(recording, marker_set, f"foot_{side}")
+        length = np.linalg.norm(foot - pelvis, axis=1)[::step]
         if np.isfinite(length).sum() >= FEWEST_FRAMES:
-            near = np.nan_to_num(length) >= np.nanpercentile(
-                length, 100.0 - NEAREST_PERCENT
-            ) * np.cos(0.5 * NEAR_RAD)
+            longest = np.nanpercentile(length, 100.0 - NEAREST_PERCENT)
+            near = np.nan_to_num(length) >= longest * np.cos(0.5 * NEAR_RAD)
             out[side] = near, float(np.median(length[near]))
     return out
 
 
 def list_tracked_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
-    """Segment of pelvis and legs -> those of the labels that are followed on it and tell places; of
-    points that are no markers the ends of its bone.
+    """List the labels that determine the pose of each segment of pelvis and legs.
+
+    Parameters
+    ----------
+    marker_set
+        The set.
+    labels
+        Of a recording.
+
+    Returns
+    -------
+    dict
     """
-    there = set(labels)
+    available = set(labels)
     out: dict[str, list[str]] = {}
+    has_joint_centres = marker_set.noise is not None and "hjc_r" in marker_set.landmarks
     for segment in LOWER_BODY:
-        worn = (*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ()))
-        if marker_set.noise is not None and "hjc_r" in marker_set.landmarks:
-            worn = tuple(
-                label
-                for name in _list_bone_ends(segment)
-                for label in marker_set.landmarks.get(name, ())
-            )
-            out[segment] = sorted(there.intersection(worn))
+        if has_joint_centres:
+            ends = _list_bone_ends(segment)
+            on_ends = {m for name in ends for m in marker_set.landmarks.get(name, ())}
+            out[segment] = sorted(available & on_ends)
             continue
+        worn = {*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ())}
         out[segment] = sorted(
-            m
-            for m in dict.fromkeys(worn)
-            if m in there and marker_set.weight(m) > NEGLIGIBLE_WEIGHT
+            m for m in worn & available if marker_set.weight(m) > NEGLIGIBLE_WEIGHT
         )
     return out
 
 
 def _list_bone_ends(segment: str) -> tuple[str, ...]:
-    """Landmarks at the ends of the bone of a segment of the lower body; none of the talus."""
+    """List the landmarks at the ends of a segment's bone; none of the talus."""
     kind, _, side = segment.partition("_")
     ends = {
         "thigh": ("hjc", "knee_lat"),
         "shank": ("knee_lat", "ankle_lat"),
         "foot": ("ankle_lat", "toe"),
     }
-    return (
-        ("hjc_r", "hjc_l")
-        if kind == "pelvis"
-        else tuple(f"{end}_{side}" for end in ends.get(kind, ()))
-    )
+    if kind == "pelvis":
+        return ("hjc_r", "hjc_l")
+    return tuple(f"{end}_{side}" for end in ends.get(kind, ()))
 
 
 def compare_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) -> dict[str, float]:
-    """Segment -> m, d_s; without segments of which the two recordings have no pair in common."""
+    """Compare the distances of two recordings within each segment.
+
+    Parameters
+    ----------
+    one, other
+        Of `measure_pair_distances`.
+    marker_set
+        Of both.
+
+    Returns
+    -------
+    dict
+        Segment -> d_s (m); segments without a common pair are left out.
+    """
     common = set(one.medians) & set(other.medians)
     worn = list_tracked_labels(marker_set, {label for pair in common for label in pair})
     out: dict[str, float] = {}
@@ -181,8 +211,19 @@ def compare_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) 
 
 
 def describe_placement_difference(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
-    """In what the markers of two recordings are placed otherwise, in words; empty where they may be
-    the same.
+    """Describe by how much the marker positions of two recordings differ.
+
+    Parameters
+    ----------
+    one, other
+        Of `measure_pair_distances`.
+    marker_set
+        Of both.
+
+    Returns
+    -------
+    str
+        Empty if they may be the same.
     """
     by_segment = compare_by_segment(one, other, marker_set)
     ranked = sorted(by_segment, key=lambda segment: (-by_segment[segment], segment))
@@ -193,15 +234,14 @@ def describe_placement_difference(one: Distances, other: Distances, marker_set: 
         sorted((one.extension[side], other.extension[side]))
         for side in one.extension.keys() & other.extension
     ]
-    # of a knee between two equal parts, that makes a leg so much shorter
+    # knee flexion that shortens a leg of two equal parts by so much
     flexed = 2.0 * float(np.arccos(min((short / long for short, long in lengths), default=1.0)))
     tissue = compute_tissue_spread(
         float(np.sqrt(2.0)) * max(size.per_marker for size in SIZES.values()), flexed - NEAR_RAD
     )
     doubt = DOUBT * float(np.linalg.norm([one.error, other.error, tissue]))
-    if differ[1] <= np.hypot(APART_M, doubt) and float(np.median(differ)) <= np.hypot(
-        ALL_APART_M, doubt
-    ):
+    is_small = differ[1] <= np.hypot(APART_M, doubt)
+    if is_small and float(np.median(differ)) <= np.hypot(ALL_APART_M, doubt):
         return ""
     return "distances within segments differ: " + ", ".join(
         f"{s} {1e3 * by_segment[s]:.0f} mm" for s in ranked[:3]
@@ -209,8 +249,18 @@ def describe_placement_difference(one: Distances, other: Distances, marker_set: 
 
 
 def is_same_recording(one: Recording, other: Recording) -> bool:
-    """Whether the shorter of two recordings is the other one, or a part of it, whatever its axes
-    and labels' order.
+    """Return whether the shorter of two recordings is the other one or a part of it.
+
+    Their axes and the order of their labels may differ.
+
+    Parameters
+    ----------
+    one, other
+        Recordings.
+
+    Returns
+    -------
+    bool
     """
     common = sorted(set(one.labels) & set(other.labels))
     if len(common) < FEWEST_COMMON:
@@ -231,204 +281,234 @@ def is_same_recording(one: Recording, other: Recording) -> bool:
 
 
 def _measure_from_middle(recording: Recording, labels: list[str]) -> Array:
-    """(nf, nl) m, distance of each marker from the mean of all, which no turn of the axes changes;
-    NaN where one is not seen.
-    """
+    """Measure (nf, nl) m, the distances of markers from their mean, whatever the axes."""
     markers = recording.markers[:, [recording.labels.index(label) for label in labels]]
     out: Array = np.linalg.norm(markers - markers.mean(axis=1, keepdims=True), axis=2)
     return out
 
 
 def _find_starts(short: Array, long: Array) -> list[int]:
-    """Frames of `long` at which `short` may begin, from those nearest to its first, middle and last
-    whole frame.
-    """
+    """Find frames of `long` at which `short` may begin, by its first, middle and last whole frame."""
     spare = len(long) - len(short)
-    whole = np.flatnonzero(np.isfinite(short).all(axis=1))
+    complete = np.flatnonzero(np.isfinite(short).all(axis=1))
     if spare == 0:
         return [0]
     starts = set()
-    for frame in whole[[0, len(whole) // 2, -1]] if len(whole) else ():
+    for frame in complete[[0, len(complete) // 2, -1]] if len(complete) else ():
         away = np.abs(long - short[frame]).mean(axis=1)
         if np.isfinite(away).any():
             starts.add(int(np.nanargmin(away)) - int(frame))
     return sorted(start for start in starts if 0 <= start <= spare)
 
 
-# Second largest d_s of `placing` after the exchange: the largest of one person in one session
 WITHIN_M = 0.009
-# Share of the largest d_s that may be left: the exchange has to tell the difference, not to share
-# in it
+"""m, second largest d_s after the swap: the largest within a session of one person."""
 REMAINS = 0.5
+"""Share of the largest d_s that may be left: the swap must explain the difference."""
 SIDES_EXCHANGED = "left and right"
 
 
 def find_explaining_swap(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
-    """The exchange of labels in one of two recordings after which their markers sit alike; empty
-    where none does.
+    """Find the swap of labels in one of two recordings after which their marker positions agree.
 
-    `one`, `other`: of `pair_distances`.
+    Parameters
+    ----------
+    one, other
+        Of `measure_pair_distances`.
+    marker_set
+        Of both.
+
+    Returns
+    -------
+    str
+        The swapped labels; empty if no swap explains the difference.
     """
     present = compare_by_segment(one, other, marker_set)
     if len(present) < 2:
         return ""
     fits: list[tuple[float, str]] = []
-    for words, exchange in _list_swaps(marker_set, other):
-        apart = sorted(
-            compare_by_segment(one, _swap_distances(other, exchange), marker_set).values(),
-            reverse=True,
-        )
-        median = sorted(apart)[len(apart) // 2]
-        tight = apart[0] <= min(APART_M, REMAINS * max(present.values())) and apart[1] <= WITHIN_M
+    for name, swap in _list_swaps(marker_set, other):
+        by_segment = compare_by_segment(one, _swap_distances(other, swap), marker_set)
+        left = sorted(by_segment.values(), reverse=True)
+        median = sorted(left)[len(left) // 2]
+        tight = left[0] <= min(APART_M, REMAINS * max(present.values())) and left[1] <= WITHIN_M
         if tight and median <= ALL_APART_M:
-            fits.append((sum(apart), words))
+            fits.append((sum(left), name))
     return min(fits)[1] if fits else ""
 
 
 def _list_swaps(
     marker_set: MarkerSet, distances: Distances
 ) -> Iterator[tuple[str, Mapping[str, str]]]:
+    """Generate swaps with their names: the two sides, then any two markers of pelvis and legs."""
     labels = sorted({label for pair in distances.medians for label in pair})
     of_sides = [(a, b) for a, b in combinations(labels, 2) if other_side(a, b)]
     if of_sides:
-        yield SIDES_EXCHANGED, {old: new for a, b in of_sides for old, new in ((a, b), (b, a))}
+        swap: dict[str, str] = {}
+        for a, b in of_sides:
+            swap |= {a: b, b: a}
+        yield SIDES_EXCHANGED, swap
     worn = {label for group in list_tracked_labels(marker_set, labels).values() for label in group}
     for a, b in combinations([label for label in labels if label in worn], 2):
         yield f"{a} and {b}", {a: b, b: a}
 
 
-def _swap_distances(distances: Distances, exchange: Mapping[str, str]) -> Distances:
-    """Distances as they are after the exchange."""
-    apart = {
-        frozenset(exchange.get(label, label) for label in pair): d
+def _swap_distances(distances: Distances, swap: Mapping[str, str]) -> Distances:
+    """Return the distances after a swap of labels."""
+    medians = {
+        frozenset(swap.get(label, label) for label in pair): d
         for pair, d in distances.medians.items()
     }
-    return replace(distances, medians=apart)
+    return replace(distances, medians=medians)
 
 
 STATIC_WORD = re.compile(
     r"(static|stat(?![a-z])|(?<![a-z])cal(ib\w*)?(?![a-z])|stand|(?<![a-z])(st|sc)(?![a-z])|pose|neutral|anatom)",
     re.I,
 )
-"""What files of static trials are called; weak evidence."""
+"""Words in the names of static trials; weak evidence."""
 CLEAR_WORD = re.compile(r"(static|(?<![a-z])cal(ib\w*)?(?![a-z])|neutral|anatom)", re.IGNORECASE)
-"""The same, where no other word is meant."""
+"""Those of them that are unambiguous."""
 SHIFTS_M = 0.1
-"""RMS distance from the mean place up to which a foot or the pelvis is merely restless: a step
-moves it by more.
+"""m, RMS distance from the mean position up to which foot or pelvis only shift; a step moves them
+farther.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Session:
-    """The recordings of one person with the markers in the same places."""
+    """The recordings of one person with the markers at the same positions."""
 
-    statics: tuple[int, ...]  # Recordings that may be static trials, the best first
+    statics: tuple[int, ...]
+    """Recordings that may be static trials, best first."""
     members: tuple[int, ...]
-    postures: Mapping[
-        int, StandingPosture
-    ]  # Recording -> how the person stands in it, where that is seen
-    only_standing: Mapping[
-        int, tuple[str, ...]
-    ]  # Static trial -> markers of it that no other recording has
-    others: Mapping[int, str]  # Recordings of the same labels that are not of this session, and why
+    postures: Mapping[int, StandingPosture]
+    """Recording -> standing posture in it, if there is one."""
+    only_standing: Mapping[int, tuple[str, ...]]
+    """Static trial -> its markers that no moving recording has."""
+    others: Mapping[int, str]
+    """Recordings with the same labels that are not of this session -> why."""
 
     @property
     def marker_set(self) -> MarkerSet:
-        """The marker set as the best static trial shows it worn."""
+        """The marker set with the alternatives that the best static trial shows."""
         return self.postures[self.statics[0]].marker_set
 
 
 def find_session(
     recordings: Mapping[int, Recording], stems: Mapping[int, str], marker_set: MarkerSet
 ) -> Session | None:
-    """The largest session in recordings with the set's labels; None where nobody stands still.
+    """Find the largest session in recordings with the labels of a set.
 
-    `stems`: file names without ending.
+    Parameters
+    ----------
+    recordings
+        Number -> recording.
+    stems
+        Number -> file name without ending.
+    marker_set
+        The set.
+
+    Returns
+    -------
+    Session or None
+        None without a standing posture.
     """
-    postures = {
-        i: found
-        for i, r in recordings.items()
-        if (found := detect_standing(r, marker_set)[0]) is not None
-    }
-    worn = _find_static_only_labels(recordings, postures)
-    only = _choose_static_candidates(recordings, stems, postures, worn)
-    if not only:
+    postures = {}
+    for i, recording in recordings.items():
+        posture, _ = detect_standing(recording, marker_set)
+        if posture is not None:
+            postures[i] = posture
+    static_only = _find_static_only_labels(recordings, postures)
+    candidates = _choose_static_candidates(recordings, stems, postures, static_only)
+    if not candidates:
         return None
 
     def rank(i: int) -> tuple[object, ...]:
         missing = sum(name not in postures[i].landmarks for name in REQUIRED)
-        told = bool(recordings[i].facts.is_static)
+        declared = bool(recordings[i].facts.is_static)
         word = STATIC_WORD.search(stems[i]) is not None
-        moment = len(recordings[i].time) == 1  # nobody can tell whether they stand still in it
+        # a single frame does not show whether the person stands still
+        single = len(recordings[i].time) == 1
         return (
             missing,
-            moment,
-            not told,
-            -len(worn[i]),
+            single,
+            not declared,
+            -len(static_only[i]),
             not word,
             round(1e3 * postures[i].speed),
             stems[i].lower(),
             i,
         )
 
-    ranked = sorted(only, key=rank)
+    ranked = sorted(candidates, key=rank)
     distances = {i: measure_pair_distances(r, marker_set) for i, r in recordings.items()}
-    otherwise = {
-        (i, j): "" if find_explaining_swap(distances[i], distances[j], marker_set) else words
+    differences = {
+        (i, j): _describe_other_markers(distances[i], distances[j], marker_set)
         for i in ranked
         for j in recordings
-        if (words := describe_placement_difference(distances[i], distances[j], marker_set))
     }
-    groups = {i: [j for j in recordings if not otherwise.get((i, j))] for i in ranked}
+    # each static trial collects the recordings with its marker positions; the largest group counts
+    groups = {i: [j for j in recordings if not differences[i, j]] for i in ranked}
     best = max(ranked, key=lambda i: (len(groups[i]), -ranked.index(i)))
     others = {}
-    for j in recordings:
-        if j not in groups[best]:
-            own = next(
-                (i for i in ranked if i not in groups[best] and j in groups[i] and i != j), None
-            )
-            more = (
-                f"; its static trial is {stems[own]}: put these into a folder of their own"
-                if own is not None
-                else ""
-            )
-            words = otherwise[best, j]
-            others[j] = (
-                f"another person, or markers put on anew, against {stems[best]}: {words}{more}"
-            )
+    for j in (j for j in recordings if j not in groups[best]):
+        statics = [i for i in ranked if i not in groups[best] and j in groups[i] and i != j]
+        more = ""
+        if statics:
+            more = f"; its static trial is {stems[statics[0]]}: put both into a separate folder"
+        others[j] = (
+            f"another person, or markers attached again, compared with {stems[best]}: "
+            f"{differences[best, j]}{more}"
+        )
     return Session(
         statics=(best, *(i for i in ranked if i != best and i in groups[best])),
         members=tuple(groups[best]),
         postures=postures,
-        only_standing=worn,
+        only_standing=static_only,
         others=others,
     )
+
+
+def _describe_other_markers(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
+    """Describe different marker positions that no swap of labels explains; empty if the same."""
+    difference = describe_placement_difference(one, other, marker_set)
+    if difference and find_explaining_swap(one, other, marker_set):
+        return ""
+    return difference
 
 
 def _choose_static_candidates(
     recordings: Mapping[int, Recording],
     stems: Mapping[int, str],
     postures: Mapping[int, StandingPosture],
-    worn: Mapping[int, tuple[str, ...]],
+    static_only: Mapping[int, tuple[str, ...]],
 ) -> list[int]:
-    """Recordings that only stand; where there are none, those called static or with markers of
-    their own, of which a part stands; then those in which somebody merely shifts; then those of
-    segment poses, in which nobody has to stand.
+    """Choose the recordings that may be static trials.
+
+    Those that only stand; without any, those named static or with markers for the static trial
+    only, of which a part stands; then those in which the person only shifts; then segment poses,
+    which need no standing.
     """
     tiers: tuple[Callable[[int], bool], ...] = (
         lambda i: postures[i].throughout,
-        lambda i: bool(CLEAR_WORD.search(stems[i]) or recordings[i].facts.is_static or worn[i]),
+        lambda i: bool(
+            CLEAR_WORD.search(stems[i]) or recordings[i].facts.is_static or static_only[i]
+        ),
         lambda i: postures[i].sway <= SHIFTS_M,
         lambda i: has_poses(recordings[i].labels),
     )
-    return next((found for tier in tiers if (found := [i for i in postures if tier(i)])), [])
+    for tier in tiers:
+        found = [i for i in postures if tier(i)]
+        if found:
+            return found
+    return []
 
 
 def _find_static_only_labels(
     recordings: Mapping[int, Recording], postures: Mapping[int, StandingPosture]
 ) -> dict[int, tuple[str, ...]]:
-    """Standing recording -> its labels that no recording has in which the person moves."""
+    """Find the labels of each standing recording that no moving recording has."""
     moving = {
         m
         for i, r in recordings.items()

@@ -448,7 +448,7 @@ def pair_forces(
 def _choose_forces(
     match: _Match, table: FolderFile, stems: Mapping[int, str], external: FolderFile | None
 ) -> ForceChoice:
-    """Describe why a table belongs to a recording; uncertain if another one's name is more alike."""
+    """Describe why a table belongs to a recording; uncertain if another name is more similar."""
     alike = {number: compare_names(stem, table.path.stem) for number, stem in stems.items()}
     best = max(alike, key=lambda number: (alike[number], number == match.recording))
     is_rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
@@ -492,7 +492,7 @@ def find_partner(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile |
 
 
 def _rank(match: _Match) -> tuple[object, ...]:
-    """Rank a match, smallest first: time lost, names (both in steps), distance, order of the files."""
+    """Rank a match, smallest first: time lost and names in steps, distance, order of files."""
     away = np.inf if match.away is None else match.away
     return (
         match.away is None,
@@ -544,7 +544,7 @@ def _match(
 def _select_loaded_frames(
     recording: Recording, marker_set: MarkerSet, table: FolderFile
 ) -> tuple[Array, Array]:
-    """Select loaded frames: centres of pressure (n, 2) and foot markers (n, k, 2), m, in the floor plane."""
+    """Select centres of pressure (n, 2) m and foot markers (n, k, 2) m, from above, in loaded frames."""
     feet = [
         i
         for i, m in enumerate(recording.labels)

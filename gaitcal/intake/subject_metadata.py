@@ -169,7 +169,7 @@ def _collect_mass(
 
 
 def _compute_age_by_dates(files: Sequence[tuple[str, Facts]]) -> KnownField | None:
-    """Compute the age (years, one decimal) by the first plausible dates; the birth date is not repeated."""
+    """Compute the age (years, one decimal) by the first plausible dates of birth and session."""
     ages = [(name, compute_age(facts.birth_date, facts.session_date)) for name, facts in files]
     plausible = [
         (name, round(age, 1))

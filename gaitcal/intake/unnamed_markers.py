@@ -1,40 +1,40 @@
-"""Markers whatever they are called: what moves together, which way the person faces, which one sits
-where.
+"""Identify markers without their labels: what moves together, the heading, and positions.
 
-Skin moves the markers of a segment against each other by some millimetres; those of two segments
-change their distance by a few centimetres and more as joints turn. S_ij, the standard deviation of
-the distance of markers i and j over a trial (the largest over all of them; half of what its mean
-differs between two trials, where that is more), is log-normal about ON_ONE if they are on one
-segment, about APART if not.
+*Moving together.* Skin moves the markers of a segment relative to each other by some millimetres;
+the distance of markers on two segments changes by centimetres as joints rotate. S_ij, the standard
+deviation of the distance of markers i and j over a trial (the largest over all of them; half of the
+difference of its mean between two trials, if that is more), is log-normal about ON_ONE on one
+segment, about APART on two.
 
-Where a foot is higher it swings forward, over the ground and on a treadmill, and where it is lower
-it stays, or goes back with the belt. With h the height and u the horizontal velocity of a low
-marker, in the axes of the standing person (`_turns_to`: the turn about the vertical that fits all
-markers best),
+*Direction.* A foot swings forward while it is high, over ground and on a treadmill; while it is low
+it is at rest, or moves backward with the belt. With h the height and u the horizontal velocity of a
+low marker, in the axes of the standing person (`_compute_rotations_to`: the rotation about the
+vertical that fits all markers best),
 
     forward ~ sum over frames of (h - mean h) (u - mean u),
 
-by each foot for itself; what counts is in how far both say the same, 2 min(a, b) / (a + b) with a
-and b how much each says, and a recording counts by 2 min(a, b): one in which one foot moves says
-nothing.
+for each foot separately. The result counts by the agreement of both, 2 min(a, b) / (a + b) with
+their lengths a and b, and a recording counts by 2 min(a, b): one in which one foot moves is no
+evidence.
 
-Which marker of a standing person sits where is one likelihood of places and of what moves together.
-A body of height 1 has landmarks, which one marker each may show, and surfaces, about which any
-number lie (`models/body_places.toml`). Its place p, with joints k that carry it (body, pelvis, hip,
-knee, ...), is Gaussian,
+*Position.* One likelihood combines the positions of markers on a standing person and what moves
+together. A body of height 1 has landmarks, with one marker at most each, and surfaces with any
+number (`models/body_places.toml`). The position p of a landmark or a surface point, with the joints
+k that carry it (body, pelvis, hip, knee, ...), is Gaussian,
 
-    p ~ N(at, C + diag(own^2)),   C_pq = sum over common joints k of spread_k^2  +  SCALE^2 at_p at_q  (each axis),
+    p ~ N(at, C + diag(spread^2)),
+    C_pq = sum over common joints k of spread_k^2  +  SCALE^2 at_p at_q       (each axis),
 
-so that markers which are already known tell where the others have to be: a tree along the body.
-Marker i at x_i costs at place p, on a segment s with n markers,
+so that markers that are already assigned determine where the others are: a tree along the body.
+Marker i at x_i has at position p, on a segment s with n markers, the cost
 
     c_ip = 1/2 sum over axes [ (x_i - m_p)^2 / v_p + log v_p ] - log(w_p / (1 - w_p)) - min(n, 3)
     t_is,
 
-m, v the mean and variance of p given the markers that are placed so far, w_p the share of
-laboratories that use a landmark, t_is the mean over the markers j of s of how likely i and j move
-together, of the likelier one of its two segments for a landmark at a joint. The best one-to-one
-assignment (scipy's `linear_sum_assignment`) and (m, v) follow from each other in turn, as in
+with m, v the mean and variance of p given the markers that are assigned so far, w_p the share of
+laboratories that use a landmark, and t_is the mean over the markers j of s of the log odds that i
+and j move together (of the likelier of its two segments for a landmark at a joint). The best
+one-to-one assignment (scipy's `linear_sum_assignment`) and (m, v) are computed in turn, as in
 coherent point drift (Myronenko and Song, IEEE PAMI 32:2262-2275, 2010).
 """
 
@@ -59,23 +59,41 @@ ON_ONE, APART = (0.005, 0.8), (0.05, 1.2)
 two: skin and flesh against bone move by 5 mm RMS, give or take a factor of two (Leardini et al.,
 Gait Posture 21:212-225, 2005)."""
 MOST_FRAMES = 150
+"""Frames, evenly spread, that are used of a recording."""
 FEWEST_FRAMES = 10
 LAG_S = 0.05
-LOW_M = 0.16  # Height over the lowest marker of those that are taken for the feet's
-# Markers, those that keep their distance best, by which one is placed that the static trial lacks
-SEEN_BESIDE = 6
+"""s, half of the time over which velocities are computed."""
+LOW_M = 0.16
+"""m above the lowest marker up to which markers are taken for those of the feet."""
+MOST_COMPANIONS = 6
+"""Markers by which a marker is placed that the static trial lacks."""
 
 
 def measure_standing_points(recording: Recording, labels: Sequence[str]) -> Array:
-    """(n, 3) m, where markers are in the stillest part of a recording; NaN of those that are not
-    seen in it.
+    """Measure where markers are in the stillest part of a recording.
 
-    InputError where nobody stands still in it.
+    Parameters
+    ----------
+    recording
+        Static trial.
+    labels
+        (n,).
+
+    Returns
+    -------
+    Array
+        (n, 3) m; NaN of markers that are not visible.
+
+    Raises
+    ------
+    InputError
+        There is no still window.
     """
     frames = find_still_window(recording, labels).frames
     out = np.full((len(labels), 3), np.nan)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen
+        # all NaN: not visible
+        warnings.simplefilter("ignore", RuntimeWarning)
         for i, label in enumerate(labels):
             if label in recording.labels:
                 path = recording.markers[:, recording.labels.index(label)]
@@ -87,10 +105,24 @@ def measure_standing_points(recording: Recording, labels: Sequence[str]) -> Arra
 def compute_distance_scatter(
     recordings: Sequence[Recording], labels: Sequence[str], standing: Array | None = None
 ) -> Array:
-    """(n, n) m, S_ij; NaN where two markers are never seen together for long enough. `standing`:
-    (n, 3) m, where they are in a further trial, in which nothing moves.
+    """Compute the scatter S_ij of the distances between markers.
+
+    Parameters
+    ----------
+    recordings
+        Of movements.
+    labels
+        (n,).
+    standing
+        (n, 3) m, positions in a further trial without movement.
+
+    Returns
+    -------
+    Array
+        (n, n) m; NaN where two markers are never visible together for long enough.
     """
     number = {label: i for i, label in enumerate(labels)}
+    # largest scatter, and range of the mean distances over the trials
     out = np.full((len(labels), len(labels)), np.nan)
     low, high = np.full_like(out, np.nan), np.full_like(out, np.nan)
     if standing is not None:
@@ -99,32 +131,42 @@ def compute_distance_scatter(
     for recording in recordings:
         columns = [c for c, label in enumerate(recording.labels) if label in number]
         markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)][:, columns]
-        seen = find_visible(markers)
-        both = seen.T.astype(np.float64) @ seen
+        visible = find_visible(markers)
+        both = visible.T.astype(np.float64) @ visible
         if not (both >= FEWEST_FRAMES).any():
             continue
-        apart = np.linalg.norm(markers[:, :, None] - markers[:, None], axis=3)
+        distance = np.linalg.norm(markers[:, :, None] - markers[:, None], axis=3)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            scatter = np.where(both >= FEWEST_FRAMES, np.nanstd(apart, axis=0), np.nan)
-            mean = np.where(both >= FEWEST_FRAMES, np.nanmean(apart, axis=0), np.nan)
-        rows = np.ix_(*[[number[recording.labels[c]] for c in columns]] * 2)
+            scatter = np.where(both >= FEWEST_FRAMES, np.nanstd(distance, axis=0), np.nan)
+            mean = np.where(both >= FEWEST_FRAMES, np.nanmean(distance, axis=0), np.nan)
+        indices = [number[recording.labels[c]] for c in columns]
+        rows = np.ix_(indices, indices)
         out[rows] = np.fmax(out[rows], scatter)
         low[rows], high[rows] = np.fmin(low[rows], mean), np.fmax(high[rows], mean)
     return np.where(np.isfinite(out), np.fmax(out, 0.5 * (high - low)), np.nan)
 
 
 def compute_segment_log_odds(scatter: Array) -> Array:
-    """(n, n) log ratio of the likelihoods that two markers are on one segment or on two; 0 where
-    nothing is known.
+    """Compute the log odds that two markers are on one segment and not on two.
+
+    Parameters
+    ----------
+    scatter
+        (n, n) m, of `compute_distance_scatter`.
+
+    Returns
+    -------
+    Array
+        (n, n); 0 where nothing is known.
     """
     log = np.log(np.maximum(scatter, 1e-3))
 
-    def density(median: float, deviation: float) -> Array:
-        out: Array = -0.5 * np.square((log - np.log(median)) / deviation) - np.log(deviation)
-        return out
+    def compute_log_density(median: float, deviation: float) -> Array:
+        density: Array = -0.5 * np.square((log - np.log(median)) / deviation) - np.log(deviation)
+        return density
 
-    out = np.nan_to_num(density(*ON_ONE) - density(*APART))
+    out = np.nan_to_num(compute_log_density(*ON_ONE) - compute_log_density(*APART))
     np.fill_diagonal(out, 0.0)
     return out
 
@@ -132,47 +174,62 @@ def compute_segment_log_odds(scatter: Array) -> Array:
 def place_missing_markers(
     points: Array, labels: Sequence[str], recordings: Sequence[Recording], scatter: Array
 ) -> Array:
-    """`points` (n, 3) with markers that only the moving trials have, placed by those that they move
-    with.
+    """Place markers that only the moving trials have, by the markers that they move with.
+
+    Parameters
+    ----------
+    points
+        (n, 3) m, positions in the static trial; NaN where missing.
+    labels
+        (n,).
+    recordings
+        Of movements.
+    scatter
+        (n, n) m, of `compute_distance_scatter`.
+
+    Returns
+    -------
+    Array
+        (n, 3) m; NaN where a marker has fewer than three companions.
     """
     out = points.copy()
     known = np.isfinite(points).all(axis=1)
     for i in np.flatnonzero(~known):
-        beside = np.flatnonzero(known & np.isfinite(scatter[i]))
-        beside = beside[np.argsort(scatter[i, beside])][:SEEN_BESIDE]
+        # companions: those that keep their distance best
+        companions = np.flatnonzero(known & np.isfinite(scatter[i]))
+        companions = companions[np.argsort(scatter[i, companions])][:MOST_COMPANIONS]
         for recording in recordings:
-            wanted = [labels[k] for k in (i, *beside)]
-            if len(beside) < 3 or not set(wanted) <= set(recording.labels):
+            wanted = [labels[k] for k in (i, *companions)]
+            if len(companions) < 3 or not set(wanted) <= set(recording.labels):
                 continue
             paths = recording.markers[:, [recording.labels.index(label) for label in wanted]]
             paths = paths[find_visible(paths).all(axis=1)][:MOST_FRAMES]
             if len(paths) < FEWEST_FRAMES:
                 continue
-            middle, place = paths[:, 1:].mean(axis=1), points[beside].mean(axis=0)
+            # rigid motion from the frames to the static trial
+            middle, centre = paths[:, 1:].mean(axis=1), points[companions].mean(axis=0)
             moments = np.einsum(
-                "fmi,mj->ijf", paths[:, 1:] - middle[:, None], points[beside] - place
+                "fmi,mj->ijf", paths[:, 1:] - middle[:, None], points[companions] - centre
             )
-            turn = find_best_rotation(moments)[0]
-            out[i] = place + np.einsum("ijf,fi->fj", turn, paths[:, 0] - middle).mean(axis=0)
+            rotation = find_best_rotation(moments)[0]
+            out[i] = centre + np.einsum("ijf,fi->fj", rotation, paths[:, 0] - middle).mean(axis=0)
             break
     return out
 
 
 def _compute_rotations_to(markers: Array, points: Array) -> Array:
-    """(nf,) rad, turn about the vertical that brings markers (nf, n, 3) nearest to where they stand
-    (n, 3).
-    """
-    seen = find_visible(markers).astype(np.float64)[..., None]
-    count = np.maximum(seen.sum(axis=1), 1.0)
-    x = np.where(seen > 0, markers, 0.0)
-    here = x - (x * seen).sum(axis=1, keepdims=True) / count[:, None]
-    there = points[None] - ((seen * points).sum(axis=1) / count)[:, None]
-    along = (seen[..., 0] * (here[..., 0] * there[..., 0] + here[..., 2] * there[..., 2])).sum(
-        axis=1
-    )
-    across = (seen[..., 0] * (here[..., 0] * there[..., 2] - here[..., 2] * there[..., 0])).sum(
-        axis=1
-    )
+    """Compute (nf,) rad, rotations about the vertical from markers (nf, n, 3) to points (n, 3)."""
+    visible = find_visible(markers).astype(np.float64)[..., None]
+    count = np.maximum(visible.sum(axis=1), 1.0)
+    x = np.where(visible > 0, markers, 0.0)
+    measured = x - (x * visible).sum(axis=1, keepdims=True) / count[:, None]
+    target = points[None] - ((visible * points).sum(axis=1) / count)[:, None]
+    along = (
+        visible[..., 0] * (measured[..., 0] * target[..., 0] + measured[..., 2] * target[..., 2])
+    ).sum(axis=1)
+    across = (
+        visible[..., 0] * (measured[..., 0] * target[..., 2] - measured[..., 2] * target[..., 0])
+    ).sum(axis=1)
     out: Array = np.arctan2(across, along)
     return out
 
@@ -180,8 +237,22 @@ def _compute_rotations_to(markers: Array, points: Array) -> Array:
 def estimate_forward_direction(
     recordings: Sequence[Recording], points: Array, labels: Sequence[str]
 ) -> Array:
-    """(2,) horizontal direction (x, z) in which the person faces who stands at `points` (n, 3); its
-    length, 0 to 1, is how far both feet of all recordings say the same. Zero where nobody walks.
+    """Estimate the horizontal direction in which a walking person faces.
+
+    Parameters
+    ----------
+    recordings
+        Of movements.
+    points
+        (n, 3) m, of the standing person.
+    labels
+        (n,).
+
+    Returns
+    -------
+    Array
+        (2,) x and z, in the posture of `points`. Its length, 0 to 1, is the agreement of both feet
+        over all recordings; zero without walking.
     """
     total, weight = np.zeros(2), 0.0
     known = {label: k for k, label in enumerate(labels) if np.isfinite(points[k]).all()}
@@ -199,10 +270,11 @@ def estimate_forward_direction(
         )
         if feet is None:
             continue
-        turn = _compute_rotations_to(markers, standing)[lag:-lag, None]
+        # velocity in the axes of the standing person
+        angle = _compute_rotations_to(markers, standing)[lag:-lag, None]
         velocity = (markers[2 * lag :, low] - markers[: -2 * lag, low]) / (2 * lag / recording.rate)
         height = markers[lag:-lag, low, 1]
-        cos, sin = np.cos(turn), np.sin(turn)
+        cos, sin = np.cos(angle), np.sin(angle)
         u = np.stack(
             [
                 cos * velocity[..., 0] - sin * velocity[..., 2],
@@ -214,6 +286,7 @@ def estimate_forward_direction(
             swing = np.nansum(
                 (height - np.nanmean(height, axis=0)) * (u - np.nanmean(u, axis=1)[:, None]), axis=1
             )
+        # agreement of both feet
         one, other = swing[:, feet == 1].sum(axis=1), swing[:, feet == 2].sum(axis=1)
         sizes = np.linalg.norm(one), np.linalg.norm(other)
         both = 2 * float(min(sizes))
@@ -227,48 +300,69 @@ def estimate_forward_direction(
 
 
 def _split_into_feet(scatter: Array) -> IntArray | None:
-    """(n,) 1 or 2, which low markers move together: those of a foot; None where there are no two."""
+    """Split low markers into those that move together: (n,) 1 or 2; None without two groups."""
     if len(scatter) < 2 or not np.isfinite(scatter).any():
         return None
     pairs = np.nan_to_num(scatter, nan=float(np.nanmax(scatter)))[np.triu_indices(len(scatter), 1)]
     return np.asarray(fcluster(linkage(pairs, "average"), 2, "maxclust"), dtype=np.intp)
 
 
-SCALE = 0.04  # Standard deviation of a person's proportions as a share of the lengths
-HEIGHT_M, HEIGHT_SD_M = (
-    1.6,
-    0.25,
-)  # Of people who are recorded, children among them, where nobody tells a height
-SURFACE = 2.0  # Cost of a place on a surface, which is one of many, against a landmark's
-NOWHERE = (
-    3.0  # Cost of a marker that is on nobody: evenly likely in a body's box, one marker in fifty
-)
+SCALE = 0.04
+"""Standard deviation of a person's proportions as a share of the lengths."""
+HEIGHT_M = 1.6
+"""m, mean height of recorded people, with children, if it is not given."""
+HEIGHT_SD_M = 0.25
+"""m, standard deviation of that height."""
+SURFACE = 2.0
+"""Cost of a position on a surface, which is one of many, compared with a landmark."""
+NOWHERE = 3.0
+"""Cost of a marker that is not on the body: uniform in a body's box, one marker in fifty."""
 MOST_WITNESSES = 3
+"""Markers of a segment that count for its motion."""
 ROUNDS = 8
+"""Iterations of assignment and positions."""
 
 
 @dataclass(frozen=True)
 class BodyTemplate:
-    """Places of a body of height 1."""
+    """Positions on a body of height 1: landmarks and points on surfaces."""
 
-    labels: tuple[str, ...]  # in the marker set "landmarks"; empty of a surface
+    labels: tuple[str, ...]
+    """(np,) landmarks of the marker set "landmarks"; empty of a surface."""
     segments: tuple[str, ...]
-    neighbours: tuple[
-        str, ...
-    ]  # segment that it moves with, too: of landmarks at joints; else the same
-    joints: tuple[str, ...]  # that carries it
-    positions: Array  # (np, 3) forward, up, to the right
-    spread: Array  # (np,) spread about where its joints put it
-    worn: Array  # (np,) log odds that a laboratory uses it; 0 of a surface
-    shared_covariance: Array  # (np, np, 3) covariance by common joints
+    """(np,)."""
+    neighbours: tuple[str, ...]
+    """(np,) second segment that a landmark at a joint moves with; else the same."""
+    joints: tuple[str, ...]
+    """(np,) joint that carries the position."""
+    positions: Array
+    """(np, 3) forward, up, to the right."""
+    spread: Array
+    """(np,) standard deviation about the position by its joints."""
+    worn: Array
+    """(np,) log odds that a laboratory uses the landmark; 0 of a surface."""
+    shared_covariance: Array
+    """(np, np, 3) covariance by common joints."""
 
     @property
     def landmark(self) -> BoolArray:
-        """(np,) whether one marker only may sit there."""
+        """Whether (np,) a position is a landmark, with one marker at most."""
         return np.array([bool(label) for label in self.labels])
 
     def replace_arm(self, side: str, other: "BodyTemplate") -> "BodyTemplate":
-        """The body with an arm as another one holds it."""
+        """Return the body with one arm in the posture of another body.
+
+        Parameters
+        ----------
+        side
+            `r` or `l`.
+        other
+            The same body with other arms.
+
+        Returns
+        -------
+        BodyTemplate
+        """
         arm = [
             segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments
         ]
@@ -278,33 +372,42 @@ class BodyTemplate:
 
 
 def _insert_side(text: str, side: str) -> str:
+    """Insert the side into a name of the table."""
     return text.replace("{s}", side)
 
 
 @cache
 def load_standing_bodies() -> tuple[BodyTemplate, ...]:
-    """The body, once for each posture of the arms."""
+    """Load the body, once for each posture of the arms.
+
+    Returns
+    -------
+    tuple of BodyTemplate
+        With hanging arms first.
+    """
     table = read_toml(find_models_folder() / "body_places.toml")
     rows: list[tuple[str, str, str, str, list[float], float, float]] = []
 
-    def add(
+    def add_sides(
         name: str,
         label: str,
         segment: str,
         other: str,
         joint: str,
-        at: list[float],
-        own: float,
-        p: float,
+        position: list[float],
+        spread: float,
+        share: float,
     ) -> None:
-        sides = SIDES if "{s}" in name + segment + joint or at[2] else ("r",)
+        sides = SIDES if "{s}" in name + segment + joint or position[2] else ("r",)
+        forward, up, right = position
+        log_odds = float(np.log(share / (1 - share)))
         for side in sides:
-            words = [_insert_side(text, side) for text in (label, segment, other, joint)]
+            names = [_insert_side(text, side) for text in (label, segment, other, joint)]
             sign = 1.0 if side == "r" else -1.0
-            rows.append((*words, [at[0], at[1], sign * at[2]], own, float(np.log(p / (1 - p)))))  # type: ignore[arg-type]
+            rows.append((*names, [forward, up, sign * right], spread, log_odds))  # type: ignore[arg-type]
 
     for name, entry in table["landmarks"].items():
-        add(
+        add_sides(
             name,
             name,
             entry["on"],
@@ -315,43 +418,53 @@ def load_standing_bodies() -> tuple[BodyTemplate, ...]:
             entry["worn"],
         )
     for name, by_joint in table["surfaces"].items():
-        for joint, places in by_joint.items():
-            for *at, own in places:
-                add(name, "", name, name, joint, at, own, 0.5)
-    labels, segments, neighbours, joints, at, own, worn = zip(*rows, strict=True)
-    spreads: dict[str, tuple[str, Array]] = {}
-    for name, entry in table["joints"].items():
-        for side in SIDES:
-            spreads[_insert_side(name, side)] = (
-                _insert_side(entry.get("beyond", ""), side),
-                np.square(entry["spread"]),
-            )
-
-    def carriers(joint: str) -> set[str]:
-        return {joint} | carriers(spreads[joint][0]) if joint else set()
-
-    chains = [carriers(joint) for joint in joints]
-    shared = np.array(
-        [
-            [sum((spreads[k][1] for k in one & other), np.zeros(3)) for other in chains]
-            for one in chains
-        ]
-    )
+        for joint, points in by_joint.items():
+            for *position, spread in points:
+                add_sides(name, "", name, name, joint, position, spread, 0.5)
+    labels, segments, neighbours, joints, positions, spreads, worn = zip(*rows, strict=True)
     hanging = BodyTemplate(
-        labels, segments, neighbours, joints, np.array(at), np.array(own), np.array(worn), shared
+        labels,
+        segments,
+        neighbours,
+        joints,
+        np.array(positions),
+        np.array(spreads),
+        np.array(worn),
+        _compute_shared_covariance(joints, table["joints"]),
     )
     arms = table["arms"]
     return tuple(
-        replace(hanging, positions=_raise_arms(hanging, arms, np.deg2rad(turns)))
-        for turns in arms["postures"]
+        replace(hanging, positions=_raise_arms(hanging, arms, np.deg2rad(angles)))
+        for angles in arms["postures"]
     )
 
 
-def _raise_arms(body: BodyTemplate, arms: dict[str, Any], turns: Array) -> Array:
-    """(np, 3) places with the arms raised sideways and forward, and the elbows bent (rad)."""
-    at = body.positions.copy()
+def _compute_shared_covariance(joints: Sequence[str], table: dict[str, Any]) -> Array:
+    """Compute (np, np, 3), the covariance of positions by the joints that carry both."""
+    variances: dict[str, Array] = {}
+    proximal: dict[str, str] = {}
+    for name, entry in table.items():
+        for side in SIDES:
+            joint = _insert_side(name, side)
+            proximal[joint] = _insert_side(entry.get("beyond", ""), side)
+            variances[joint] = np.square(entry["spread"])
 
-    def turn(v: Array, first: int, second: int, angle: float) -> Array:
+    def list_carriers(joint: str) -> set[str]:
+        return {joint} | list_carriers(proximal[joint]) if joint else set()
+
+    chains = [list_carriers(joint) for joint in joints]
+    out = np.zeros((len(joints), len(joints), 3))
+    for i, one in enumerate(chains):
+        for k, other in enumerate(chains):
+            out[i, k] = sum((variances[joint] for joint in one & other), np.zeros(3))
+    return out
+
+
+def _raise_arms(body: BodyTemplate, arms: dict[str, Any], angles: Array) -> Array:
+    """Compute (np, 3) with the arms raised sideways and forward, and the elbows flexed (rad)."""
+    positions = body.positions.copy()
+
+    def rotate(v: Array, first: int, second: int, angle: float) -> Array:
         out: Array = v.copy()
         out[first] = np.cos(angle) * v[first] - np.sin(angle) * v[second]
         out[second] = np.sin(angle) * v[first] + np.cos(angle) * v[second]
@@ -361,36 +474,42 @@ def _raise_arms(body: BodyTemplate, arms: dict[str, Any], turns: Array) -> Array
         if not segment.startswith(("upper_arm", "forearm_hand")):
             continue
         mirror = np.array([1.0, 1.0, 1.0 if segment.endswith("_r") else -1.0])
-        place, shoulder, elbow = at[i] * mirror, np.array(arms["shoulder"]), np.array(arms["elbow"])
+        position = positions[i] * mirror
+        shoulder, elbow = np.array(arms["shoulder"]), np.array(arms["elbow"])
         if segment.startswith("forearm"):
-            place = elbow + turn(place - elbow, 0, 1, turns[2])
-        from_shoulder = turn(turn(place - shoulder, 0, 1, turns[1]), 2, 1, turns[0])
-        at[i] = (shoulder + from_shoulder) * mirror
-    return at
+            position = elbow + rotate(position - elbow, 0, 1, angles[2])
+        from_shoulder = rotate(rotate(position - shoulder, 0, 1, angles[1]), 2, 1, angles[0])
+        positions[i] = (shoulder + from_shoulder) * mirror
+    return positions
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlacedMarkers:
-    """Markers on a body."""
+    """Markers assigned to positions on a body."""
 
-    # Negative log likelihood, for comparison with other heights, headings and postures of the same
-    # markers
     cost: float
-    places: IntArray  # (n,) of each marker; -1 on nobody
-    away: Array  # (n,) share of the height, from where the others put its place
-    ahead: Array  # (n,) how much the next best segment would cost more
+    """Negative log likelihood, to compare heights, headings and postures of the same markers."""
+    places: IntArray
+    """(n,) index of the position of each marker; -1 if it is not on the body."""
+    away: Array
+    """(n,) distance from the position by the other markers, as a share of the height."""
+    ahead: Array
+    """(n,) additional cost of the next best segment."""
     body: BodyTemplate
-    height: float  # m
+    height: float
+    """m."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionEvidence:
-    """What is known of markers besides their places."""
+    """What is known of markers besides their positions."""
 
-    # (n, n) log likelihood ratio that two markers are on one segment; 0 where nothing is known
     log_odds: Array
-    known: BoolArray  # (n, n) whether something is known
-    allowed: BoolArray  # (n, np) places that a marker may have
+    """(n, n), that two markers are on one segment; 0 where nothing is known."""
+    known: BoolArray
+    """(n, n) whether it is known."""
+    allowed: BoolArray
+    """(n, np) positions that a marker may have."""
 
 
 def place_markers(
@@ -401,23 +520,41 @@ def place_markers(
     *,
     rounds: int = ROUNDS,
 ) -> PlacedMarkers:
-    """Assign markers to places; `points` (n, 3) m: forward, up from the floor, right of the body's
-    middle.
+    """Assign markers to positions on a body.
+
+    Parameters
+    ----------
+    points
+        (n, 3) m: forward, up from the floor, right of the body's midline.
+    body
+        Template of height 1.
+    height
+        m, of the person.
+    evidence
+        Besides the positions.
+    rounds
+        Iterations.
+
+    Returns
+    -------
+    PlacedMarkers
     """
     x, n, landmark = points / height, len(points), body.landmark
-    of, segments = _number_segments(body)
+    segment_of, neighbour_of = _number_segments(body)
     spread = body.shared_covariance + SCALE**2 * body.positions[:, None] * body.positions[None]
     mean, variance = body.positions, np.einsum("ppa->pa", spread)
-    own = np.square(body.spread)[:, None] * np.ones(3)
+    own_variance = np.square(body.spread)[:, None] * np.ones(3)
     surfaces, landmarks = np.flatnonzero(~landmark), np.flatnonzero(landmark)
     free = np.where(landmark, 0.0, SURFACE) - body.worn
     places = np.full(n, -1)
     for step in range(rounds):
-        v = variance + own
+        v = variance + own_variance
         cost = 0.5 * (np.square(x[:, None] - mean) / v + np.log(v)).sum(axis=2) + free
+        # motion counts when the first positions are known
         if step > 1:
-            cost -= _compute_motion_evidence(evidence, places, of, segments)
+            cost -= _compute_motion_evidence(evidence, places, segment_of, neighbour_of)
         cost = np.where(evidence.allowed, cost, np.inf)
+        # landmarks take one marker each; surfaces, or nowhere, any number
         at_surface = surfaces[np.argmin(cost[:, surfaces], axis=1)]
         spare = np.minimum(cost[np.arange(n), at_surface], NOWHERE)
         table = np.full((n, len(landmarks) + n), 1e6)
@@ -427,16 +564,16 @@ def place_markers(
         at_landmark = column < len(landmarks)
         places = np.where(spare < NOWHERE, at_surface, -1)
         places[at_landmark] = landmarks[column[at_landmark]]
-        mean, variance, fit = _compute_conditional_positions(x, places, body, spread, own)
+        mean, variance, fit = _compute_conditional_positions(x, places, body, spread, own_variance)
     chosen = table[np.arange(n), column]
     on, found = places >= 0, places[places >= 0]
     total = fit + NOWHERE * float((~on).sum()) + float(free[found].sum()) + 3 * n * np.log(height)
-    total -= 0.5 * float(
-        _compute_motion_evidence(evidence, places, of, segments)[np.flatnonzero(on), found].sum()
-    )
-    others = np.where(
-        np.array(of)[None] == np.where(on, np.array(of)[places], -1)[:, None], np.inf, cost
-    )
+    motion = _compute_motion_evidence(evidence, places, segment_of, neighbour_of)
+    total -= 0.5 * float(motion[np.flatnonzero(on), found].sum())
+    # costs of the positions on other segments
+    segments = np.array(segment_of)
+    chosen_segments = np.where(on, segments[places], -1)
+    others = np.where(segments[None] == chosen_segments[:, None], np.inf, cost)
     return PlacedMarkers(
         cost=total,
         places=places,
@@ -448,57 +585,67 @@ def place_markers(
 
 
 def compute_misplacement(points: Array, placed: PlacedMarkers) -> Array:
-    """(n,) chi-squared of three: how far each of `points` (n, 3), those of `place_markers`, lies
-    from where all others put its place; NaN on nobody. With K their covariance and r their
-    residuals, the sum over the axes of (K^-1 r)_i^2 / (K^-1)_ii.
+    """Compute how far markers are from the positions by all others.
+
+    Parameters
+    ----------
+    points
+        (n, 3) m, as of `place_markers`.
+    placed
+        Their assignment.
+
+    Returns
+    -------
+    Array
+        (n,) chi-squared with three degrees of freedom; NaN of markers that are not on the body.
+
+    Notes
+    -----
+    With K their covariance and r their residuals, it is the sum over the axes of
+    (K^-1 r)_i^2 / (K^-1)_ii.
     """
     body, on = placed.body, placed.places >= 0
     found, out = placed.places[on], np.full(len(points), np.nan)
     residual = points[on] / placed.height - body.positions[found]
     out[on] = 0.0
     for axis in range(3):
-        at = body.positions[found, axis]
-        joint = body.shared_covariance[np.ix_(found, found)][:, :, axis] + SCALE**2 * np.outer(
-            at, at
-        )
+        mean = body.positions[found, axis]
+        joint = body.shared_covariance[np.ix_(found, found)][:, :, axis]
+        joint = joint + SCALE**2 * np.outer(mean, mean)
         inverse = np.linalg.inv(joint + np.diag(np.square(body.spread[found])))
         out[on] += np.square(inverse @ residual[:, axis]) / np.diag(inverse)
     return out
 
 
 def _number_segments(body: BodyTemplate) -> tuple[list[int], list[int]]:
-    """Of each place the number of its segment, and of the segment that it moves with, too."""
+    """Return the number of the segment of each position, and of its second segment."""
     names = sorted(set(body.segments))
     return [names.index(s) for s in body.segments], [names.index(s) for s in body.neighbours]
 
 
 def _compute_motion_evidence(
-    evidence: MotionEvidence, places: IntArray, of: list[int], neighbours: list[int]
+    evidence: MotionEvidence, places: IntArray, segment_of: list[int], neighbour_of: list[int]
 ) -> Array:
-    """(n, np) log likelihood that each marker moves with those that are on the segment of each
-    place.
-    """
-    member = np.zeros((len(places), max(of) + 1))
+    """Compute (n, np), the log likelihood of moving with the markers on a position's segment."""
+    member = np.zeros((len(places), max(segment_of) + 1))
     on = places >= 0
-    member[on, np.array(of)[places[on]]] = 1.0
+    member[on, np.array(segment_of)[places[on]]] = 1.0
     count = evidence.known @ member
     mean = (evidence.log_odds @ member) / np.maximum(count, 1.0) * np.minimum(count, MOST_WITNESSES)
-    out: Array = np.maximum(mean[:, of], mean[:, neighbours])
+    out: Array = np.maximum(mean[:, segment_of], mean[:, neighbour_of])
     return out
 
 
 def _compute_conditional_positions(
-    x: Array, places: IntArray, body: BodyTemplate, spread: Array, own: Array
+    x: Array, places: IntArray, body: BodyTemplate, spread: Array, own_variance: Array
 ) -> tuple[Array, Array, float]:
-    """Mean and variance (np, 3) of all places given the markers that are placed, and what those
-    cost together.
-    """
+    """Compute mean and variance (np, 3) of positions given the placed markers, and their cost."""
     on = places >= 0
     found = places[on]
     mean, variance, total = np.empty_like(body.positions), np.empty_like(body.positions), 0.0
     for axis in range(3):
         prior = spread[:, :, axis]
-        joint = prior[np.ix_(found, found)] + np.diag(own[found, axis])
+        joint = prior[np.ix_(found, found)] + np.diag(own_variance[found, axis])
         residual = x[on, axis] - body.positions[found, axis]
         factor = np.linalg.cholesky(joint)
         white = np.linalg.solve(factor, np.column_stack([residual, prior[found]]))
