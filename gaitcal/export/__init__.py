@@ -1,5 +1,5 @@
-"""Taking results to other programs: OpenSim, MuJoCo, URDF readers.
+"""Models and motions for other programs: OpenSim, MuJoCo, URDF readers, C3D points.
 
 Every `write_...` describes the same mechanical system, with the same 27 coordinates (names, signs,
-zeros); `joint_transfer` puts its joints into an OpenSim model of the user's own.
+zeros). `opensim/joint_transfer.py` puts its joints into an OpenSim model of the user.
 """

@@ -1,29 +1,29 @@
-"""The model as MuJoCo XML (MJCF) and as URDF; motion, generalised forces and ground reactions for
-OpenSim's tools.
+"""Model as MuJoCo XML (MJCF) and URDF; motions, generalised forces, ground reactions for OpenSim.
 
-MJCF: every segment with mass is a body with all its joints inside. MuJoCo applies the joints of a
-body in order, each about an axis given in the body's own frame at q = 0. For a chain of constants C
-and motions M,
+MJCF: each segment with mass is a body that contains its joints. MuJoCo applies the joints of a body
+in order, each about an axis given in the body's frame at q = 0. For a chain of constants C and
+motions M,
 
-    X(q) = C_0 M_1 C_1 M_2 ... M_n C_n = (C_0 ... C_n) M'_1 ... M'_n,   M'_k = S_k^-1 M_k S_k,   S_k = C_k ... C_n,
+    X(q) = C_0 M_1 C_1 M_2 ... M_n C_n = (C_0 ... C_n) M'_1 ... M'_n
+    M'_k = S_k^-1 M_k S_k,   S_k = C_k ... C_n,
 
-so joint k has the axis R_k^T a_k and passes through the point -R_k^T t_k, with (R_k, t_k) = S_k.
-Bodies that move must have mass in MuJoCo: the talus, which has none, is folded into the foot's body
-by the same formula, exactly. Only where a marker sits on the talus is it a body of its own, of
-`TALUS_MASS`. Not limited, damped or actuated: the same mechanical system. Coordinates held at zero
-are tied there by an equality.
+so joint k has the axis R_k^T a_k through the point -R_k^T t_k, with (R_k, t_k) = S_k. Moving bodies
+need mass in MuJoCo: the talus, which has none, is merged into the foot's body by the same formula,
+exactly. Only where it carries a marker is it a body, of mass `TALUS_MASS`. Nothing is limited,
+damped or actuated: the mechanical system is the same. Coordinates held at zero are fixed by an
+equality.
 
 URDF: a joint has one degree of freedom, so a joint of ours becomes a chain: a fixed joint to its
-frame in the parent, one link without inertia per coordinate, a fixed joint to the child segment.
-Readers such as Pinocchio take siblings in alphabetical order; the fixed joints are numbered so that
-this is our order, and q is the same vector as ours. URDF knows no gravity. The root link `ground`
-is our laboratory, **y up**: set gravity to (0, -9.81, 0). Markers are links `marker_NAME` without
-inertia. Coordinates that are held at zero have equal limits of zero.
+frame in the parent, one link without inertia for each coordinate, a fixed joint to the child
+segment. Readers such as Pinocchio sort siblings alphabetically; the fixed joints are numbered so
+that this is our order, and q is the same vector as ours. URDF has no gravity. The root link
+`ground` is our laboratory, **y up**: set gravity to (0, -9.81, 0). Markers are links `marker_NAME`
+without inertia. Coordinates that are held at zero have limits of zero.
 
-Motions and forces are tables of OpenSim's Storage (`.mot`, `.sto`), which stops reading at the
-first NaN, without a word: a row that holds one is left out, and the header says so. Ground
-reactions are written as the force at the centre of pressure and the moment about it, with an XML
-file that says which columns act on which foot.
+Motions and forces are tables of OpenSim's Storage (`.mot`, `.sto`). It stops reading at the first
+NaN without a message: rows with NaN are left out, and the header reports it. Ground reactions are
+written as force at the centre of pressure and moment about it, with an XML file that assigns the
+columns to the feet.
 """
 
 import xml.etree.ElementTree as ET
@@ -70,12 +70,20 @@ class BodyJoint:
 
 
 def write_mjcf(model: SubjectModel, path: Path | str) -> None:
-    """Write `model`: m, kg, rad; y up; qpos, qvel and qacc are the same vectors as ours; markers
-    are sites.
+    """Write the model for MuJoCo: m, kg, rad; y up; qpos, qvel, qacc are the vectors of ours.
 
-    Raises InputError: An inertia that no rigid body can have (a principal moment larger than the
-    sum of the others, or not positive): MuJoCo refuses to load it, and to change it would be
-    another mechanical system.
+    Parameters
+    ----------
+    model : SubjectModel
+        Model; its markers become sites.
+    path : Path or str
+        File to write (.xml).
+
+    Raises
+    ------
+    InputError
+        No rigid body can have the inertia of a segment: a principal moment is larger than the sum
+        of the others, or not positive. MuJoCo refuses to load it.
     """
     for segment, physical in zip(
         MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True
@@ -133,8 +141,19 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
 def convert_to_body_joints(
     chain: tuple[osim_writer.JointFrames, ...],
 ) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
-    """Pose of the last child in the first parent at q = 0, and the coordinates between as joints of
-    that child.
+    """Convert a chain of joints to joints of the last child's body.
+
+    Parameters
+    ----------
+    chain : tuple of JointFrames
+        Joints from top to bottom.
+
+    Returns
+    -------
+    pin.SE3
+        Pose of the last child in the first parent at q = 0.
+    tuple of BodyJoint
+        Coordinates in between, in order.
     """
     to_end = pin.SE3.Identity()  # S_k: all constants that come after the coordinate in hand
     joints: list[BodyJoint] = []
@@ -156,6 +175,7 @@ def convert_to_body_joints(
 def _add_body(
     parent: ET.Element, chain: tuple[osim_writer.JointFrames, ...], model: SubjectModel
 ) -> ET.Element:
+    """Add a body with inertia, joints and sites of its markers."""
     segment = chain[-1].child
     place, joints = convert_to_body_joints(chain)
     quaternion = pin.Quaternion(place.rotation)
@@ -202,7 +222,15 @@ def _add_body(
 
 
 def write_urdf(model: SubjectModel, path: Path | str) -> None:
-    """Write `model`: m, kg, rad; root link `ground` with y up; joints named as our 27 coordinates."""
+    """Write the model as URDF: m, kg, rad; root link `ground`, y up; joints named as coordinates.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        Model.
+    path : Path or str
+        File to write (.urdf).
+    """
     robot = ET.Element("robot", name=osim_writer.encode_name(model.subject.name))
     robot.append(
         ET.Comment(
@@ -240,7 +268,7 @@ def write_urdf(model: SubjectModel, path: Path | str) -> None:
 def _add_chain(
     robot: ET.Element, name: str, frames: osim_writer.JointFrames, frozen: tuple[str, ...]
 ) -> None:
-    """A joint of ours as a fixed joint, one joint for each coordinate, and another fixed joint."""
+    """Add a joint as a fixed joint, one joint for each coordinate, and another fixed joint."""
     osim_writer.add_child(robot, "link", name=name)
     _add_fixed(robot, f"{name}_in_{frames.parent}", frames.parent, name, frames.in_parent)
     link, bound = name, osim_writer.format_numbers([_UNLIMITED])
@@ -271,6 +299,7 @@ def _add_chain(
 
 
 def _add_fixed(robot: ET.Element, name: str, parent: str, link: str, place: pin.SE3) -> None:
+    """Add a fixed joint between two links."""
     joint = osim_writer.add_child(robot, "joint", name=name, type="fixed")
     osim_writer.add_child(joint, "parent", link=parent)
     osim_writer.add_child(joint, "child", link=link)
@@ -299,10 +328,23 @@ MOMENT_COMMENTS = (
 
 
 def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Array) -> None:
-    """Write `q` (nf, len(coordinates)), m and rad, as an OpenSim motion: m and degrees, pelvis
-    rotations first.
+    """Write coordinates as an OpenSim motion: m and degrees, pelvis rotations first.
 
-    Raises InputError: A name is none of the 27 coordinates, or shapes do not agree.
+    Parameters
+    ----------
+    path : Path or str
+        File to write (.mot).
+    time : (nf,) Array
+        s, increasing.
+    coordinates : tuple of str
+        Names of the columns.
+    q : (nf, n) Array
+        m, rad; rows with NaN are left out.
+
+    Raises
+    ------
+    InputError
+        A name is none of the 27 coordinates, or shapes do not agree.
     """
     names, values = _sort_columns(path, coordinates, q)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
@@ -322,10 +364,25 @@ def write_sto_moments(
     *,
     comments: tuple[str, ...] = (),
 ) -> None:
-    """Write generalised forces `tau` (nf, len(coordinates)), N·m and N, with the column names of
-    OpenSim's own tool.
+    """Write generalised forces with the column names of OpenSim's inverse dynamics tool.
 
-    `comments` are further lines of the header, after those that say frame, sign and what is meant.
+    Parameters
+    ----------
+    path : Path or str
+        File to write (.sto).
+    time : (nf,) Array
+        s, increasing.
+    tau : (nf, n) Array
+        N·m and N; rows with NaN are left out.
+    coordinates : tuple of str
+        Names of the columns.
+    comments : tuple of str
+        Further lines of the header.
+
+    Raises
+    ------
+    InputError
+        A name is none of the 27 coordinates, or shapes do not agree.
     """
     names, values = _sort_columns(path, coordinates, tau)
     columns = tuple(f"{name}_{'force' if is_translation(name) else 'moment'}" for name in names)
@@ -336,14 +393,28 @@ def write_sto_moments(
 def write_external_loads(
     folder: Path | str, time: Array, wrenches: Array, stem: str = "ground_reactions"
 ) -> tuple[Path, Path]:
-    """Write ground reactions on the feet as `STEM.mot` and `STEM.xml` (OpenSim's ExternalLoads on
-    foot_r and foot_l).
+    """Write ground reactions on both feet as `STEM.mot` and `STEM.xml` (OpenSim's ExternalLoads).
 
-    `time` (nf,) s; `wrenches` (nf, 2, 6) on the right and the left foot, force (N) and moment (N·m)
-    about the laboratory origin. `stem` is made safe first, so a trial's name may be given as it is.
-    Returns table and loads.
+    Parameters
+    ----------
+    folder : Path or str
+        Folder for both files.
+    time : (nf,) Array
+        s, increasing.
+    wrenches : (nf, 2, 6) Array
+        Force (N) and moment (N·m) about the laboratory's origin, on the right and the left foot.
+    stem : str
+        Name of the files, encoded for every file system: a trial's name may be used.
 
-    Raises InputError: Shapes do not agree or a number is not finite.
+    Returns
+    -------
+    tuple of Path
+        Table and loads.
+
+    Raises
+    ------
+    InputError
+        Shapes do not agree or a number is not finite.
     """
     name = osim_writer.encode_name(stem)
     path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
@@ -386,15 +457,14 @@ def write_external_loads(
 
 
 def _make_error(path: Path | str, message: str, field: str | None = None) -> InputError:
+    """Make the error of a file that cannot be written."""
     return InputError(message, source=path, field=field, code=Code.NOT_WRITABLE)
 
 
 def _sort_columns(
     path: Path | str, coordinates: tuple[str, ...], values: Array
 ) -> tuple[tuple[str, ...], Array]:
-    """The coordinates as OpenSim's files order them, and the columns of `values` (nf,
-    len(coordinates)) likewise.
-    """
+    """Sort coordinates and the columns of `values` (nf, n) in the order of OpenSim's files."""
     for name in coordinates:
         if name not in COORDINATE_INDEX:
             raise _make_error(
@@ -411,10 +481,9 @@ def _sort_columns(
 def _write_table(
     path: Path | str, title: str, comments: tuple[str, ...], table: StorageTable
 ) -> None:
-    """Write a table, rows with NaN left out: OpenSim's Storage stops reading at the first one,
-    without a word.
+    """Write a table without rows that contain NaN, where OpenSim's Storage stops reading.
 
-    A title or comment that would end the header or be taken for an entry of it is made harmless.
+    Titles and comments that the header could be confused by are changed.
     """
     nf, columns = len(table.time), len(table.names)
     if table.values.shape != (nf, columns):
@@ -434,6 +503,7 @@ def _write_table(
 
 
 def _make_one_line(text: str) -> str:
+    """Make a text safe for one line of the header."""
     return (
         " ".join(text.split()).replace("=", ":").replace("endheader", "end of header") or "gaitcal"
     )

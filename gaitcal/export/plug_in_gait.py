@@ -1,26 +1,25 @@
-"""Angles, moments, powers and joint centres of a motion, named and signed as Plug-in Gait writes
-them into C3D files.
+"""Angles, moments, powers and joint centres with names and signs of Plug-in Gait in C3D files.
 
 | point | x | y | z |
 |---|---|---|---|
 | `RPelvisAngles` | anterior tilt | this side up | this side forward |
 | `RHipAngles` | flexion | adduction | internal rotation |
 | `RKneeAngles`, `RAnkleAngles`, `RSubtalarAngles` | flexion; dorsiflexion; inversion | 0 | 0 |
-| `RFootProgressAngles` | 0 | 0 | toes in, against the axis of the room along which the person walks |
+| `RFootProgressAngles` | 0 | 0 | toes in, against the room's axis of progression |
 | `RHipMoment` | extension | abduction | external rotation |
 | `RKneeMoment` | extension | abduction | 0 |
 | `RAnkleMoment`, `RSubtalarMoment` | plantarflexion; eversion | 0 | 0 |
 | `RHipPower`, `RKneePower`, `RAnklePower` | 0 | 0 | all axes of the joint together |
-| `RNormalisedGRF` | forward along the room's axis of progression | towards the middle of the body | upwards |
+| `RNormalisedGRF` | forward along the room's axis of progression | medially | upwards |
 | `RHJC`, `RKJC`, `RAJC` | joint centres, in the axes of the file | | |
 
-Moments are internal, per kg of body mass, and take the negative sign of our coordinates: those
-tables hold what was found on Vicon's own curves (`scripts/validation/vendors` correlates them).
-Their `POINT:MOMENT_UNITS` say Nmm where N·mm/kg is meant, and `POWER_UNITS` W where W/kg is; ours
-follow. Our knee is a hinge and our ankle two: what cannot move is 0. Power is that of the joint's
-coordinates, the sum of torque times angular velocity; the ankle's holds both hinges. Ground
-reactions are those on the foot, filtered as for the torques, in % of body weight. The subtalar axis
-has points of its own, as Plug-in Gait has no such axis.
+Moments are internal, per kg of body mass, with the negative sign of our coordinates: the signs of
+Vicon's curves, found by correlation (`scripts/validation/vendors`). Its `POINT:MOMENT_UNITS` are
+Nmm where N·mm/kg is meant, and `POWER_UNITS` W where W/kg is meant; ours follow. Our knee is one
+hinge and our ankle two: axes that cannot move are 0. Power is that of the joint's coordinates, the
+sum of torque times angular velocity, for the ankle of both hinges. Ground reactions are those on
+the foot, filtered as for the torques, in % of body weight. The subtalar axis has additional points,
+as Plug-in Gait has no such axis.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,7 +52,7 @@ for _row in COORDINATE_TABLE.values():
 
 
 def _describe_angles(rows: Sequence[Coordinate]) -> str:
-    """`flexion, 0, 0 (a hinge)`."""
+    """Describe the axes of angles: `flexion, 0, 0 (a hinge)`."""
     words = [
         row.clinical.positive if row.clinical else (row.senses or (row.angle,))[0] for row in rows
     ]
@@ -61,7 +60,7 @@ def _describe_angles(rows: Sequence[Coordinate]) -> str:
 
 
 def _describe_moments(rows: Sequence[Coordinate]) -> str:
-    """`internal, per kg: extension, abduction, 0`: moments of legs take the other sense."""
+    """Describe the axes of moments, which take the other sense: `internal, per kg: ...`."""
     return "internal, per kg: " + ", ".join(
         [*(row.senses[1] for row in rows if row.senses), "0", "0"][:3]
     )
@@ -88,7 +87,7 @@ _WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class SavedMotion:
-    """A whole-body motion, and the torques of its valid frames."""
+    """Whole-body motion, and the torques of its valid frames."""
 
     q: Array  # (nf, nq) m, rad
     velocity: Array  # (nf, nq) m/s, rad/s
@@ -108,11 +107,22 @@ class SavedMotion:
 def make_plug_in_gait_points(
     motion: SavedMotion, angle: float, moment: float
 ) -> tuple[AddedPoint, ...]:
-    """Points of all frames of a motion, in the laboratory's axes: x forward, y up, z right; places
-    in m.
+    """Make the points of all frames of a motion.
 
-    `angle` is a radian in the file's unit, `moment` 1 N·m. Torques and powers are NaN in frames
-    that do not count.
+    Parameters
+    ----------
+    motion : SavedMotion
+        Motion, torques and ground reactions.
+    angle : float
+        One radian in the unit of the file.
+    moment : float
+        1 N·m in the unit of the file.
+
+    Returns
+    -------
+    tuple of AddedPoint
+        In the laboratory's axes (x forward, y up, z right), positions in m. Torques and powers are
+        NaN in frames that are not valid.
     """
     placed = Kinematics(get_chain().body(motion.parameters), motion.q, columns=False)
     axes, origins = placed.axes, placed.origins
@@ -133,7 +143,7 @@ def make_plug_in_gait_points(
 def _list_points(
     motion: SavedMotion, table: Mapping[str, list[Coordinate]]
 ) -> Iterator[tuple[str, str, list[str]]]:
-    """First word of a point, side, and its coordinates, where the model holds none of them."""
+    """List first word, side and coordinates of each point whose coordinates the model moves."""
     for joint, rows in table.items():
         for side in SIDES:
             ours = [with_side(row.name, side) for row in rows]
@@ -142,6 +152,7 @@ def _list_points(
 
 
 def _make_angles(motion: SavedMotion, unit: float) -> Iterator[AddedPoint]:
+    """Make the points of angles."""
     for joint, side, ours in _list_points(motion, _ANGLES):
         values = np.zeros((len(motion.q), 3))
         for axis, (name, row) in enumerate(zip(ours, _ANGLES[joint], strict=True)):
@@ -153,6 +164,7 @@ def _make_angles(motion: SavedMotion, unit: float) -> Iterator[AddedPoint]:
 def _make_moments(
     motion: SavedMotion, torques: Mapping[str, Array], unit: float
 ) -> Iterator[AddedPoint]:
+    """Make the points of moments, NaN in frames that are not valid."""
     for joint, side, ours in _list_points(motion, _MOMENTS):
         values = np.zeros((len(motion.q), 3))
         for axis, name in enumerate(ours):
@@ -162,6 +174,7 @@ def _make_moments(
 
 
 def _make_powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[AddedPoint]:
+    """Make the points of powers, NaN in frames that are not valid."""
     tau = np.stack([torques.get(name, np.zeros(len(motion.q))) for name in COORDINATES], axis=1)
     found = joint_kinetics.compute_powers(tau, motion.velocity)
     for joint in _POWERS:
@@ -175,6 +188,7 @@ def _make_powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[
 
 
 def _make_reactions(motion: SavedMotion) -> Iterator[AddedPoint]:
+    """Make the points of ground reactions, NaN in frames that are not valid."""
     for side, force in motion.reactions.items():
         values = 100.0 * force[:, [0, 2, 1]] / (motion.mass * GRAVITY)
         values[:, 1] *= 1.0 if side == "l" else -1.0  # z is to the right, medial of the left foot
@@ -183,7 +197,7 @@ def _make_reactions(motion: SavedMotion) -> Iterator[AddedPoint]:
 
 
 def _make_foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:
-    """`axes`: (ns, 3, 3, nf) of the segments."""
+    """Make the points of foot progression; `axes`: (ns, 3, 3, nf) of the segments."""
     feet = FootAxes(
         np.stack([axes[SEGMENTS.index(foot), 0].T for foot in inverse_dynamics.FEET], axis=1)
     )
@@ -194,6 +208,7 @@ def _make_foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterat
 
 
 def _make_joint_centres(motion: SavedMotion, axes: Array, origins: Array) -> Iterator[AddedPoint]:
+    """Make the points of joint centres."""
     frames = {joint.name: joint for joint in list_joint_frames(motion.parameters)}
     for joint, name in (("hip", "HJC"), ("knee", "KJC"), ("talocrural", "AJC")):
         for side in SIDES:
@@ -206,6 +221,7 @@ def _make_joint_centres(motion: SavedMotion, axes: Array, origins: Array) -> Ite
 
 
 def _make_point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:
+    """Make a point with its description."""
     return AddedPoint(
         name=side.upper() + name, kind=kind, values=values, description=f"gaitcal: {_WORDS[name]}"
     )

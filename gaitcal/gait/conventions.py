@@ -41,8 +41,8 @@ class Signs(Enum):
     OPENSIM = "opensim"
     """Flexion, adduction, internal rotation, dorsiflexion, inversion."""
     CLINICAL = "clinical"
-    """Plug-in Gait's: of internal moments extension, abduction, external rotation, plantarflexion,
-    eversion.
+    """Those of Plug-in Gait: internal moments are positive in extension, abduction, external
+    rotation, plantarflexion, eversion.
     """
 
 
@@ -53,19 +53,20 @@ class Acting(Enum):
         "internal",
         "internal: of the structures that cross the joint, net, on the distal segment",
     )
-    """What muscles, ligaments and bones do."""
+    """Action of muscles, ligaments and bones."""
     EXTERNAL = (
         "external",
-        "external: what the structures that cross the joint work against, on the distal segment",
+        "external: of the load that the structures crossing the joint balance, on the distal "
+        "segment",
     )
-    """What they work against."""
+    """Load that they balance."""
 
     def __init__(self, key: str, label: str) -> None:
         self.key, self.label = key, label
 
 
 class MomentUnit(Enum):
-    """Unit of moments (`key` in options, `label` in files) and the unit of powers that goes with it."""
+    """Unit of moments (`key` in options, `label` in files), and the unit of powers with it."""
 
     NM = ("Nm", "N m", "W")
     """N·m, powers in W."""
@@ -110,17 +111,19 @@ class Convention:
         Array
             Same shape, in `unit`. Standard errors take the sign as well: use `abs`.
         """
-        factor = {MomentUnit.NM: 1.0, MomentUnit.NM_PER_KG: 1.0 / subject.mass}.get(
-            self.unit, 100.0 / subject.bwh
-        )
-        return factor * self._sign(name, CurveKind.MOMENT, side) * values
+        factors = {
+            MomentUnit.NM: 1.0,
+            MomentUnit.NM_PER_KG: 1.0 / subject.mass,
+            MomentUnit.PERCENT_BWH: 100.0 / subject.bwh,
+        }
+        return factors[self.unit] * self._sign(name, CurveKind.MOMENT, side) * values
 
     def convert_power(self, values: Array, subject: Subject) -> Array:
-        """Convert powers (W, any shape), or their standard errors, to the unit of this convention."""
+        """Convert powers (W, any shape) or their standard errors to the unit of this convention."""
         return values if self.unit is MomentUnit.NM else values / subject.mass
 
     def convert_angle(self, name: str, values: Array, side: str) -> Array:
-        """Convert angles of a stride of one side (`r`, `l`) to the sign of this convention; same unit."""
+        """Convert angles of a stride of one side (`r`, `l`) to the sign of this convention."""
         return self._sign(name, CurveKind.ANGLE, side) * values
 
     def convert_values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
@@ -133,8 +136,8 @@ class Convention:
         values : Array
             Any shape, in the unit of `cycles.csv`.
         side : {"r", "l", ""}
-            Side of the strides. Empty where it is not known: variables whose clinical sign depends on
-            the side then keep OpenSim's sign.
+            Side of the strides. Where it is not known (empty), variables whose clinical sign
+            depends on the side keep OpenSim's sign.
         subject : Subject
             Mass (kg) and height (m) for normalised units.
 
@@ -171,28 +174,27 @@ class Convention:
         if kind is CurveKind.POWER:
             return "generated", "absorbed"
         clinical = self._get_clinical_sense(name, side)
-        one, other = (clinical.positive, clinical.opposite) if clinical else _get_senses(name)
+        angle = (clinical.positive, clinical.opposite) if clinical else _get_senses(name)
+        # Clinical internal moments are positive in the sense opposite to that of the angle.
         opposed = (
             kind is CurveKind.MOMENT
             and self.signs is Signs.CLINICAL
             and self.acting is Acting.INTERNAL
         )
-        return (other, one) if opposed else (one, other)
+        return (angle[1], angle[0]) if opposed else angle
 
     def make_title(self, variable: str) -> str:
-        """Make the title of a variable by the sense of its positive values: `Hip extension moment`."""
+        """Make the title of a variable from its positive sense: `Hip extension moment`."""
         name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.FORCE:
             return GROUND_FORCES[name].title
         if kind is CurveKind.POWER:
             return f"{describe_coordinate(name).title.capitalize()} power"
-        title, positive, sense = (
-            describe_coordinate(name).title,
-            self.describe_senses(variable, "r")[0],
-            _get_senses(name)[0],
-        )
-        turns = kind is CurveKind.MOMENT and sense.endswith(" rotation")
-        if title.endswith(f" {sense}") or turns:
+        title = describe_coordinate(name).title
+        positive, sense = self.describe_senses(variable, "r")[0], _get_senses(name)[0]
+        rotation = kind is CurveKind.MOMENT and sense.endswith(" rotation")
+        # `Hip flexion` becomes `Hip extension` where extension is positive.
+        if title.endswith(f" {sense}") or rotation:
             title = f"{title.split()[0]} {positive}"
         return title if kind is CurveKind.ANGLE else f"{title} moment"
 
@@ -212,8 +214,8 @@ class Convention:
         }[self.signs]
         return (
             f"moments are {self.acting.label}",
-            f"moments are told {self.frame.label}",
-            f"{signs}; column 'positive' says it of each variable",
+            f"moments are expressed {self.frame.label}",
+            f"{signs}; column 'positive' gives it for each variable",
             f"units: angles deg, moments {self.unit.label}, powers {self.unit.power} (positive: "
             "generated)",
         )

@@ -29,22 +29,27 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCK
 if TYPE_CHECKING:
     import pandas as pd
 
-SHORTEST_PHASE = 0.1  # s: a shorter contact, or a shorter swing, is a flicker of the threshold
-SINGLE = float(np.finfo(np.float32).eps)  # relative rounding of times in single precision
-CYCLE_RANGE = (
-    0.4,
-    4.0,
-)  # s: from running to very slow pathological gait; anything else is no stride
-POINTS = 101  # 0, 1, ..., 100 %
+SHORTEST_PHASE = 0.1
+"""s: a shorter contact, or a shorter swing, is a flicker of the threshold."""
+SINGLE = float(np.finfo(np.float32).eps)
+"""Relative rounding of times in single precision."""
+CYCLE_RANGE = (0.4, 4.0)
+"""s, duration of a stride: from running to very slow pathological gait."""
+POINTS = 101
+"""Points of a cycle: 0, 1, ..., 100 %."""
 
 
 class EventSource(Enum):
     """Source of an event, in order of precedence."""
 
-    PERSON = "corrected"  # A person, in `events.csv`: nothing else is asked then
-    FILE = "file"  # The recording's own list of events, where it fits forces and motion
-    PLATES = "plates"  # A force plate becomes loaded, or unloaded
-    MOTION = "motion"  # The foot comes to rest, or leaves
+    PERSON = "corrected"
+    """A person, in `events.csv`; all other sources are ignored then."""
+    FILE = "file"
+    """Events in the file of the recording, where they agree with forces and motion."""
+    PLATES = "plates"
+    """A force plate becomes loaded, or unloaded."""
+    MOTION = "motion"
+    """The foot comes to rest, or leaves."""
 
 
 _SOURCE_LABELS = {
@@ -65,7 +70,7 @@ class GaitEvent(FootEvent):
 def describe_sources(sources: Iterable[EventSource]) -> str:
     """Name each source once, in order of precedence: `force plates and the motion of the feet`."""
     found = set(sources)
-    return " and ".join(words for source, words in _SOURCE_LABELS.items() if source in found)
+    return " and ".join(label for source, label in _SOURCE_LABELS.items() if source in found)
 
 
 @dataclass(frozen=True)
@@ -74,20 +79,24 @@ class FootEvents:
 
     strikes: Array
     toe_offs: Array
-    sources: tuple[EventSource, ...] = ()  # of each strike
+    sources: tuple[EventSource, ...] = ()
+    """Source of each strike."""
 
 
 @dataclass(frozen=True)
 class GaitCycle:
     """One stride of one foot, or one repetition of another activity."""
 
-    start: float  # s, foot strike
-    stop: float  # s, next strike of the same foot
-    toe_off: float | None  # s, end of stance; None where it is not known
-    sources: tuple[EventSource, ...] = ()  # of its first and of its second strike
-    parts: tuple[
-        tuple[str, float], ...
-    ] = ()  # of a repetition, in order: phase, and when it ends, s
+    start: float
+    """s, foot strike."""
+    stop: float
+    """s, next strike of the same foot."""
+    toe_off: float | None
+    """s, end of stance; None where it is not known."""
+    sources: tuple[EventSource, ...] = ()
+    """Sources of the first and of the second strike."""
+    parts: tuple[tuple[str, float], ...] = ()
+    """Phases of a repetition in order, each with its end (s)."""
 
     def compute_percent(self, time: Array | float) -> Array:
         """Compute the percent of the cycle at the times `time` (s, any shape)."""
@@ -100,15 +109,15 @@ class GaitCycle:
 
     @property
     def phases(self) -> list[str]:
-        """Name of the phase at 0, 1, ... 100 %; empty names where the off of a stride is not known."""
-        of_stride = (
-            (("", self.stop),)
-            if self.toe_off is None
-            else (("stance", self.toe_off), ("swing", self.stop))
-        )
-        names, ends = zip(*(self.parts or of_stride), strict=True)
-        at = np.searchsorted(ends[:-1], np.linspace(self.start, self.stop, POINTS), side="right")
-        return [names[k] for k in at]
+        """Name of the phase at 0, 1, ... 100 %; empty where the off of a stride is not known."""
+        parts = self.parts
+        if not parts and self.toe_off is None:
+            parts = (("", self.stop),)
+        elif not parts and self.toe_off is not None:
+            parts = (("stance", self.toe_off), ("swing", self.stop))
+        names, ends = zip(*parts, strict=True)
+        times = np.linspace(self.start, self.stop, POINTS)
+        return [names[k] for k in np.searchsorted(ends[:-1], times, side="right")]
 
 
 def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | None = None) -> bool:
@@ -129,12 +138,12 @@ def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | N
     bool
         True where the duration is within `CYCLE_RANGE` and no strike is missing.
     """
-    long_enough = CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]
-    theirs = np.array([]) if other is None else other.strikes
+    if not CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]:
+        return False
+    other_strikes = np.array([]) if other is None else other.strikes
     return (
-        long_enough
-        and len(select_between(foot.toe_offs, start, stop)) < 2
-        and len(select_between(theirs, start, stop)) < 2
+        len(select_between(foot.toe_offs, start, stop)) < 2
+        and len(select_between(other_strikes, start, stop)) < 2
     )
 
 
@@ -253,6 +262,7 @@ def resample(time: Array, values: Array, at: Array) -> Array:
     before, after, part = values[left], values[right], share.reshape(ends)
     is_left, is_right = ((np.abs(share - side) <= rounding).reshape(ends) for side in (0.0, 1.0))
     out: Array = before + part * (after - before)
+    # At a frame (up to rounding) the value is that of the frame, also where its neighbour is NaN.
     out = np.where((part == 0.0) | (is_left & np.isnan(after)), before, out)
     out = np.where((part == 1.0) | (is_right & np.isnan(before)), after, out)
     out[(share < -rounding) | (share > 1.0 + rounding)] = np.nan
@@ -317,37 +327,31 @@ def list_variables() -> tuple[str, ...]:
 
 
 CYCLE_COLUMNS: Final = (
-    *(
-        "person",
-        "session",
-        "trial",
-        "side",
-        "stride",
-        "percent",
-        "variable",
-        "value",
-        "se",
-        "valid",
-        "se_stride",
-    ),
-    *("turn", "activity", "phase"),
+    "person",
+    "session",
+    "trial",
+    "side",
+    "stride",
+    "percent",
+    "variable",
+    "value",
+    "se",
+    "valid",
+    "se_stride",
+    "turn",
+    "activity",
+    "phase",
 )
 WALKING: Final = "gait"
-"""`activity` of strides of walks; repetitions, or strides, of any other activity have the name of
-their trial.
-"""
+"""`activity` of strides of walks. That of any other activity is the name of its trial."""
 CONVENTION_COLUMNS: Final = ("unit", "positive")
-"""Further columns of a table in another convention (`gaitcal export --format cycles`): they say
-which.
-"""
-_NAMES: Final = {
-    "person": "",
-    "session": "",
-    "activity": WALKING,
-    "phase": "",
-}  # with what a table that lacks them means
-_LACKING: Final = ("se", "se_stride", "turn")  # numbers that a table or a stride may lack
+"""Further columns that describe the convention of a table (`gaitcal export --format cycles`)."""
+_NAMES: Final = {"person": "", "session": "", "activity": WALKING, "phase": ""}
+"""Columns of text -> value where a table lacks them."""
+_LACKING: Final = ("se", "se_stride", "turn")
+"""Columns of numbers that a table or a stride may lack."""
 _WHOLE: Final = ("stride", "percent", "valid")
+"""Columns of whole numbers."""
 _NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))
 
 
@@ -383,29 +387,28 @@ def validate_stride_table(table: "pd.DataFrame", source: object = None) -> "pd.D
     if missing:
         found = ", ".join(map(str, table.columns[: len(CYCLE_COLUMNS)]))
         without = f"found the columns {found}, without {', '.join(missing)}"
-        allowed = "those of cycles.csv, with commas between them"
-        raise _make_error(f"is no table of strides: {without}; allowed: {allowed}", source)
+        allowed = "those of cycles.csv, separated by commas"
+        raise _make_error(f"is not a table of strides: {without}; allowed: {allowed}", source)
     numbers = {
         name: _convert_column(table, name, source) for name in ("value", *_LACKING) if name in table
     }
     for name in _WHOLE:
         values = _convert_column(table, name, source)
         if not np.isfinite(values).all():
-            at = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
+            row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
             allowed = (
-                "a whole number (a line that is read as if it ended at a # in a name loses them: "
+                "a whole number (a reader that takes # for a comment cuts lines with # in a name: "
+                "use gaitcal.read_cycles)"
             )
-            allowed += "gaitcal.read_cycles reads it whole)"
-            raise _make_error(f"found nothing in row {at}; allowed: {allowed}", source, name)
+            raise _make_error(f"found nothing in row {row}; allowed: {allowed}", source, name)
         numbers[name] = values.astype(int)
     names = {
-        n: table[n].where(table[n].notna(), lacked) if n in table else lacked
-        for n, lacked in _NAMES.items()
+        n: table[n].where(table[n].notna(), default) if n in table else default
+        for n, default in _NAMES.items()
     }
-    whole = table.assign(
-        **names, **numbers, **{name: np.nan for name in _LACKING if name not in table}
-    )
-    return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
+    lacking = {name: np.nan for name in _LACKING if name not in table}
+    further = [name for name in table.columns if name not in CYCLE_COLUMNS]
+    return table.assign(**names, **numbers, **lacking)[[*CYCLE_COLUMNS, *further]]
 
 
 def _convert_column(table: "pd.DataFrame", name: str, source: object) -> "pd.Series":
@@ -416,9 +419,11 @@ def _convert_column(table: "pd.DataFrame", name: str, source: object) -> "pd.Ser
     if pd.api.types.is_numeric_dtype(text):
         return text.astype(np.float64)
     numbers = pd.to_numeric(text, errors="coerce").astype(np.float64)
+    # Empty cells and `nan` are missing values, any other text is an error.
     wrong = np.flatnonzero(numbers.isna() & text.notna() & (text.astype(str).str.strip() != ""))
-    if len(wrong) and (said := str(text.iloc[wrong[0]])).lower() != "nan":
-        raise _make_error(f"found '{said}' in row {wrong[0] + 1}; allowed: a number", source, name)
+    first = str(text.iloc[wrong[0]]) if len(wrong) else "nan"
+    if first.lower() != "nan":
+        raise _make_error(f"found '{first}' in row {wrong[0] + 1}; allowed: a number", source, name)
     return numbers
 
 
@@ -447,11 +452,11 @@ def read_conventions(strides: "pd.DataFrame") -> dict[str, tuple[str, str]]:
     )
     out: dict[str, tuple[str, str]] = {}
     for variable, unit, positive in columns.itertuples(index=False, name=None):
-        now = (unit or get_unit(variable), positive)
-        before = out.setdefault(variable, now)
-        if before != now:
-            ways = " and as ".join(" ".join(filter(None, (f"[{u}]", p))) for u, p in (before, now))
+        convention = (unit or get_unit(variable), positive)
+        known = out.setdefault(variable, convention)
+        if known != convention:
+            both = " and as ".join(f"[{u}] {p}".strip() for u, p in (known, convention))
             raise _make_error(
-                f"found {variable} as {ways}; allowed: one convention", None, "strides"
+                f"found {variable} as {both}; allowed: one convention", None, "strides"
             )
     return out

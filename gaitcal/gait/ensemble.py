@@ -67,7 +67,7 @@ class StrideStatistics:
 
 
 def compute_statistics(
-    values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None
+    values: Array, trials: NDArray[Any], individual: Array | None = None, total: Array | None = None
 ) -> StrideStatistics:
     """Compute mean, standard deviations and standard error over strides.
 
@@ -77,7 +77,7 @@ def compute_statistics(
         Values of n strides at m points; NaN where a value is not valid.
     trials : (n,) NDArray
         Label of the trial of each stride.
-    own : (n, m) Array, optional
+    individual : (n, m) Array, optional
         Standard errors s_ij of the single strides.
     total : (n, m) Array, optional
         Standard errors se_ij, errors that strides share included.
@@ -85,37 +85,38 @@ def compute_statistics(
     Returns
     -------
     StrideStatistics
-        `sd_error` needs `own`, `se` needs both kinds of errors.
+        `sd_error` needs `individual`, `se` needs both kinds of errors.
     """
     values = np.asarray(values, dtype=np.float64)
-    there = np.isfinite(values)
-    n = there.sum(axis=0)
-    zeroed = np.where(there, values, 0.0)
-    labels = [trials == label for label in dict.fromkeys(np.asarray(trials).tolist())]
-    in_trial = np.array([there[rows].sum(axis=0) for rows in labels], dtype=np.float64).reshape(
-        len(labels), -1
-    )
-    sums = np.array([zeroed[rows].sum(axis=0) for rows in labels]).reshape(len(labels), -1)
-    k, squares = (in_trial > 0).sum(axis=0), (in_trial**2).sum(axis=0)
+    valid = np.isfinite(values)
+    n = valid.sum(axis=0)
+    zeroed = np.where(valid, values, 0.0)
+    groups = [trials == label for label in dict.fromkeys(np.asarray(trials).tolist())]
+    # n_i and the sum of values of each trial at each point, (k, m)
+    counts = np.array([valid[rows].sum(axis=0) for rows in groups], dtype=np.float64)
+    counts = counts.reshape(len(groups), -1)
+    sums = np.array([zeroed[rows].sum(axis=0) for rows in groups]).reshape(len(groups), -1)
+    k, squares = (counts > 0).sum(axis=0), (counts**2).sum(axis=0)
+    error, se = np.full(len(n), np.nan), np.full(len(n), np.nan)
+    # Points with too few strides or trials divide by zero; they become NaN below.
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = zeroed.sum(axis=0) / n
-        of_trial = sums / in_trial
-        variance = np.where(there, (values - mean) ** 2, 0.0).sum(axis=0) / (n - 1)
-        apart = np.nansum(in_trial * (of_trial - mean) ** 2, axis=0)
-        inside = np.maximum((n - 1) * variance - apart, 0.0)
-        within = np.where(n > k, inside / (n - k), np.nan)
+        trial_means = sums / counts
+        variance = np.where(valid, (values - mean) ** 2, 0.0).sum(axis=0) / (n - 1)
+        # Sums of squares between trials and within them; V_w and V_b of the module.
+        squares_between = np.nansum(counts * (trial_means - mean) ** 2, axis=0)
+        squares_within = np.maximum((n - 1) * variance - squares_between, 0.0)
+        within = np.where(n > k, squares_within / (n - k), np.nan)
         size = (n - squares / n) / (k - 1)
-        between = np.where(
-            (n > k) & (k > 1), np.maximum((apart / (k - 1) - within) / size, 0.0), np.nan
-        )
-        error = _average_over(np.square(own), there) if own is not None else np.full(len(n), np.nan)
-        se = np.full(len(n), np.nan)
-        if own is not None and total is not None:
-            shared = _average_over(
-                np.sqrt(np.maximum(np.square(total) - np.square(own), 0.0)), there
-            )
-            alone = _average_over(np.asarray(total, dtype=np.float64), there)
-            se = np.where(n > 1, np.sqrt(variance / n + shared**2), alone)
+        excess = (squares_between / (k - 1) - within) / size
+        between = np.where((n > k) & (k > 1), np.maximum(excess, 0.0), np.nan)
+        if individual is not None:
+            error = _average_over(np.square(individual), valid)
+        if individual is not None and total is not None:
+            shared = np.sqrt(np.maximum(np.square(total) - np.square(individual), 0.0))
+            single = _average_over(np.asarray(total, dtype=np.float64), valid)
+            joint = np.sqrt(variance / n + _average_over(shared, valid) ** 2)
+            se = np.where(n > 1, joint, single)
     variance = np.where(n > 1, variance, np.nan)
     return StrideStatistics(
         n=n,
@@ -129,24 +130,15 @@ def compute_statistics(
     )
 
 
-def _average_over(values: Array, there: Array) -> Array:
+def _average_over(values: Array, valid: Array) -> Array:
     """Average over the strides whose value is valid; NaN where one of them has no error."""
-    return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
+    return np.where(valid, values, 0.0).sum(axis=0) / valid.sum(axis=0)
 
 
-GROUP: Final = (
-    "person",
-    "session",
-    "activity",
-    "side",
-    "variable",
-)  # of `cycles.csv`: whose strides belong together
-SAMPLE_COLUMNS: Final = [
-    *GROUP,
-    "trial",
-    "stride",
-    "percent",
-]  # columns that tell one sample from all others
+GROUP: Final = ("person", "session", "activity", "side", "variable")
+"""Columns of `cycles.csv` whose values are equal for strides that are averaged."""
+SAMPLE_COLUMNS: Final = [*GROUP, "trial", "stride", "percent"]
+"""Columns that identify one sample."""
 STATISTICS: Final = ("n", "trials", "mean", "sd", "sd_within", "sd_between", "sd_error", "se")
 ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 
@@ -156,13 +148,13 @@ def require_unique_strides(strides: "pd.DataFrame") -> None:
 
     This happens where two sessions without a name are joined.
     """
-    if (twice := strides.duplicated(SAMPLE_COLUMNS)).any():
+    twice = strides.duplicated(SAMPLE_COLUMNS)
+    if twice.any():
         row = strides.loc[twice].iloc[0]
         message = (
             f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: "
-            "once for each "
+            "once for each person and session; name the sessions"
         )
-        message += "person and session; name the sessions"
         raise InputError(message, field="strides", code=Code.STRIDE_TABLE)
 
 
@@ -196,24 +188,13 @@ def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
     strides = validate_stride_table(strides)
     require_unique_strides(strides)
     found = compute_mean_curves({name: strides[name].to_numpy() for name in CYCLE_COLUMNS})
-    conventions = (
-        read_conventions(strides) if any(name in strides for name in CONVENTION_COLUMNS) else {}
-    )
-    senses = (
-        [conventions.get(str(variable), ("", "")) for variable in found["variable"]]
-        if conventions
-        else []
-    )
-    return pd.DataFrame(
-        {
-            **found,
-            **{
-                name: [of[k] for of in senses]
-                for k, name in enumerate(CONVENTION_COLUMNS)
-                if senses
-            },
-        }
-    )
+    table = pd.DataFrame(found)
+    if any(name in strides for name in CONVENTION_COLUMNS):
+        conventions = read_conventions(strides)
+        rows = [conventions.get(str(variable), ("", "")) for variable in found["variable"]]
+        for k, name in enumerate(CONVENTION_COLUMNS):
+            table[name] = [row[k] for row in rows]
+    return table
 
 
 def compute_mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, NDArray[Any]]:
@@ -232,6 +213,7 @@ def compute_mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict
     codes = {name: _encode_column(strides[name]) for name in SAMPLE_COLUMNS}
     sizes = [len(known) for known, _ in codes.values()]
     percent, _ = codes["percent"]
+    # One number for each stride of each variable; `row` gives the stride of each sample.
     key = np.ravel_multi_index([codes[name][1] for name in SAMPLE_COLUMNS[:-1]], sizes[:-1])
     stride_keys, first, row = np.unique(key, return_index=True, return_inverse=True)
 
@@ -244,20 +226,23 @@ def compute_mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict
     valid, turn = wide("valid"), wide("turn")
     counts = (valid == 1) & ~(np.abs(turn) > TURNING)
     usable = np.where(counts, wide("value"), np.nan)
-    own, total = wide("se_stride"), wide("se")
+    individual, total = wide("se_stride"), wide("se")
     trials = codes["trial"][1][first]
+    # The last two columns of the key are trial and stride: without them it is that of the group.
     group = key // (sizes[-3] * sizes[-2])
-    _, begun = np.unique(group, return_index=True)
-    begun = np.sort(begun)
+    _, starts = np.unique(group, return_index=True)
+    starts = np.sort(starts)
     columns: dict[str, list[Array]] = {name: [] for name in STATISTICS}
-    for at in begun:
-        rows = np.flatnonzero(group[first] == group[at])
-        found = compute_statistics(usable[rows], trials[rows], own[rows], total[rows])
+    for start in starts:
+        rows = np.flatnonzero(group[first] == group[start])
+        found = compute_statistics(usable[rows], trials[rows], individual[rows], total[rows])
         for name, values in columns.items():
             values.append(getattr(found, name))
-    named = {name: np.repeat([strides[name][at] for at in begun], len(percent)) for name in GROUP}
-    joined = {name: np.concatenate(values) for name, values in columns.items()}
-    return {**named, "percent": np.tile(percent, len(begun)), **joined}
+    table: dict[str, NDArray[Any]] = {}
+    for name in GROUP:
+        table[name] = np.repeat([strides[name][start] for start in starts], len(percent))
+    table["percent"] = np.tile(percent, len(starts))
+    return table | {name: np.concatenate(values) for name, values in columns.items()}
 
 
 def _encode_column(values: NDArray[Any] | list[Any]) -> tuple[NDArray[Any], IntArray]:
@@ -265,7 +250,8 @@ def _encode_column(values: NDArray[Any] | list[Any]) -> tuple[NDArray[Any], IntA
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf":
         known, codes = np.unique(values, return_inverse=True)
         return known, codes
-    texts = list(values)  # hashed: to sort all of them takes ten times as long
+    # A set and a dictionary of the few different texts: sorting all rows takes ten times as long.
+    texts = list(values)
     names = sorted(set(texts), key=str)
-    places = {name: k for k, name in enumerate(names)}
-    return np.array(names, dtype=object), np.array([places[text] for text in texts])
+    indices = {name: k for k, name in enumerate(names)}
+    return np.array(names, dtype=object), np.array([indices[text] for text in texts])

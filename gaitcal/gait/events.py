@@ -114,7 +114,7 @@ def find_trial_events(
     reactions : GroundReactions or None
         Forces under the feet; None without force plates.
     recording : Recording
-        Recording of the same trial: events of its file, and plates, which give the time between frames.
+        Recording of the trial: events of its file, and plates with their samples.
 
     Returns
     -------
@@ -321,7 +321,10 @@ def find_plate_events(
 def _find_threshold_time(
     plates: Sequence[ForcePlate], begin: float, end: float, *, rising: bool
 ) -> float:
-    """Find when a vertical force passes `LOADED_N` between two frames; without samples the loaded frame."""
+    """Find when a vertical force passes `LOADED_N` between two frames.
+
+    Without such samples it is the time of the loaded frame.
+    """
     for plate in plates:
         near = (plate.time >= begin - 1e-9) & (plate.time <= end + 1e-9)
         pressed = np.nan_to_num(plate.force[near, 1]) > LOADED_N

@@ -30,7 +30,7 @@ from gaitcal.study.study_trial import Role
 
 
 def list_moments(model: SubjectModel) -> list[str]:
-    """List all joint moments that the model moves; adduction reactions follow the flexion of the knee."""
+    """List all joint moments that the model moves, knee adduction after knee flexion."""
     elements = (e for joint in JOINTS for e in list_joint_elements(joint, reactions=True))
     return [e.name for e in elements if e.name in FORCES and e.name not in model.frozen]
 
@@ -79,23 +79,25 @@ class Extreme:
     """Largest value of a moment."""
 
     value: float  # N·m/kg
-    error: float | None  # N·m/kg, standard error
+    error: float | None  # N·m/kg, standard error; None where not known
     bwh: float  # the value in % of body weight times height
-    at: float  # % of the gait cycle, or s where the trial is drawn against time
+    at: float  # % of the gait cycle, or s where curves are drawn over time
 
 
 @dataclass(frozen=True, kw_only=True)
 class MomentSummary:
     """Summary of one joint moment of one trial."""
 
-    name: str  # `hip_flexion_r`
-    highest: (
-        Extreme | None
-    )  # over the valid frames of the stride that is drawn; None where there are none
-    # N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model
+    name: str
+    """Coordinate or knee reaction: `hip_flexion_r`."""
+    highest: Extreme | None
+    """Over the valid frames of the stride that is drawn; None without any."""
     change: float
-    change_bwh: float  # the change in % of body weight times height
-    peak: float  # N·m/kg, largest absolute value over all valid frames
+    """N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model."""
+    change_bwh: float
+    """The change in % of body weight times height."""
+    peak: float
+    """N·m/kg, largest absolute value over all valid frames."""
 
     @property
     def side(self) -> str:
@@ -136,32 +138,26 @@ def summarise_moments(
     to_bwh = 100.0 * subject.mass / subject.bwh
     names = list_moments(model)
     bases = list(dict.fromkeys(split_side(name)[0] for name in names))
-    numbers = []
-    for name in sorted(
-        names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")
-    ):
+    names.sort(key=lambda name: (bases.index(split_side(name)[0]), split_side(name)[1] == "l"))
+    summaries = []
+    for name in names:
         side, valid = split_side(name)[1], layout.get_valid_frames(get_leg(name))
         if not valid.any():
             continue
         moment, before = (get_moment(f, name) / subject.mass for f in (final, nominal))
-        error = get_moment(errors, name) / subject.mass if errors else np.full(len(moment), np.nan)
         frames = np.flatnonzero(valid & layout.select_drawn_frames(side))
         highest = None
         if len(frames):
-            frame = frames[moment[frames].argmax()]
-            value, spread, time = (
-                float(moment[frame]),
-                float(error[frame]),
-                float(layout.time[frame]),
-            )
-            at = (
-                float(layout.select_main_cycle(side).compute_percent(time))
-                if layout.by_cycle
-                else time
-            )
-            highest = Extreme(value, spread if np.isfinite(spread) else None, to_bwh * value, at)
+            frame = int(frames[moment[frames].argmax()])
+            error = np.nan if errors is None else get_moment(errors, name)[frame] / subject.mass
+            at = float(layout.time[frame])
+            if layout.by_cycle:
+                at = float(layout.select_main_cycle(side).compute_percent(at))
+            value = float(moment[frame])
+            known_error = float(error) if np.isfinite(error) else None
+            highest = Extreme(value, known_error, to_bwh * value, at)
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
-        numbers.append(
+        summaries.append(
             MomentSummary(
                 name=name,
                 highest=highest,
@@ -170,7 +166,7 @@ def summarise_moments(
                 peak=float(np.abs(moment[valid]).max()),
             )
         )
-    return tuple(numbers)
+    return tuple(summaries)
 
 
 _NAME = re.compile(r"[a-z_]+(\.[a-z]+){1,2}")
@@ -207,7 +203,7 @@ def describe_joint(joint: str) -> str:
 
 
 _POSITIONS = ("forward", "up", "to the right")
-_ORIENTATIONS = ("frontal tilt", "transverse turn", "sagittal turn")
+_ORIENTATIONS = ("frontal tilt", "transverse rotation", "sagittal rotation")
 _INERTIAL = {
     "mass": ("", "mass"),
     "com.ant": ("mass centre", "forward"),
@@ -227,8 +223,8 @@ def describe_parameter_location(name: str) -> str:
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][0]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    place = describe_segment(split_side(parameter.segment)[0])
-    return f"{JOINT_TABLE[split_side(parameter.joint)[0]].feature} in the {place}"
+    segment = describe_segment(split_side(parameter.segment)[0])
+    return f"{JOINT_TABLE[split_side(parameter.joint)[0]].feature} in the {segment}"
 
 
 def describe_parameter_direction(name: str) -> str:
@@ -236,9 +232,8 @@ def describe_parameter_direction(name: str) -> str:
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][1]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    return (_POSITIONS if parameter.kind is ParameterKind.POSITION else _ORIENTATIONS)[
-        parameter.axis
-    ]
+    labels = _POSITIONS if parameter.kind is ParameterKind.POSITION else _ORIENTATIONS
+    return labels[parameter.axis]
 
 
 def describe_parameter(name: str) -> str:
@@ -250,7 +245,7 @@ def describe_parameter(name: str) -> str:
 
 
 def explain_parameters(text: str) -> str:
-    """Add the description after each parameter in a message: `hip_r.pelvis.ant (right hip centre ...)`."""
+    """Add its description after each parameter in a text: `hip_r.pelvis.ant (right hip ...)`."""
 
     def explain(match: re.Match[str]) -> str:
         name = match[0]
@@ -268,13 +263,9 @@ def describe_role(role: Role, joint: str | None) -> str:
     """Describe what a trial is for: `right hip alone`, `walking`."""
     if role is Role.STATIC:
         return "standing still"
-    return (
-        f"{describe_joint(joint)} alone"
-        if joint
-        else "any movement"
-        if role is Role.MOTION
-        else "walking"
-    )
+    if joint:
+        return f"{describe_joint(joint)} alone"
+    return "any movement" if role is Role.MOTION else "walking"
 
 
 def format_count(number: int, noun: str) -> str:
@@ -282,8 +273,8 @@ def format_count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def format_list(words: list[str]) -> str:
+def format_list(texts: list[str]) -> str:
     """Join texts to a list: `a, b and c`."""
-    return (
-        words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
-    )
+    if len(texts) < 2:
+        return "".join(texts)
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"

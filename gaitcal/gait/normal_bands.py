@@ -1,4 +1,4 @@
-"""Normal bands: mean and standard deviation of healthy people over the gait cycle, from a CSV file.
+"""Normal bands: mean and standard deviation of healthy people over the gait cycle (CSV files).
 
     # source: Somebody et al. 2020, 50 adults, barefoot, free speed
     # signs: clinical
@@ -7,42 +7,43 @@
     hip_flexion,deg,2,34.9,6.1
     hip_flexion_moment,N m/kg,0,0.31,0.14
 
-Lines that begin with `#` are comments, but for `signs`, which must be there, as no number shows it.
-Empty cells at the end of a line and lines of empty cells, as spreadsheet programs write them, are
-left out.
+Lines that begin with `#` are comments. The comment `signs` is required, because the numbers cannot
+show the signs. Empty cells at the end of a line and lines of empty cells, as spreadsheet programs
+write them, are skipped.
 
 | signs | angles | moments |
 |---|---|---|
-| `gaitcal`, `opensim` | as in `cycles.csv` | internal, in the coordinate's direction: flexor, adductor, dorsiflexor |
-| `external` | as in `cycles.csv` | external: all of the other sign |
-| `clinical` | pelvis: forward tilt, this side up, this side forward; trunk: forward, to this side, this side forward \
-| internal: extensor, abductor, plantarflexor |
+| `gaitcal`, `opensim` | as in `cycles.csv` | internal: flexor, adductor, dorsiflexor |
+| `external` | as in `cycles.csv` | external: the opposite sign |
+| `clinical` | pelvis, trunk: see below | internal: extensor, abductor, plantarflexor |
 
-Angles of legs mean the same in all three; powers and ground reactions have one sign.
+Clinical signs of the pelvis: forward tilt, this side up, this side forward; of the trunk: forward,
+to this side, this side forward.
 
-Variables are those of `cycles.csv` and have no side; percents are of the stride of that foot, from
-its strike, increasing, at any steps: between them a straight line. Other percents are empty, not
-extended.
+Angles of legs are the same in all three; powers and ground reactions have one sign.
 
-`norm_for` chooses which healthy people somebody is held against, by age and non-dimensional speed.
+Variables are those of `cycles.csv` without a side. Percents are of the stride of that foot, from
+its strike, increasing, at any steps, with linear interpolation between them. Other percents stay
+empty: there is no extrapolation.
 
-Gait changes with speed more than with age, and speed means the same for a small and a tall body
-once length and time are told in leg length L and sqrt(L / g) (Hof, Gait Posture 4:222-223, 1996):
+`select_norm` selects the healthy people for comparison by age and non-dimensional speed. Gait
+changes more with speed than with age. Speeds of small and tall people compare once length and time
+are in units of leg length L and sqrt(L / g) (Hof, Gait Posture 4:222-223, 1996):
 
     speed v / sqrt(g L)        cadence f sqrt(L / g), f in steps/s        step length s / L
 
-L is from the anterior superior iliac spine to the medial malleolus, as clinics measure it; where
-nobody did, 0.52 of body height, as in the 81 children below (SD 0.028).
+L is from the anterior superior iliac spine to the medial malleolus, as clinics measure it. Without
+a measurement it is 0.52 of body height, as in the 81 children below (SD 0.028).
 
 Curves: typically developing children of 4 to 17 years at five speeds (Schwartz, Rozumalski and
-Trost, J Biomech 41:1639-1650, 2008), in files that gaitcal brings (`models/norms/`). Their limits
-between speeds are the paper's; the 81 children of the same laboratory whose own figures are
-published (Pinzone et al., Gait Posture 40:286-290, 2014, centre one) walk freely at 0.431 (SD
-0.069), so that `free` is mean -+ SD, and `slow` and `fast` the next two SD. From the same 81 come
-the spatiotemporal norms.
+Trost, J Biomech 41:1639-1650, 2008), in `models/norms/`. The limits between speeds are those of the
+paper. The 81 children of the same laboratory with published individual data (Pinzone et al., Gait
+Posture 40:286-290, 2014, centre one) walk freely at 0.431 (SD 0.069): `free` is mean -+ SD, `slow`
+and `fast` are the next two SD. The spatiotemporal norms are from these 81 children.
 
-There are no curves of adults that gaitcal could bring, and whose age is not told may be a small
-adult: neither is held against children. Own norms (`--normal FILE`) are taken as they are.
+No curves of adults may be distributed with gaitcal. A person whose age is not given may be a small
+adult. Neither is compared with children. Norms of the laboratory (`--normal FILE`) are used as
+given.
 """
 
 import csv
@@ -69,14 +70,18 @@ SHIPPED: Final[Mapping[str, str]] = {"schwartz2008": "norms/schwartz2008_free.cs
     f"schwartz2008-{speed.replace('_', '-')}": f"norms/schwartz2008_{speed}.csv"
     for speed in _SPEEDS
 }
-"""Bands that gaitcal brings -> their file in `models/`, whose first lines say of whom they are."""
+"""Built-in bands -> their file in `models/`, whose first lines describe the people."""
 
 
 class _BandsError(InputError):
+    """Error in a file of normal bands."""
+
     code = Code.NORMAL_BANDS
 
 
 class _Row(NamedTuple):
+    """One row of the file."""
+
     line: int
     variable: str
     unit: str
@@ -90,46 +95,58 @@ BAND_SIGNS: Final[Mapping[str, Convention]] = {
     "external": Convention(acting=Acting.EXTERNAL),
     "clinical": Convention(signs=Signs.CLINICAL),
 }
-"""What a file of bands says of its signs; see the module's table."""
+"""Signs of a file of bands -> convention; see the table of the module."""
 UNITS: Final[Mapping[CurveKind, tuple[str, ...]]] = {
     CurveKind.ANGLE: ("deg", "rad"),
     CurveKind.MOMENT: ("N m/kg", "N mm/kg", "%BW*H", "N m"),
     CurveKind.POWER: ("W/kg", "W"),
     CurveKind.FORCE: ("BW", "%BW", "N/kg", "N"),
 }
-"""What a file may say, per kind of variable."""
+"""Kind of variable -> units that a file may have."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NormalBand:
-    """One variable of healthy people, as its file has it."""
+    """Normal band of one variable, as in its file."""
 
     variable: str  # as in `cycles.csv`: `hip_flexion_moment`
     unit: str  # one of `UNITS` of its kind
     signs: Convention  # one of `BAND_SIGNS`
     percent: Array  # (n,) % of the stride, increasing
-    mean: Array  # (n,)
-    sd: Array  # (n,) at least 0
-    source: str = ""  # what the file says of where it is from
+    mean: Array  # (n,), in `unit`
+    sd: Array  # (n,), in `unit`, at least 0
+    source: str = ""  # comment `source` of the file
 
     def scale_to_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
-        """Mean and SD (101,) at 0 to 100 %, in the unit and with the sign of `cycles.csv`, for a
-        body of that size.
+        """Scale the band to a person, with unit and sign of `cycles.csv`.
+
+        Parameters
+        ----------
+        subject : Subject
+            Mass (kg) and height (m).
+        side : {"r", "l"}
+            Side of the stride; it matters for pelvis and trunk.
+
+        Returns
+        -------
+        tuple of (101,) Array
+            Mean and SD at 0, 1, ... 100 %; NaN outside of the percents of the file.
         """
         at = np.arange(float(POINTS))
         factor = _get_unit_factor(self.unit, subject)
         mean, sd = (
             np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd)
         )
-        # in `cycles.csv`'s own unit a convention is a sign, which leads back as well
+        # In the unit of `cycles.csv` a convention is only a sign: it is its own inverse.
         return self.signs.convert_values(self.variable, factor * mean, side, subject), factor * sd
 
 
-Bands: TypeAlias = Mapping[str, NormalBand]  # variable of `cycles.csv` -> its band
+Bands: TypeAlias = Mapping[str, NormalBand]
+"""Variable of `cycles.csv` -> its band."""
 
 
 def _get_unit_factor(unit: str, subject: Subject) -> float:
-    """What one of a unit is in that of `cycles.csv`, for a body of that mass and height."""
+    """Get the factor from a unit to that of `cycles.csv`, for a person's mass and height."""
     return {
         "deg": 1.0,
         "rad": 180.0 / np.pi,
@@ -144,16 +161,27 @@ def _get_unit_factor(unit: str, subject: Subject) -> float:
 
 
 def find_bands_file(name: Path | str) -> Path:
-    """The file of normal bands of that path, or of that name among those that gaitcal brings
-    (`schwartz2008`).
+    """Find a file of normal bands by its path, or by a name in `SHIPPED` (`schwartz2008`).
 
-    Raises InputError: There is neither.
+    Parameters
+    ----------
+    name : Path or str
+        Path of a CSV file, or a name.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        There is no such file and no such name.
     """
     path, shipped = Path(name), SHIPPED.get(str(name).lower())
     if path.exists():
         return path
     if shipped is None:
-        allowed = f"a CSV file, or the name of bands that gaitcal brings: {', '.join(SHIPPED)}"
+        allowed = f"a CSV file, or the name of built-in bands: {', '.join(SHIPPED)}"
         raise _BandsError(
             f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path
         )
@@ -161,12 +189,22 @@ def find_bands_file(name: Path | str) -> Path:
 
 
 def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
-    """Variable -> its band, from a CSV file as the module describes it, or of a name in `SHIPPED`.
+    """Read normal bands from a CSV file.
+
+    Parameters
+    ----------
+    path : Path or str
+        CSV file as described in the manual, or a name in `SHIPPED` (`schwartz2008`).
+
+    Returns
+    -------
+    dict
+        Variable of `cycles.csv` -> its band.
 
     Raises
     ------
     InputError
-        One line: file, line, what was found, what is allowed.
+        The message names file, line, what was found and what is allowed.
     """
     source = find_bands_file(path)
     comments, rows = _split_lines(source)
@@ -192,14 +230,14 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
 
 
 def _split_lines(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Comments without their `#`, and numbered rows of cells."""
+    """Split the file into comments without `#`, and numbered rows of cells."""
     comments, rows = [], []
     for number, line in enumerate(text_file.read_lines(source), start=1):
         cells = [cell.strip() for cell in next(csv.reader([line]), [])]
         while cells and not cells[-1]:
             cells.pop()
         if cells and cells[0].startswith("#"):
-            # a spreadsheet program may have put the comment, or a part of it, in quotation marks
+            # Spreadsheet programs may put the comment, or a part of it, in quotation marks.
             comments.append(", ".join(cells).lstrip("# "))
         elif cells:
             rows.append((number, cells))
@@ -207,46 +245,53 @@ def _split_lines(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 
 def _read_named_comments(comments: Sequence[str]) -> dict[str, list[str]]:
-    """What comments of the form `name: text` say, each text once."""
+    """Read comments of the form `name: text`, each text once."""
     out: dict[str, list[str]] = {}
-    for name, colon, text in (comment.partition(":") for comment in comments):
-        if colon and text.strip() not in (texts := out.setdefault(name.strip().lower(), [])):
-            texts.append(text.strip())
+    for comment in comments:
+        name, colon, text = comment.partition(":")
+        if colon:
+            texts = out.setdefault(name.strip().lower(), [])
+            if text.strip() not in texts:
+                texts.append(text.strip())
     return out
 
 
 def _read_signs(texts: Sequence[str], source: Path) -> Convention:
-    """What all lines on signs agree in."""
+    """Read the convention of the comments `signs`, which must agree."""
     names = {**BAND_SIGNS, "opensim": BAND_SIGNS["gaitcal"]}
     wrong = [text for text in texts if text.lower() not in names]
-    found = f"found '{wrong[0]}'" if wrong else "" if texts else "missing"
-    if not found and len({names[text.lower()] for text in texts}) > 1:
-        found = f"found {' and '.join(map(repr, texts))}"
-    if found:
-        raise _BandsError(
-            f"{found}; allowed: a line '# signs: {' | '.join(names)}'", source=source, field="signs"
-        )
+    fault = ""
+    if not texts:
+        fault = "missing"
+    elif wrong:
+        fault = f"found '{wrong[0]}'"
+    elif len({names[text.lower()] for text in texts}) > 1:
+        fault = f"found {' and '.join(map(repr, texts))}"
+    if fault:
+        allowed = f"a line '# signs: {' | '.join(names)}'"
+        raise _BandsError(f"{fault}; allowed: {allowed}", source=source, field="signs")
     return names[texts[0].lower()]
 
 
 def _read_rows(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
+    """Read and validate the rows below the header."""
     known = list_variables()
     ranges = {"percent": (0.0, 100.0), "mean": (-1e6, 1e6), "sd": (0.0, 1e6)}
     for number, cells in rows:
 
-        def fault(text: str, at: str = f"line {number}") -> _BandsError:
-            return _BandsError(text, source=source, field=at)
+        def make_error(text: str, where: str = f"line {number}") -> _BandsError:
+            return _BandsError(text, source=source, field=where)
 
         if len(cells) != len(COLUMNS):
-            raise fault(f"found {len(cells)} cells; allowed: {len(COLUMNS)}")
+            raise make_error(f"found {len(cells)} cells; allowed: {len(COLUMNS)}")
         variable, unit = cells[:2]
         if variable not in known:
             hint = "; names have no side" if split_side(variable)[1] else nearest(variable, known)
-            raise fault(f"found variable '{variable}'; allowed: those of cycles.csv{hint}")
+            raise make_error(f"found variable '{variable}'; allowed: those of cycles.csv{hint}")
         allowed = UNITS[get_curve_kind(variable)]
         spelt = {_normalise_unit(u): u for u in allowed}
         if _normalise_unit(unit) not in spelt:
-            raise fault(f"found unit '{unit}' of {variable}; allowed: {', '.join(allowed)}")
+            raise make_error(f"found unit '{unit}' of {variable}; allowed: {', '.join(allowed)}")
         numbers = []
         for (name, (low, high)), cell in zip(ranges.items(), cells[2:], strict=True):
             try:
@@ -254,19 +299,21 @@ def _read_rows(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[
             except ValueError:
                 value = float("nan")
             if not low <= value <= high:
-                raise fault(f"found {name} '{cell}'; allowed: a number from {low:g} to {high:g}")
+                allowed_range = f"a number from {low:g} to {high:g}"
+                raise make_error(f"found {name} '{cell}'; allowed: {allowed_range}")
             numbers.append(value)
         yield _Row(number, variable, spelt[_normalise_unit(unit)], *numbers)
 
 
 def _normalise_unit(unit: str) -> str:
-    """A unit without what people write differently: `N·m/kg`, `Nm/kg`, `N m / kg`."""
+    """Normalise the spelling of a unit: `N·m/kg`, `Nm/kg`, `N m / kg`."""
     return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
 
 
 def _make_band(
     variable: str, rows: Sequence[_Row], signs: Convention, origin: str, source: Path
 ) -> NormalBand:
+    """Make the band of one variable from its rows, with increasing percents and one unit."""
     for before, row in itertools.pairwise(rows):
         fault = ""
         if row.unit != before.unit:
@@ -290,13 +337,17 @@ def _make_band(
 
 
 LEG_OF_HEIGHT: Final = 0.52
-AGES: Final = (4.0, 18.0)  # Years, from and below which the children's norms hold
+"""Leg length over body height."""
+AGES: Final = (4.0, 18.0)
+"""Years, from and below which the children's norms hold."""
 
 
 class _Speed(NamedTuple):
-    name: str  # Of `SHIPPED`
+    """Range of non-dimensional speed of a set of bands."""
+
+    name: str  # in `SHIPPED`
     label: str
-    high: float  # Non-dimensional speed below which it holds
+    high: float  # non-dimensional speed below which it holds
 
 
 SPEEDS: Final = (
@@ -307,34 +358,49 @@ SPEEDS: Final = (
     _Speed("schwartz2008-very-fast", "very fast", 0.705),
 )
 SLOWEST: Final = 0.158
-"""Non-dimensional speed below which none holds. This and the highest are one SD of `FREE` beyond
-the paper's limits: outside few of those children walked."""
+"""Non-dimensional speed below which no norm holds. This and the highest speed are one SD of `FREE`
+beyond the limits of the paper: few of those children walked outside of them.
+"""
 FREE: Final = {"speed": (0.431, 0.069), "cadence": (0.561, 0.050), "step_length": (0.765, 0.080)}
 """Measure -> mean and SD, non-dimensional, of 81 children at the speed of their choice."""
 MODEL_REMARK: Final = (
-    "Theirs is Plug-in Gait's model: offsets of hip rotation and adduction are partly that."
+    "These norms are of Plug-in Gait's model: offsets of hip rotation and adduction are partly due "
+    "to it."
 )
-"""In a child's straight walk the vendor's hip rotation is 15 and 5 deg from ours, adduction 2 and
-3.5.
+"""In a child's straight walk, hip rotation of the vendor differs from ours by 15 and 5 deg,
+adduction by 2 and 3.5 deg.
 """
 FREE_LABEL: Final = "children 4 to 17 years, free speed, n = 81 (Pinzone 2014), by leg length"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Norm:
-    """Healthy people to hold somebody against; empty where none fit."""
+    """Healthy people to compare a person with; empty where none fit."""
 
     bands: Bands = field(default_factory=dict)
     steps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Measure of `spatiotemporal.MEASURES` -> mean and SD, in its unit, for a leg of this length,
-    at free speed.
+    """Measure of `spatiotemporal.MEASURES` -> mean and SD in its unit, for a leg of this length, at
+    free speed.
     """
-    label: str = ""  # Who they are: for legends
-    remark: str = ""  # Why these, or why none: a sentence
+    label: str = ""
+    """Description of these people, for legends."""
+    remark: str = ""
+    """Reason for these, or for none: a sentence."""
 
 
 def estimate_leg_length(subject: Subject) -> tuple[float, str]:
-    """m, and how it is known."""
+    """Estimate the length of the legs.
+
+    Parameters
+    ----------
+    subject : Subject
+        Person with or without measured legs.
+
+    Returns
+    -------
+    tuple of float and str
+        m; and the length in words, with its source.
+    """
     measured = list(subject.leg_length.values())
     if measured:
         return float(np.mean(measured)), f"{np.mean(measured):.2f} m"
@@ -343,7 +409,20 @@ def estimate_leg_length(subject: Subject) -> tuple[float, str]:
 
 
 def select_norm(subject: Subject, speed: float | None) -> Norm:
-    """The norm that gaitcal brings for somebody who walks at `speed` (m/s; None: not known)."""
+    """Select the built-in norm for a person by age and speed.
+
+    Parameters
+    ----------
+    subject : Subject
+        Person with age (years), leg length or height (m).
+    speed : float or None
+        m/s, mean speed of walking; None where it is not known.
+
+    Returns
+    -------
+    Norm
+        `remark` gives the reason for the choice.
+    """
     low, high = AGES
     theirs = f"the built-in norms are for children of {low:.0f} to {high - 1:.0f} years"
     if subject.age is None:
@@ -351,24 +430,21 @@ def select_norm(subject: Subject, speed: float | None) -> Norm:
     if not low <= subject.age < high:
         age = _format_age(subject.age)
         return Norm(
-            remark=f"No norm fits an age of {age} years: {theirs}. Your laboratory's own: --normal "
-            "FILE."
+            remark=f"No norm for an age of {age} years: {theirs}. Norms of your laboratory can be "
+            "given by --normal FILE."
         )
     length, how = estimate_leg_length(subject)
     steps = compute_free_steps(length)
     if speed is None:
-        return Norm(
-            steps=steps, remark="No norm of curves: no stride tells the speed, which chooses it."
-        )
+        remark = "No norm of curves: the walking speed, which selects it, is not known."
+        return Norm(steps=steps, remark=remark)
     relative = speed / np.sqrt(GRAVITY * length)
     walk = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}"
-    chosen = next((of for of in SPEEDS if SLOWEST <= relative < of.high), None)
+    chosen = next((row for row in SPEEDS if SLOWEST <= relative < row.high), None)
     if chosen is None:
         limits = f"{SLOWEST:g} to {SPEEDS[-1].high:g}"
-        return Norm(
-            steps=steps,
-            remark=f"{walk}: no norm of curves fits, those that gaitcal brings are of {limits}.",
-        )
+        remark = f"{walk}: no norm of curves for this speed; the built-in ones are for {limits}."
+        return Norm(steps=steps, remark=remark)
     bands = read_normal_bands(chosen.name)
     return Norm(
         bands=bands,
@@ -379,36 +455,54 @@ def select_norm(subject: Subject, speed: float | None) -> Norm:
 
 
 def make_user_norm(bands: Bands, name: str, subject: Subject) -> Norm:
-    """The norm that somebody names (`--normal`), with a word where those of children are taken for
-    an adult.
+    """Make the norm that a user named (`--normal`).
+
+    Parameters
+    ----------
+    bands : Bands
+        Bands that were read.
+    name : str
+        Name or file that the user gave.
+    subject : Subject
+        Person; a remark is added where children are compared with somebody of another age.
+
+    Returns
+    -------
+    Norm
     """
     low, high = AGES
     remark = ""
-    if name.lower().startswith("schwartz2008") and not (
-        subject.age is not None and low <= subject.age < high
-    ):
-        age = (
-            "the age is not given"
-            if subject.age is None
-            else f"this person is {_format_age(subject.age)} years old"
-        )
-        remark = f"Bands of children of {low:.0f} to {high - 1:.0f} years, as asked for: {age}."
+    is_child = subject.age is not None and low <= subject.age < high
+    if name.lower().startswith("schwartz2008") and not is_child:
+        age = "the age is not given"
+        if subject.age is not None:
+            age = f"this person is {_format_age(subject.age)} years old"
+        remark = f"Bands of children of {low:.0f} to {high - 1:.0f} years, as requested: {age}."
     return Norm(bands=bands, label=list_sources(bands), remark=remark)
 
 
 def _format_age(age: float) -> str:
-    """As people tell it: whom a day is missing to 4 years is 3.9."""
+    """Format an age in years, rounded down: 3.99 years are 3.9."""
     return f"{np.floor(10.0 * age) / 10.0:g}"
 
 
 def list_sources(bands: Bands) -> str:
-    """Whom the bands are of, each source once."""
+    """List the sources of the bands, each once."""
     return "; ".join(dict.fromkeys(band.source for band in bands.values() if band.source))
 
 
 def compute_free_steps(length: float) -> dict[str, tuple[float, float]]:
-    """`speed` m/s, `cadence` steps/min, `step_length` and `stride_length` m: mean and SD for a leg
-    of `length` m.
+    """Compute norms of steps at free speed.
+
+    Parameters
+    ----------
+    length : float
+        m, of the leg.
+
+    Returns
+    -------
+    dict
+        `speed` (m/s), `cadence` (steps/min), `step_length` and `stride_length` (m) -> mean and SD.
     """
     units = {
         "speed": np.sqrt(GRAVITY * length),

@@ -1,29 +1,27 @@
-"""Peaks as clinics name them: each has a window of the stride, from the events of the foot itself.
+"""Peaks of curves in the phases of gait that clinics name, with windows from the foot's events.
 
-Where a foot is in its stride is told in parts of its own stance and swing, whatever share of the
-stride they have,
+Position in the stride is relative to stance and swing, whatever their share of the stride,
 
     u = percent / toe-off                                     0 to 1   stance
     u = 1 + (percent - toe-off) / (100 - toe-off)             1 to 2   swing
 
-so that a window means the same in a slow walk. With stance at 62 % of the stride the windows hold
-the phases of Perry & Burnfield (Gait Analysis, 2010, chapter 1): loading response to 12 %,
+so that a window means the same in a slow walk. With stance at 62 % of the stride, the windows
+contain the phases of Perry & Burnfield (Gait Analysis, 2010, chapter 1): loading response to 12 %,
 mid-stance to 31 %, terminal stance to 50 %, pre-swing to toe-off. Windows of loads begin at 8 % of
-stance (5 % of the stride): before, the foot strikes, and what filters leave of that shock is no
-muscle's work.
+stance (5 % of the stride): earlier, the impact of the strike, as far as filters leave it, is not
+the work of a muscle.
 
-The highest or lowest value of a window is a peak only where the curve turns there. Where it lies at
-the edge of the window, and the curve goes on, it belongs to another phase: there is none, whatever
-wiggles lie beside it. Each stride has its own peaks, and means are of these: the peak of a mean
-curve is flatter than those of its strides (`gait/ensemble.py` has their statistics and errors).
+The highest or lowest value of a window is a peak only where the curve turns there. An extreme at
+the edge of the window, from where the curve goes on, belongs to another phase: then there is no
+peak. Each stride has its peaks, and means are over these, because the peak of a mean curve is
+flatter than those of its strides (`gait/ensemble.py` has the statistics).
 
-Other activities have whole phases for windows: stance and swing of runs and stairs, and what the
-pelvis does in a repetition (`gait/events.py`). Their highest or lowest value counts wherever it
-lies in the phase, but not beside samples that are not valid, as on a seat: the curve may go on
-there.
+Other activities have whole phases as windows: stance and swing of runs and stairs, and phases of
+repetitions (`gait/events.py`). Their highest or lowest value counts anywhere in the phase, except
+next to samples that are not valid, as on a seat, where the curve may go on.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import product
@@ -31,7 +29,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, IntArray
 from gaitcal.gait import ensemble, spatiotemporal
 from gaitcal.gait.cycles import POINTS, CurveKind, get_coordinate, get_curve_kind, get_unit
 from gaitcal.model.coordinates import describe_coordinate, get_senses
@@ -39,7 +37,7 @@ from gaitcal.model.linkage import SIDES
 
 
 class PeakKind(Enum):
-    """What is taken of a curve within the window."""
+    """Figure that is taken of a curve within the window."""
 
     STRIKE = "strike"
     HIGHEST = "highest"
@@ -52,47 +50,52 @@ class PeakKind(Enum):
 class Peak:
     """One figure of a curve in one phase."""
 
-    name: str  # as in `peaks.csv`
-    variable: str  # of `cycles.csv`, in its signs
+    name: str
+    """Name in `peaks.csv`."""
+    variable: str
+    """Variable of `cycles.csv`, with its signs."""
     figure: PeakKind
-    phase: str  # in words; of an activity that is no gait as in `cycles.csv`
-    window: tuple[float, float] | None = None  # u, see the module; None: the whole phase
+    phase: str
+    """Phase in words; of an activity that is no gait as in `cycles.csv`."""
+    window: tuple[float, float] | None = None
+    """u of the module, begin and end; None: the whole phase."""
 
     def make_title(self, *, external: bool = False) -> str:
-        """`Hip extension moment, loading response`: loads by what they do, so that no choice of
-        signs changes it.
+        """Make the title: `Hip extension moment, loading response`.
+
+        Parameters
+        ----------
+        external : bool
+            Name moments by the external load instead of the internal one.
+
+        Returns
+        -------
+        str
+            The action that loads have, so that no choice of signs changes the title.
         """
-        kind, name, low = (
-            get_curve_kind(self.variable),
-            get_coordinate(self.variable),
-            self.figure is PeakKind.LOWEST,
-        )
-        title = (
-            "Vertical ground reaction"
-            if kind is CurveKind.FORCE
-            else describe_coordinate(name).title
-        )
+        kind, name = get_curve_kind(self.variable), get_coordinate(self.variable)
+        low = self.figure is PeakKind.LOWEST
+        if kind is CurveKind.FORCE:
+            return f"Vertical ground reaction, {self.measure}"
+        title = describe_coordinate(name).title
         if kind is CurveKind.MOMENT:
-            return (
-                f"{title.split()[0]} {(get_senses(name) or ('', ''))[low != external]} moment, "
-                f"{self.phase}"
-            )
+            # A lowest internal moment acts in the negative sense; external ones are the opposite.
+            senses = get_senses(name) or ("", "")
+            return f"{title.split()[0]} {senses[low != external]} moment, {self.phase}"
         if kind is CurveKind.POWER:
             return f"{title.capitalize()} power {'absorbed' if low else 'generated'}, {self.phase}"
         return f"{title}, {self.measure}"
 
     @property
     def measure(self) -> str:
-        """What is taken where: `highest in swing`, `at initial contact`."""
-        return (
-            f"{'at' if self.figure is PeakKind.STRIKE else f'{self.figure.value} in'} {self.phase}"
-        )
+        """Figure and phase: `highest in swing`, `at initial contact`."""
+        if self.figure is PeakKind.STRIKE:
+            return f"at {self.phase}"
+        return f"{self.figure.value} in {self.phase}"
 
     @property
     def window_label(self) -> str:
-        """Its window: `8 to 45 % of stance`, `60 % of stance to 15 % of swing`, `the pelvis goes
-        down`.
-        """
+        """Window in words: `8 to 45 % of stance`, `the pelvis goes down`."""
         if self.window is None:
             return PHASES[self.phase]
         begin, end = (round(100 * (u if u < 1 else u - 1)) for u in self.window)
@@ -155,6 +158,7 @@ ground_reaction_3              ground_reaction_vertical highest 0.6   1     push
 
 
 def _parse_peak(row: str) -> Peak:
+    """Parse a row of the table."""
     name, variable, figure, begin, end, phase = row.split(maxsplit=5)
     return Peak(name, variable, PeakKind(figure), phase, (float(begin), float(end)))
 
@@ -170,12 +174,11 @@ PHASES: Final = {
     "push-off": "the pelvis goes up until both feet are off the ground",
     "landing": "from the first strike until the pelvis is lowest",
 }
-"""Phase of a stride or a repetition of an activity that is no gait -> what it is; flight has no
+"""Phase of a stride or repetition of an activity that is no gait -> description. Flight has no
 peaks.
 """
-LEAST_VALID_SHARE: Final = (
-    0.5  # of a phase whose peak counts: what comes before somebody leaves a seat is not valid
-)
+LEAST_VALID_SHARE: Final = 0.5
+"""Part of a phase that must be valid: before a person leaves a seat, samples are not valid."""
 _IN_PHASES: Final = """
 hip_flexion            hip_flexion              highest stance swing lowering rising push-off landing
 hip_extension          hip_flexion              lowest  stance
@@ -194,155 +197,191 @@ knee_power_generated   knee_power               highest stance rising push-off
 ankle_power_generated  ankle_power              highest stance rising push-off
 ground_reaction        ground_reaction_vertical highest stance lowering rising push-off landing
 """
-PHASE_PEAKS: Final = {
-    name: Peak(name, variable, PeakKind(figure), phase)
-    for begin, variable, figure, *phases in map(str.split, _IN_PHASES.strip().splitlines())
-    for phase in phases
-    for name in (f"in_{phase.replace('-', '_')}_{begin}",)
-}
-"""Of activities that are no gait."""
+
+
+def _list_phase_peaks() -> Iterator[Peak]:
+    """Yield a peak for each phase in the rows of the table."""
+    for row in _IN_PHASES.strip().splitlines():
+        ending, variable, figure, *phases = row.split()
+        for phase in phases:
+            name = f"in_{phase.replace('-', '_')}_{ending}"
+            yield Peak(name, variable, PeakKind(figure), phase)
+
+
+PHASE_PEAKS: Final = {peak.name: peak for peak in _list_phase_peaks()}
+"""Name -> peak of activities that are no gait."""
 ADDUCTION_PEAK: Final = PEAKS["knee_abduction_moment_1"]
 """The first peak of the external knee adduction moment, which the internal one resists by
 abduction.
 """
 
 PeakValue: TypeAlias = tuple[float, float, float, float]
-"""Of one stride: value, standard error, the part of it that is the stride's own, percent; NaN where
-not known.
+"""Peak of one stride: value, standard error, the part of it that the markers of the trial make,
+percent; NaN where not known.
 """
 
 
 def find_stride_peaks(
     curves: Mapping[str, tuple[Array, Array, Array]], toe_off: float | None
 ) -> dict[str, PeakValue]:
-    """Peak -> what it is in one stride; only those that the stride has.
+    """Find the peaks of one stride.
 
-    `curves`: variable of `cycles.csv` -> value, standard error, its own part (101,), NaN where not
-    valid or not known. `toe_off`: % at which stance ends; None: not known, and no phase but the
-    strike and the whole stride.
+    Parameters
+    ----------
+    curves : mapping
+        Variable of `cycles.csv` -> value, standard error and the part of it that the markers of the
+        trial make, each (101,); NaN where not valid or not known.
+    toe_off : float or None
+        Percent at which stance ends. Without it, only peaks at the strike and over the whole stride
+        can be found.
+
+    Returns
+    -------
+    dict
+        Name of the peak -> value; only peaks that the stride has.
     """
     percent = np.arange(float(POINTS))
-    out: dict[str, PeakValue] = {}
+    # u of the module; without a toe-off only windows that do not depend on it are used.
     at = percent if toe_off is None else np.interp(percent, [0.0, toe_off, 100.0], [0.0, 1.0, 2.0])
+    out: dict[str, PeakValue] = {}
     for peak in PEAKS.values():
-        known, window = curves.get(peak.variable), peak.window
-        if (
-            known is None
-            or window is None
-            or (toe_off is None and window not in ((0.0, 0.0), (0.0, 2.0)))
-        ):
+        curve, window = curves.get(peak.variable), peak.window
+        if curve is None or window is None:
             continue
-        (value, error, own), (low, high) = known, window
-        inside = np.flatnonzero((at >= low) & (at <= high))
-        if not len(inside) or np.isfinite(value[inside]).mean() < spatiotemporal.LEAST_VALID:
+        if toe_off is None and window not in ((0.0, 0.0), (0.0, 2.0)):
             continue
-        match peak.figure:
-            case PeakKind.MEAN:
-                mean, *errors = (float(v[inside][np.isfinite(value[inside])].mean()) for v in known)
-                out[peak.name] = (mean, errors[0], errors[1], np.nan)
-            case PeakKind.RANGE:
-                ends = inside[[np.nanargmin(value[inside]), np.nanargmax(value[inside])]]
-                shared = np.sqrt(np.maximum(error[ends] ** 2 - own[ends] ** 2, 0.0))
-                apart = float(
-                    np.hypot(*own[ends])
-                )  # what all strides share is about the same at both ends
-                out[peak.name] = (
-                    float(np.ptp(value[ends])),
-                    float(np.hypot(apart, np.ptp(shared))),
-                    apart,
-                    np.nan,
-                )
-            case PeakKind.STRIKE:
-                out[peak.name] = (float(value[0]), float(error[0]), float(own[0]), 0.0)
-            case _:
-                signed = value if peak.figure is PeakKind.HIGHEST else -value
-                k = int(inside[np.nanargmax(signed[inside])])
-                if 0 < k < POINTS - 1 and signed[k] >= signed[k - 1] and signed[k] >= signed[k + 1]:
-                    out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
+        inside = np.flatnonzero((at >= window[0]) & (at <= window[1]))
+        if not len(inside) or np.isfinite(curve[0][inside]).mean() < spatiotemporal.LEAST_VALID:
+            continue
+        found = _measure_peak(peak.figure, curve, inside)
+        if found is not None:
+            out[peak.name] = found
     return out
+
+
+def _measure_peak(
+    figure: PeakKind, curve: tuple[Array, Array, Array], inside: IntArray
+) -> PeakValue | None:
+    """Measure one figure of a curve in the percents `inside`; None where it has no peak there."""
+    value, error, individual = curve
+    match figure:
+        case PeakKind.MEAN:
+            known = inside[np.isfinite(value[inside])]
+            mean, mean_error, part = (float(v[known].mean()) for v in curve)
+            return mean, mean_error, part, np.nan
+        case PeakKind.RANGE:
+            ends = inside[[np.nanargmin(value[inside]), np.nanargmax(value[inside])]]
+            # Errors that all strides share are about the same at both ends: their difference counts.
+            shared = np.sqrt(np.maximum(error[ends] ** 2 - individual[ends] ** 2, 0.0))
+            part = float(np.hypot(*individual[ends]))
+            total = float(np.hypot(part, np.ptp(shared)))
+            return float(np.ptp(value[ends])), total, part, np.nan
+        case PeakKind.STRIKE:
+            return float(value[0]), float(error[0]), float(individual[0]), 0.0
+        case _:
+            signed = value if figure is PeakKind.HIGHEST else -value
+            k = int(inside[np.nanargmax(signed[inside])])
+            # At the edge of the window the curve may go on: a peak turns there.
+            if 0 < k < POINTS - 1 and signed[k] >= signed[k - 1] and signed[k] >= signed[k + 1]:
+                return float(value[k]), float(error[k]), float(individual[k]), float(k)
+            return None
 
 
 def find_phase_peaks(
     curves: Mapping[str, tuple[Array, Array, Array]], phases: Sequence[str]
 ) -> dict[str, PeakValue]:
-    """The same of a stride or repetition of an activity that is no gait; `phases`: of each percent
-    (`cycles.csv`).
+    """Find the peaks of one stride or repetition of an activity that is no gait.
+
+    Parameters
+    ----------
+    curves : mapping
+        As of `find_stride_peaks`.
+    phases : sequence of str
+        Phase at each percent, as in `cycles.csv`.
+
+    Returns
+    -------
+    dict
+        Name of the peak -> value; only peaks that the repetition has.
     """
     out: dict[str, PeakValue] = {}
     for peak in PHASE_PEAKS.values():
         inside = np.flatnonzero(np.array(phases) == peak.phase)
         if peak.variable in curves and len(inside):
-            value, error, own = curves[peak.variable]
-            signed = np.where(
-                np.isfinite(value), value if peak.figure is PeakKind.HIGHEST else -value, -np.inf
-            )
-            k = int(inside[signed[inside].argmax()])
-            if (
-                np.isfinite(value[max(k - 1, 0) : k + 2]).all()
-                and np.isfinite(value[inside]).mean() >= LEAST_VALID_SHARE
-            ):
-                out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
+            value, error, individual = curves[peak.variable]
+            signed = value if peak.figure is PeakKind.HIGHEST else -value
+            k = int(inside[np.where(np.isfinite(value), signed, -np.inf)[inside].argmax()])
+            # Next to a sample that is not valid the curve may go on.
+            neighbours_valid = np.isfinite(value[max(k - 1, 0) : k + 2]).all()
+            if neighbours_valid and np.isfinite(value[inside]).mean() >= LEAST_VALID_SHARE:
+                out[peak.name] = (float(value[k]), float(error[k]), float(individual[k]), float(k))
     return out
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeakMean:
-    """One peak of one leg over strides, in the unit of its variable; NaN where not known."""
+    """Mean of one peak of one leg over strides, in the unit of its variable; NaN if not known."""
 
     activity: str  # as in `cycles.csv`
     peak: Peak
     side: str
-    n: int  # strides that have it
-    strides: int  # that were looked at
+    n: int  # strides with this peak
+    strides: int  # strides in which it was searched
     mean: float
     sd: float  # over strides
     se: float  # standard error of the mean, shared errors included
-    percent: float  # of the stride, mean; NaN of a mean and of a range
+    percent: float  # mean percent of the stride; NaN of a mean and of a range
 
 
 PEAK_COLUMNS: Final = (
-    *(
-        "side",
-        "peak",
-        "variable",
-        "phase",
-        "window",
-        "unit",
-        "strides",
-        "n",
-        "mean",
-        "sd",
-        "se",
-        "percent",
-        "activity",
-    ),
+    "side",
+    "peak",
+    "variable",
+    "phase",
+    "window",
+    "unit",
+    "strides",
+    "n",
+    "mean",
+    "sd",
+    "se",
+    "percent",
+    "activity",
 )
 DIGITS: Final = 6
+"""Decimals in `peaks.csv`."""
 
 
 def average_peaks(
     strides: Iterable[tuple[str, str, str, Mapping[str, PeakValue | Array]]],
 ) -> tuple[PeakMean, ...]:
-    """Means of peaks over the strides that count, activity by activity.
+    """Average peaks over strides, separately for each activity.
 
-    `strides`: activity, trial, side and peaks of each stride or repetition.
+    Parameters
+    ----------
+    strides : iterable of tuple
+        Activity, trial, side and peaks of each stride or repetition.
+
+    Returns
+    -------
+    tuple of PeakMean
     """
-    known = list(strides)
+    # (activity, side) -> trial and peaks of each of its strides, activities in order of appearance
+    legs: dict[tuple[str, str], list[tuple[str, Mapping[str, PeakValue | Array]]]] = {}
+    for activity, trial, side, found in strides:
+        legs.setdefault((activity, side), []).append((trial, found))
+    activities = dict.fromkeys(activity for activity, _ in legs)
     out = []
-    for activity, peak, side in product(
-        dict.fromkeys(of for of, *_ in known), (PEAKS | PHASE_PEAKS).values(), SIDES
-    ):
-        of_leg = [
-            (trial, found.get(peak.name))
-            for of, trial, leg, found in known
-            if (of, leg) == (activity, side)
-        ]
-        rows = [(trial, one) for trial, one in of_leg if one is not None]
+    for activity, peak, side in product(activities, (PEAKS | PHASE_PEAKS).values(), SIDES):
+        leg = legs.get((activity, side), [])
+        rows = [(trial, found[peak.name]) for trial, found in leg if peak.name in found]
         if not rows:
             continue
-        value, error, own, percent = np.array([one for _, one in rows], dtype=np.float64).T
-        over = ensemble.compute_statistics(
-            value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None]
+        trials = np.array([trial for trial, _ in rows])
+        values = np.array([value for _, value in rows], dtype=np.float64)
+        value, error, individual, percent = values.T
+        statistics = ensemble.compute_statistics(
+            value[:, None], trials, individual[:, None], error[:, None]
         )
         out.append(
             PeakMean(
@@ -350,10 +389,10 @@ def average_peaks(
                 peak=peak,
                 side=side,
                 n=len(rows),
-                strides=len(of_leg),
-                mean=float(over.mean[0]),
-                sd=float(over.sd[0]),
-                se=float(over.se[0]),
+                strides=len(leg),
+                mean=float(statistics.mean[0]),
+                sd=float(statistics.sd[0]),
+                se=float(statistics.se[0]),
                 percent=float(percent.mean()),
             )
         )
@@ -361,9 +400,10 @@ def average_peaks(
 
 
 def make_peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
-    """`PEAK_COLUMNS` of means, as in `peaks.csv`."""
-    rows = [
-        (
+    """Make the columns `PEAK_COLUMNS` of `peaks.csv` from means."""
+    columns: dict[str, list[object]] = {name: [] for name in PEAK_COLUMNS}
+    for m in means:
+        row: tuple[object, ...] = (
             m.side,
             m.peak.name,
             m.peak.variable,
@@ -372,8 +412,9 @@ def make_peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
             get_unit(m.peak.variable),
             m.strides,
             m.n,
+            *(round(value, DIGITS) for value in (m.mean, m.sd, m.se, m.percent)),
+            m.activity,
         )
-        + (*(round(value, DIGITS) for value in (m.mean, m.sd, m.se, m.percent)), m.activity)
-        for m in means
-    ]
-    return {name: [row[k] for row in rows] for k, name in enumerate(PEAK_COLUMNS)}
+        for column, value in zip(columns.values(), row, strict=True):
+            column.append(value)
+    return columns

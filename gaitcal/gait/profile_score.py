@@ -32,18 +32,18 @@ from gaitcal.model.subject_model import Subject
 
 ANGLES: Final = (
     *linkage.PELVIS_ANGLES,
-    *(
-        "hip_flexion",
-        "hip_adduction",
-        "hip_rotation",
-        "knee_angle",
-        "ankle_angle",
-        coordinates.FOOT_PROGRESSION,
-    ),
+    "hip_flexion",
+    "hip_adduction",
+    "hip_rotation",
+    "knee_angle",
+    "ankle_angle",
+    coordinates.FOOT_PROGRESSION,
 )
-EVERY: Final = 2  # %: between points
+EVERY: Final = 2
+"""%, distance of the points."""
 GPS, BOTH = "gps", "both"
 _Z, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
+"""Nodes and weights of Gauss-Hermite quadrature over a standard normal variable."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +54,8 @@ class Score:
     variable: str  # of `ANGLES`, or `gps`
     score: float
     error: float  # standard error; NaN where the errors of the angles are not known
-    norm: float  # of healthy people, RMS
-    strides: int  # of a profile score: the fewest of its angles
+    norm: float  # RMS of the standard deviation of healthy people
+    strides: int  # of a profile score: the smallest number among its angles
 
 
 def compute_profile_scores(
@@ -75,14 +75,13 @@ def compute_profile_scores(
     Returns
     -------
     tuple of Score
-        A side without a complete straight stride of every angle has scores of some angles at most.
+        None of a side that lacks a complete straight stride of any angle.
     """
     if not set(ANGLES) <= set(bands):
         return ()
     column = {name: np.asarray(strides[name]) for name in ("side", "variable")}
-    wanted = np.isin(column["variable"], ANGLES) & (
-        np.asarray(strides["activity"]) == cycles.WALKING
-    )
+    walking = np.asarray(strides["activity"]) == cycles.WALKING
+    wanted = np.isin(column["variable"], ANGLES) & walking
     column = {n: v[wanted] for n, v in column.items()}
     numbers = {
         n: np.asarray(strides[n])[wanted].astype(float)
@@ -93,47 +92,46 @@ def compute_profile_scores(
     shared = np.sqrt(np.maximum(numbers["se"] ** 2 - numbers["se_stride"] ** 2, 0.0))
     out: list[Score] = []
     for side in linkage.SIDES:
-        of_side = []
+        scores = []
         for name in ANGLES:
+            # (n, 51) each: strides of this angle at every second percent
             rows = (column["side"] == side) & (column["variable"] == name)
             x, e = (v[rows].reshape(-1, cycles.POINTS)[:, ::EVERY] for v in (value, shared))
             whole = np.isfinite(x).all(axis=1)
             if not whole.any():
                 break
             mean, sd = (part[::EVERY] for part in bands[name].scale_to_person(subject, side))
-            of_side.append(
-                _score_angle(
-                    side, name, x[whole] - mean, e[whole].mean(axis=0), float(_compute_rms(sd))
-                )
-            )
-        out += [*of_side, _combine_scores(side, of_side)] if len(of_side) == len(ANGLES) else []
+            norm = float(_compute_rms(sd))
+            scores.append(_score_angle(side, name, x[whole] - mean, e[whole].mean(axis=0), norm))
+        if len(scores) == len(ANGLES):
+            out += [*scores, _combine_scores(side, scores)]
     if len({s.side for s in out}) < len(linkage.SIDES):
         return tuple(out)
-    legs = [
+    # The score of both sides contains the pelvis once, of left strides.
+    both = [
         s
         for s in out
         if s.variable in ANGLES and (s.side == "l" or s.variable not in linkage.PELVIS_ANGLES)
     ]
-    return (*out, _combine_scores(BOTH, legs))
+    return (*out, _combine_scores(BOTH, both))
 
 
 def make_score_title(score: Score) -> str:
     """Make the title of a score: `Hip rotation`, `Gait Profile Score`."""
-    return (
-        "Gait Profile Score"
-        if score.variable == GPS
-        else coordinates.describe_coordinate(score.variable).title
-    )
+    if score.variable == GPS:
+        return "Gait Profile Score"
+    return coordinates.describe_coordinate(score.variable).title
 
 
 def _score_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> Score:
     """Score one angle from deviations `away` (n, 51) deg and shared standard errors (51,) deg."""
     scores = _compute_rms(away)
-    moved = np.stack([_compute_rms(away + z * shared).mean() for z in _Z])
+    # Variance by shared errors: the mean score at each node of the quadrature over z.
+    displaced = np.stack([_compute_rms(away + z * shared).mean() for z in _Z])
     weights = _WEIGHTS / _WEIGHTS.sum()
-    of_axes = weights @ moved**2 - (weights @ moved) ** 2
-    of_strides = scores.var(ddof=1) / len(scores) if len(scores) > 1 else 0.0
-    error = float(np.sqrt(max(of_axes, 0.0) + of_strides)) if np.isfinite(of_axes) else np.nan
+    by_axes = weights @ displaced**2 - (weights @ displaced) ** 2
+    by_strides = scores.var(ddof=1) / len(scores) if len(scores) > 1 else 0.0
+    error = float(np.sqrt(max(by_axes, 0.0) + by_strides)) if np.isfinite(by_axes) else np.nan
     return Score(
         side=side,
         variable=name,

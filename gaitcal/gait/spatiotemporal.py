@@ -1,39 +1,38 @@
-"""Where and when the feet are put down: speed, cadence, steps, stance and swing; means, and how
-alike both legs are.
+"""Spatiotemporal measures of strides: speed, cadence, steps, stance, swing, supports; symmetry.
 
-A stride of a foot goes from its strike at t0 to its next one at t1. With p(t) the horizontal place
-of its heel and o(t) that of the other one, both against the ground (a treadmill's belt is taken
-off: p - v_belt t, of split belts each foot's own; a step goes beyond where the belt has the other
-foot at its end), t_o the other foot's strike between, s the vector p(t1) - p(t0):
+A stride of a foot goes from its strike at t0 to its next one at t1. With p(t) the horizontal
+position of its heel and o(t) that of the other heel, both relative to the ground (p - v_belt t on a
+treadmill, each foot with its belt), t_o the strike of the other foot in between, and s = p(t1) -
+p(t0):
 
-    stride length = |s|,   speed = |s| / (t1 - t0),   cadence = 120 / (t1 - t0)  (steps a minute, two steps a stride)
+    stride length = |s|,   speed = |s| / (t1 - t0),   cadence = 120 / (t1 - t0)   (steps/min)
     step length   = (p(t1) - o(t_o)) . s / |s|,       step time = t1 - t_o
-    step width    = distance of p(t1) from o(t_o) across s, positive where the right foot is right of the left one
+    step width    = distance of p(t1) from o(t_o) across s, positive where the right foot is on the
+                    right of the left one
 
-The line of progression is that of each stride by itself (Huxham, Gong, Baker, Morris & Iansek, Gait
-& Posture 2006), so that lengths and widths hold on straight walks, in turns, and for any direction
-in the room. The step of a stride is the one that ends it: that of the leg that is named. Stance
-lasts from strike to off, swing from off to the next strike; double support is the part of a stance
-in which the other foot is down, too, single support the rest of it. Percent are of the stride.
-Vicon's programs measure between the toe markers, which are further apart as toes point outwards: in
-five walks of a hospital its step width is 55 to 80 mm larger than between heels.
+Each stride has its line of progression (Huxham, Gong, Baker, Morris & Iansek, Gait & Posture 2006),
+so lengths and widths hold on straight walks, in turns, and for any direction in the room. The step
+of a stride is the one that ends it: that of the leg that is named. Stance is from strike to off,
+swing from off to the next strike. Double support is the part of a stance in which the other foot is
+down as well, single support is the rest. Percents are of the stride. Vicon's programs measure
+between the toe markers, which are further apart where toes point outwards: in five walks of a
+hospital, their step width is 55 to 80 mm larger than between heels.
 
-A stride that turns (`gait/strides.py`) is measured along its own line, too, and left out of means.
-Feet that swing and get no further than a decimetre have no lengths: they step on the spot, or on a
-belt that looks like a floor. A stride that the recording cuts counts for what it shows: the stance
-of a last strike, the step to a first one (along the other foot's stride, where that is whole).
-Nothing is told of a foot at a strike at which no marker shows it.
+A stride in which the person turns (`gait/strides.py`) is measured along its line, too, and left out
+of means. Feet that swing but travel less than a decimetre have no lengths: they step on the spot,
+or on a belt whose motion is not known. A stride that the recording cuts gives the measures that it
+shows: the stance of a last strike, the step to a first one (along the stride of the other foot,
+where that is complete). At a strike where no marker shows the foot there are no lengths.
 
     symmetry index = 100 (R - L) / ((R + L) / 2)   (%)
 
 of the means R and L of both legs over strides and trials (Robinson, Herzog & Nigg, J Manipulative
-Physiol Ther 1987): 0 where they are alike, positive where the right one is larger. Its standard
-error is that of both means, whose strides vary by what they are seen to, and at least by
-`LEAST_SD`: a frame of double support is no asymmetry. There is none of the step width, which is one
-distance between both feet. Mean and standard deviations are those of `gait/ensemble.py`: each
-stride counts the same, also where the recording shows a part of it. Legs that are refused are left
-out, with steps and supports beside them, to which both feet belong: what makes a leg's markers or
-forces wrong, or of the other side, need not spare its clock.
+Physiol Ther 1987): 0 for equal legs, positive where the right one is larger. Its standard error is
+from those of both means, with a standard deviation of strides of at least `LEAST_SD`: a frame of
+double support is no asymmetry. The step width has no index, because it is one distance between both
+feet. Means and standard deviations are those of `gait/ensemble.py`: each stride counts the same,
+even where the recording shows only a part of it. Legs that are refused are left out, with steps and
+supports, which need both feet: what makes markers or forces of a leg wrong may affect its times.
 """
 
 import itertools
@@ -59,17 +58,16 @@ from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.strides import is_turning, measure_turn
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 
-PER_STRIDE: Final = 120.0  # two steps, sixty seconds
-# m: feet that swing and get no further step on the spot, or on a belt that nothing tells of
+PER_STRIDE: Final = 120.0
+"""Cadence times stride time: two steps, sixty seconds."""
 LEAST_STRIDE: Final = 0.1
-LEAST_VALID: Final = (
-    0.9  # part of a stride that must be valid: the peak of a curve that is not seen is not known
-)
-OF_BOTH_LEGS: Final = (
-    "step_width",
-)  # one distance between both feet, told at the strikes of either
+"""m: shorter strides are steps on the spot, or on a belt whose motion is not known."""
+LEAST_VALID: Final = 0.9
+"""Part of a window that must be valid: a peak may be in the rest."""
+OF_BOTH_LEGS: Final = ("step_width",)
+"""Measures of both feet together, which have no symmetry."""
 OF_BOTH_FEET: Final = ("step", "first_double", "second_double", "double", "single")
-"""How measures begin that need the other foot's events or place, too."""
+"""Beginnings of measures that need events or positions of the other foot as well."""
 MEASURES: Final = {
     "speed": "m/s",
     "cadence": "steps/min",
@@ -100,95 +98,102 @@ Hz.
 
 @dataclass(frozen=True, kw_only=True)
 class Stride:
-    """What one stride of one foot measures, or the part of it that the recording shows."""
+    """Measures of one stride of one foot, or of the part of it that the recording shows."""
 
-    side: str  # `r` or `l`
-    number: (
-        int | None
-    )  # from 1, as in `cycles.csv`; None where the recording holds only a part of it
-    start: float | None  # s, the strike that begins it; None where it is not recorded
-    stop: float | None  # s, the strike that ends it
-    sources: tuple[EventSource, ...]  # what told these strikes
-    measures: Mapping[str, float]  # name of `MEASURES` -> value; what is not known is absent
-    line: float | None = (
-        None  # rad, direction of progression, to the left of the room's x axis; None: not known
-    )
-    turn: float | None = None  # deg to the left by which the pelvis turns in it; None: not known
-    on_the_spot: bool = False  # the feet swing and get no further: without lengths and speed
+    side: str
+    """`r` or `l`."""
+    number: int | None
+    """From 1, as in `cycles.csv`; None where the recording contains only a part of the stride."""
+    start: float | None
+    """s, strike that begins it; None where it is not recorded."""
+    stop: float | None
+    """s, strike that ends it; None where it is not recorded."""
+    sources: tuple[EventSource, ...]
+    """Sources of these strikes."""
+    measures: Mapping[str, float]
+    """Name of `MEASURES` -> value; measures that are not known are absent."""
+    line: float | None = None
+    """rad, direction of progression to the left of the room's x axis; None where not known."""
+    turn: float | None = None
+    """deg, change of direction of the pelvis to the left; None where not known."""
+    on_the_spot: bool = False
+    """Whether the stride is shorter than `LEAST_STRIDE`: it has no lengths and no speed."""
+
+
+@dataclass(frozen=True)
+class _Heels:
+    """Positions of both heels on the ground."""
+
+    time: Array  # (nf,) s
+    positions: Mapping[str, Array]
+    """Side -> (nf, 2) m, forward and to the right, relative to the foot's belt; NaN where no
+    marker shows the foot.
+    """
+    belts: Array  # (2, 3) m/s, velocity of the ground under the right and the left foot
+
+    def locate(self, side: str, time: float) -> Array:
+        """Interpolate the position (2,) m of a heel at a time (s)."""
+        return resample(self.time, self.positions[side], np.array([time]))[0]
+
+    def compute_belt_offset(self, side: str, time: float) -> Array:
+        """Compute the displacement (2,) m of a foot's belt relative to the other one at a time."""
+        belt, other = (self.belts[SIDES.index(s)] for s in (side, OTHER_SIDE[side]))
+        return np.asarray((time - self.time[0]) * (belt - other)[[0, 2]])
+
+    def measure_stride(self, side: str, period: tuple[float, float]) -> Array:
+        """Measure the vector (2,) m of a stride of one foot."""
+        return self.locate(side, period[1]) - self.locate(side, period[0])
 
 
 def measure_strides(
     events: GaitEvents,
     time: Array,
     feet: FootPoints | None,
-    unseen: Mapping[str, BoolArray] | None = None,
-    faced: Array | None = None,
+    hidden: Mapping[str, BoolArray] | None = None,
+    facing: Array | None = None,
 ) -> tuple[Stride, ...]:
-    """Of every stride of both feet: right, then left, in order of time.
+    """Measure every stride of both feet: right, then left, in order of time.
 
-    `events`: of the trial. `time`: (nf,) s. `feet`: heels on the laboratory's axes, and how the
-    ground moves; None where the model has none: times alone. `unseen`: `foot_r`, `foot_l` -> (nf,)
-    frames in which no marker shows the foot. `faced`: (nf,) rad, where the pelvis points
-    (`gait/strides.py`); None: whether a stride turns is not known.
+    Parameters
+    ----------
+    events : GaitEvents
+        Events of the trial.
+    time : (nf,) Array
+        s.
+    feet : FootPoints or None
+        Heels in the laboratory's axes and the motion of the ground. None where the model has no
+        feet: then only times are measured.
+    hidden : mapping, optional
+        `foot_r`, `foot_l` -> (nf,) frames in which no marker shows the foot.
+    facing : (nf,) Array, optional
+        rad, direction of the pelvis (`compute_facing`). Without it, turns are not known.
+
+    Returns
+    -------
+    tuple of Stride
     """
-    of_feet = {side: events.select_foot(side) for side in SIDES}
-    places: dict[
-        str, Array
-    ] = {}  # side -> (nf, 2) m, forward and to the right; NaN where no marker shows the foot
-    if feet is not None:
-        for k, side in enumerate(SIDES):
-            lost = (unseen or {}).get(f"foot_{side}", np.zeros(len(time), dtype=bool))
-            against_ground = feet.heel[:, k] - (time - time[0])[:, None] * feet.ground[k]
-            places[side] = np.where(lost[:, None], np.nan, against_ground[:, [0, 2]])
-
-    def heel(side: str, when: float) -> Array:
-        return resample(time, places[side], np.array([when]))[0]
-
-    def apart(side: str, when: float) -> Array:
-        """How far a foot's belt has come beyond the other one's, whose foot it carries on until
-        then.
-        """
-        if feet is None:
-            return np.zeros(2)
-        own, other = (feet.ground[SIDES.index(s)] for s in (side, OTHER_SIDE[side]))
-        return np.asarray((when - time[0]) * (own - other)[[0, 2]])
-
+    by_foot = {side: events.select_foot(side) for side in SIDES}
+    heels = None if feet is None else _place_heels(time, feet, hidden or {})
     out: list[Stride] = []
     for side, other in OTHER_SIDE.items():
-        foot, opposite, number = of_feet[side], of_feet[other], 0
+        foot, opposite, number = by_foot[side], by_foot[other], 0
         for start, stop in _list_spans(foot, opposite):
             whole = start is not None and stop is not None
             number += whole
             struck = None if stop is None else _find_step_start(foot, opposite, start, stop)
-            measures, lengths = (
-                _measure_times(foot, opposite, start, stop, struck),
-                dict[str, float](),
-            )
+            measures = _measure_times(foot, opposite, start, stop, struck)
             period = _find_whole_stride(opposite, start, stop, struck)
-            along, length = np.full(2, np.nan), np.nan  # m, of the stride
-            if places and stop is not None and period is not None:
-                stepping = side if start is not None else other
-                along = heel(stepping, period[1]) - heel(stepping, period[0])
-                length = float(np.linalg.norm(along))
-            gets_further = length >= LEAST_STRIDE
-            if gets_further and stop is not None and start is not None:
-                lengths |= {"stride_length": length, "speed": length / (stop - start)}
-            if gets_further and stop is not None and struck is not None:
-                step, forward = (
-                    heel(side, stop) - heel(other, struck) + apart(side, stop),
-                    along / length,
-                )
-                across = float(step @ np.array([-forward[1], forward[0]]))
-                lengths |= {
-                    "step_length": float(step @ forward),
-                    "step_width": across if side == "r" else -across,
-                }
-            measures |= {name: value for name, value in lengths.items() if np.isfinite(value)}
-            sources: list[EventSource] = []
-            if len(foot.sources) == len(foot.strikes):
-                sources = [
-                    s for t, s in zip(foot.strikes, foot.sources, strict=True) if t in (start, stop)
-                ]
+            along = np.full(2, np.nan)
+            if heels is not None and stop is not None and period is not None:
+                # A step to a first strike is measured along the stride of the other foot.
+                along = heels.measure_stride(side if start is not None else other, period)
+            length = float(np.linalg.norm(along))
+            line, turn = None, None
+            if heels is not None and length >= LEAST_STRIDE:
+                line = float(np.arctan2(-along[1], along[0]))
+                measures |= _measure_lengths(heels, side, along, start, stop, struck)
+            if facing is not None and period is not None:
+                turn = measure_turn(time, facing, *period)
             if measures:
                 out.append(
                     Stride(
@@ -196,50 +201,102 @@ def measure_strides(
                         number=number if whole else None,
                         start=start,
                         stop=stop,
-                        sources=tuple(sources),
+                        sources=_list_sources(foot, start, stop),
                         measures={name: measures[name] for name in MEASURES if name in measures},
-                        line=float(np.arctan2(-along[1], along[0])) if gets_further else None,
-                        turn=None
-                        if faced is None or period is None
-                        else measure_turn(time, faced, *period),
+                        line=line,
+                        turn=turn,
                         on_the_spot=length < LEAST_STRIDE,
                     )
                 )
     return tuple(out)
 
 
-def assign_stride_lines(strides: Sequence[Stride], time: Array) -> Array:
-    """(nf, 2) rad: line of progression at each time (nf,) s for the right and the left foot.
+def _place_heels(time: Array, feet: FootPoints, hidden: Mapping[str, BoolArray]) -> _Heels:
+    """Place both heels relative to the ground; NaN where no marker shows the foot."""
+    positions = {}
+    for k, side in enumerate(SIDES):
+        lost = hidden.get(f"foot_{side}", np.zeros(len(time), dtype=bool))
+        position = feet.heel[:, k] - (time - time[0])[:, None] * feet.ground[k]
+        positions[side] = np.where(lost[:, None], np.nan, position[:, [0, 2]])
+    return _Heels(time, positions, feet.ground)
 
-    Of the foot's stride around it, else of the nearest one, of either foot where one has none; 0
-    without any.
+
+def _measure_lengths(
+    heels: _Heels,
+    side: str,
+    along: Array,
+    start: float | None,
+    stop: float | None,
+    struck: float | None,
+) -> dict[str, float]:
+    """Measure stride and step along the vector `along` (2,) m of a stride; finite values only."""
+    lengths: dict[str, float] = {}
+    length = float(np.linalg.norm(along))
+    if stop is not None and start is not None:
+        lengths |= {"stride_length": length, "speed": length / (stop - start)}
+    if stop is not None and struck is not None:
+        step = heels.locate(side, stop) - heels.locate(OTHER_SIDE[side], struck)
+        step = step + heels.compute_belt_offset(side, stop)
+        forward = along / length
+        # To the right of the line; positive where the right foot is on the right of the left one.
+        across = float(step @ np.array([-forward[1], forward[0]]))
+        lengths["step_length"] = float(step @ forward)
+        lengths["step_width"] = across if side == "r" else -across
+    return {name: value for name, value in lengths.items() if np.isfinite(value)}
+
+
+def _list_sources(
+    foot: FootEvents, start: float | None, stop: float | None
+) -> tuple[EventSource, ...]:
+    """List the sources of the strikes of a stride, where they are known."""
+    if len(foot.sources) != len(foot.strikes):
+        return ()
+    known = zip(foot.strikes, foot.sources, strict=True)
+    return tuple(source for time, source in known if time in (start, stop))
+
+
+def assign_stride_lines(strides: Sequence[Stride], time: Array) -> Array:
+    """Assign each frame the line of progression of its stride, or of the nearest one.
+
+    Parameters
+    ----------
+    strides : sequence of Stride
+        Strides of the trial.
+    time : (nf,) Array
+        s.
+
+    Returns
+    -------
+    (nf, 2) Array
+        rad, to the left of the room's x axis; right, left. A foot without a stride takes those of
+        the other one; 0 without any.
     """
     whole = [
         (s.side, s.start, s.stop, s.line) for s in strides if None not in (s.start, s.stop, s.line)
     ]
     out = np.zeros((len(time), len(SIDES)))
+    if not whole:
+        return out
     for k, side in enumerate(SIDES):
-        if of_foot := [row for row in whole if row[0] == side] or whole:
-            start, stop, line = np.array([row[1:] for row in of_foot], dtype=np.float64).T
-            away = np.maximum(start - time[:, None], time[:, None] - stop)
-            out[:, k] = line[np.argmin(away, axis=1)]
+        rows = [row for row in whole if row[0] == side] or whole
+        start, stop, line = np.array([row[1:] for row in rows], dtype=np.float64).T
+        # s, distance of each frame from each stride; negative inside.
+        away = np.maximum(start - time[:, None], time[:, None] - stop)
+        out[:, k] = line[np.argmin(away, axis=1)]
     return out
 
 
 def _list_spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, float | None]]:
-    """From each strike to the next, from before the first and to after the last; apart where it is
-    no stride.
-    """
+    """List pairs of consecutive strikes (s); None where a strike is missing or not recorded."""
     strikes: list[float] = foot.strikes.tolist()
     if not strikes:
         return []
     out: list[tuple[float | None, float | None]] = [(None, strikes[0])]
     for start, stop in itertools.pairwise(strikes):
-        out += (
-            [(start, stop)]
-            if is_stride(start, stop, foot, other)
-            else [(start, None), (None, stop)]
-        )
+        if is_stride(start, stop, foot, other):
+            out.append((start, stop))
+        else:
+            out += [(start, None), (None, stop)]
     return [*out, (strikes[-1], None)]
 
 
@@ -250,7 +307,7 @@ def _measure_times(
     stop: float | None,
     struck: float | None,
 ) -> dict[str, float]:
-    """What events alone tell; `struck`: when the other foot began the step that ends the stride."""
+    """Measure what events alone give; `struck`: s, strike of the other foot before the step."""
     out: dict[str, float] = {}
     off = _find_off(foot, other, start, stop)
     if stop is not None and struck is not None:
@@ -271,41 +328,38 @@ def _measure_times(
 def _find_off(
     foot: FootEvents, other: FootEvents, start: float | None, stop: float | None
 ) -> float | None:
-    """The off of a stride: the first one after its start; the last one before its stop, where the
-    start is unknown.
+    """Find the off of a stride: the first after its start, or the last before its stop.
 
-    None where a strike is missing beside it: two strikes of the other foot between.
+    None where a strike is missing next to it: the other foot strikes twice in between.
     """
     low = start if start is not None else float(stop or 0.0) - CYCLE_RANGE[1]
     high = stop if stop is not None else low + CYCLE_RANGE[1]
     earlier, later = foot.strikes[foot.strikes < high], foot.strikes[foot.strikes > low]
-    cut_before, cut_after = start is None and len(earlier), stop is None and len(later)
-    low, high = (
-        max(low, float(earlier[-1])) if cut_before else low,
-        min(high, float(later[0])) if cut_after else high,
-    )
+    cut_before, cut_after = start is None and len(earlier) > 0, stop is None and len(later) > 0
+    # An incomplete stride ends at the next known strike of the foot.
+    if cut_before:
+        low = max(low, float(earlier[-1]))
+    if cut_after:
+        high = min(high, float(later[0]))
     found = select_between(foot.toe_offs, low, high)
-    if not len(found) or (
-        (cut_before or cut_after)
-        and len(found) < 2
-        and len(select_between(other.strikes, low, high)) > 1
-    ):
+    if not len(found):
+        return None
+    crowded = len(select_between(other.strikes, low, high)) > 1
+    if (cut_before or cut_after) and len(found) < 2 and crowded:
         return None
     off = float(found[0] if start is not None else found[-1])
-    phase = (
-        select_between(other.strikes, start, off)
-        if start is not None
-        else select_between(other.strikes, off, high)
-    )
-    return None if len(phase) > 1 else off
+    phase = (start, off) if start is not None else (off, high)
+    return None if len(select_between(other.strikes, *phase)) > 1 else off
 
 
 def _find_step_start(
     foot: FootEvents, other: FootEvents, start: float | None, stop: float
 ) -> float | None:
-    """s, the other foot's strike from which a foot steps to its own one at `stop`."""
-    earlier = foot.strikes[foot.strikes < stop]  # not across a strike of its own
-    since = max([stop - CYCLE_RANGE[1], *([] if start is None else [start]), *earlier[-1:]])
+    """Find the strike (s) of the other foot from which a foot steps to its strike at `stop`."""
+    # A step does not extend across another strike of the foot itself.
+    since = max([stop - CYCLE_RANGE[1], *foot.strikes[foot.strikes < stop][-1:]])
+    if start is not None:
+        since = max(since, start)
     before = select_between(other.strikes, since, stop)
     return float(before[-1]) if len(before) else None
 
@@ -313,9 +367,7 @@ def _find_step_start(
 def _find_whole_stride(
     other: FootEvents, start: float | None, stop: float | None, struck: float | None
 ) -> tuple[float, float] | None:
-    """A whole stride (s): that of the foot, else that of the other one in which it steps; None
-    where neither is.
-    """
+    """Find a complete stride (s): of the foot, else of the other one in which it steps."""
     if start is not None and stop is not None:
         return start, stop
     if stop is None or struck is None:
@@ -325,81 +377,113 @@ def _find_whole_stride(
 
 
 def is_usable_measure(name: str, side: str, refused: Sequence[str]) -> bool:
-    """Whether a measure of a leg may be used where the verdict refuses the legs `refused`."""
+    """Check that a measure of a leg does not depend on a leg that the verdict refuses.
+
+    Parameters
+    ----------
+    name : str
+        Measure of `MEASURES`.
+    side : {"r", "l"}
+        Side of the leg.
+    refused : sequence of str
+        Sides that the verdict refuses.
+
+    Returns
+    -------
+    bool
+    """
     return side not in refused and not (refused and name.startswith(OF_BOTH_FEET))
 
 
 def select_straight_strides(
     strides: Sequence[Stride], refused: Sequence[str] = ()
 ) -> tuple[Stride, ...]:
-    """The strides of a trial that belong into means: straight ones, without what needs a leg that
-    is refused.
+    """Select the strides that belong into means: straight ones, without measures of refused legs.
+
+    Parameters
+    ----------
+    strides : sequence of Stride
+        Strides of a trial.
+    refused : sequence of str
+        Sides that the verdict refuses.
+
+    Returns
+    -------
+    tuple of Stride
     """
-    return tuple(
-        replace(
-            s,
-            measures={n: v for n, v in s.measures.items() if is_usable_measure(n, s.side, refused)},
-        )
-        for s in strides
-        if not is_turning(s.turn)
-    )
+    out = []
+    for stride in strides:
+        if not is_turning(stride.turn):
+            measures = {
+                name: value
+                for name, value in stride.measures.items()
+                if is_usable_measure(name, stride.side, refused)
+            }
+            out.append(replace(stride, measures=measures))
+    return tuple(out)
 
 
 def check_strides(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...]:
-    """What to say of strides that turn, and of those that get no further."""
+    """Report strides in which the person turns, and those without progress.
+
+    Parameters
+    ----------
+    trial : str
+        Name of the trial.
+    strides : sequence of Stride
+        Strides of the trial.
+
+    Returns
+    -------
+    tuple of Finding
+    """
     whole = [s for s in strides if s.number]
-    short = (
-        f"less than {LEAST_STRIDE:g} m a stride, as on the spot or on a slow belt: no lengths, "
+    turning = [s for s in whole if is_turning(s.turn)]
+    short = [s for s in whole if s.on_the_spot]
+    no_lengths = (
+        f"strides shorter than {LEAST_STRIDE:g} m, as on the spot or on a slow belt: no lengths, "
         "widths, speed"
     )
-    left_out = "left out of means of strides and steps"
     kinds = (
-        (Code.TURNING_STRIDES, [s for s in whole if is_turning(s.turn)], "strides turn", left_out),
-        (
-            Code.ON_THE_SPOT,
-            [s for s in whole if s.on_the_spot],
-            "feet swing and get no further",
-            short,
-        ),
+        (Code.TURNING_STRIDES, turning, "strides turn", "left out of means of strides and steps"),
+        (Code.ON_THE_SPOT, short, "feet swing without progress", no_lengths),
     )
-    return tuple(
-        Finding(
-            severity=Severity.INFO,
-            topic="strides",
-            where=trial,
-            cause=cause,
-            found=f"{_format_strides(found)}: {so}",
-            code=code,
-        )
-        for code, found, cause, so in kinds
-        if found
-    )
+    findings = []
+    for code, found, cause, consequence in kinds:
+        if found:
+            finding = Finding(
+                severity=Severity.INFO,
+                topic="strides",
+                where=trial,
+                cause=cause,
+                found=f"{_format_strides(found)}: {consequence}",
+                code=code,
+            )
+            findings.append(finding)
+    return tuple(findings)
 
 
 def _format_strides(strides: Sequence[Stride]) -> str:
-    """`right 1 and 2, left 1 (turned by 48 deg at most)`."""
-    numbers = {side: [str(s.number) for s in strides if s.side == side] for side in SIDES}
-    by_side = [
-        f"{SIDE_WORDS[side]} {moments.format_list(of_side)}"
-        for side, of_side in numbers.items()
-        if of_side
-    ]
-    most = max(
-        (abs(s.turn) for s in strides if is_turning(s.turn) and s.turn is not None), default=None
-    )
-    return ", ".join(by_side) + ("" if most is None else f" (by up to {most:.0f} deg)")
+    """Format numbers of strides: `right 1 and 2, left 1 (by up to 48 deg)`."""
+    by_side = []
+    for side in SIDES:
+        numbers = [str(s.number) for s in strides if s.side == side]
+        if numbers:
+            by_side.append(f"{SIDE_WORDS[side]} {moments.format_list(numbers)}")
+    turns = [abs(s.turn) for s in strides if s.turn is not None and is_turning(s.turn)]
+    return ", ".join(by_side) + (f" (by up to {max(turns):.0f} deg)" if turns else "")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Average:
-    """One measure of one leg over strides and trials, in its unit."""
+    """Statistics of one measure of one leg over strides and trials, in its unit."""
 
     n: int  # strides
     trials: int
     mean: float
     sd: float | None  # over all strides; None of one alone
     sd_within: float | None  # between strides of one trial; None where no trial has two
-    sd_between: float | None  # between trials; None where it cannot be told from `sd_within`
+    sd_between: float | None  # between trials; None where it cannot be separated from `sd_within`
 
 
 @dataclass(frozen=True)
@@ -413,18 +497,15 @@ class MeasureMeans:
 
     @property
     def symmetry(self) -> float | None:
-        """%, of the means; None where a leg has none, both are 0, or the measure is one of both
-        legs.
-        """
-        if self.name in OF_BOTH_LEGS:
+        """Symmetry index in %; None for step width, with one leg only, or where both are 0."""
+        if self.name in OF_BOTH_LEGS or self.right is None or self.left is None:
             return None
-        if self.right is None or self.left is None or self.right.mean + self.left.mean == 0.0:
-            return None
-        return 200.0 * (self.right.mean - self.left.mean) / (self.right.mean + self.left.mean)
+        both = self.right.mean + self.left.mean
+        return 200.0 * (self.right.mean - self.left.mean) / both if both != 0.0 else None
 
     @property
     def symmetry_error(self) -> float | None:
-        """%, standard error of `symmetry`; None where there is none."""
+        """Standard error of `symmetry`, in %; None where there is no index."""
         if self.symmetry is None or self.right is None or self.left is None:
             return None
         right, left = (
@@ -435,8 +516,17 @@ class MeasureMeans:
 
 
 def average_measures(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMeans, ...]:
-    """Of every measure that some stride shows, in the order of `MEASURES`; `strides`: trial ->
-    those that count.
+    """Average every measure over strides and trials, in the order of `MEASURES`.
+
+    Parameters
+    ----------
+    strides : mapping
+        Trial -> its strides that belong into means.
+
+    Returns
+    -------
+    tuple of MeasureMeans
+        Measures that at least one stride has.
     """
     out = []
     for name, unit in MEASURES.items():
@@ -447,19 +537,22 @@ def average_measures(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMe
 
 
 def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> Average | None:
-    measured = [(trial, s.measures) for trial, of in strides.items() for s in of if s.side == side]
-    known = [(trial, measures[name]) for trial, measures in measured if name in measures]
-    if not known:
+    """Average one measure of one side over strides and trials; None without any value."""
+    values, trials = [], []
+    for trial, members in strides.items():
+        for stride in members:
+            if stride.side == side and name in stride.measures:
+                values.append([stride.measures[name]])
+                trials.append(trial)
+    if not values:
         return None
-    found = ensemble.compute_statistics(
-        np.array([[value] for _, value in known]), np.array([trial for trial, _ in known])
-    )
+    found = ensemble.compute_statistics(np.array(values), np.array(trials))
     sd, within, between_trials = (
         float(value[0]) if np.isfinite(value[0]) else None
         for value in (found.sd, found.sd_within, found.sd_between)
     )
     return Average(
-        n=len(known),
+        n=len(values),
         trials=int(found.trials[0]),
         mean=float(found.mean[0]),
         sd=sd,

@@ -1,16 +1,16 @@
-"""How a trial's signals are laid along the horizontal axis, by gait cycle or by time, and along
-which line strides go.
+"""Strides of a trial: layout of curves over the gait cycle, lines of progression, turns.
 
-That line is from the foot's strike to its next one (`gait/spatiotemporal.py`), pointed to where the
-pelvis faces, so that walking backwards is no turn. With its direction theta about the vertical, and
-R the pelvis in the laboratory,
+The line of progression of a stride is from the foot's strike to its next one
+(`gait/spatiotemporal.py`), directed to where the pelvis faces, so that walking backwards is no
+turn. With its direction theta about the vertical, and R the orientation of the pelvis in the
+laboratory,
 
     Ry(-theta) R = Rz(tilt) Rx(list) Ry(rotation)
 
-are the angles of the pelvis against a laboratory that is turned into the line: the same for any
-direction in the room. Because the rotation comes last, tilt and list change, too: a forward tilt in
-the room is a list of who walks across. A stride turns by what the pelvis faces otherwise at its end
-than at its beginning, where gait itself is the same.
+are the angles of the pelvis relative to a laboratory that is rotated into the line, the same for
+any direction in the room. Rotation is the last angle, so tilt and list change as well: a forward
+tilt in the room is a list of a person who walks across it. The turn of a stride is the change of
+direction of the pelvis from its beginning to its end, where the phase of gait is the same.
 """
 
 from collections.abc import Mapping
@@ -32,47 +32,44 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.tracking.motion import Motion
 
 TURNING: Final = 15.0
-"""deg: who turns by more within a stride does not walk straight. From strike to strike of straight
-walks the pelvis faces the same to 6 deg (27 strides of eight people)."""
+"""deg: a stride that turns by more is not straight. From strike to strike of straight walks the
+direction of the pelvis changes by up to 6 deg (27 strides of eight people).
+"""
 AXES: Final = "ZXY"
+"""Order of the rotations tilt, list, rotation."""
 LEG_PARTS: Final = ("thigh", "shank", "talus", "foot")
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The horizontal axis of one trial."""
+    """Horizontal axis of the curves of one trial: gait cycles or time."""
 
     time: Array  # (nf,) s
     valid: BoolArray  # (nf,) torques of the whole body may be used
     valid_legs: BoolArray  # (nf, 2) torques of the right and the left leg may be used
-    cycles: Mapping[
-        str, tuple[GaitCycle, ...]
-    ]  # side -> complete cycles; empty where drawn against time
+    cycles: Mapping[str, tuple[GaitCycle, ...]]
+    """Side -> complete cycles; empty where curves are drawn over time."""
 
     @property
     def by_cycle(self) -> bool:
-        """Whether signals are drawn over the gait cycle."""
+        """Whether curves are drawn over the gait cycle."""
         return bool(self.cycles)
 
     def _get_foot(self, side: str) -> str:
-        """Over whose strides a side is drawn: the whole body over those of the right foot, if it
-        has any.
-        """
+        """Get the foot whose strides a side is drawn over; for the whole body the right, if any."""
         return side or ("r" if self.cycles["r"] else "l")
 
     def select_main_cycle(self, side: str) -> GaitCycle:
-        """The stride that is drawn in full: the one with the largest share of frames valid for that
-        leg.
-        """
+        """Select the stride of a side with the largest share of valid frames, drawn in full."""
         foot = self._get_foot(side)
         return select_best_cycle(self.cycles[foot], self.time, self.get_valid_frames(foot))
 
     def get_valid_frames(self, side: str) -> BoolArray:
-        """(nf,) torques of a leg (`r`, `l`), or of the whole body (nothing), may be used."""
+        """Get the frames (nf,) with valid torques of a leg (`r`, `l`) or of the body (empty)."""
         return np.asarray(self.valid_legs[:, SIDES.index(side)]) if side else self.valid
 
     def count_complete(self, side: str) -> int:
-        """How many strides of a leg have no frame without valid torques."""
+        """Count the strides of a leg in which all frames have valid torques."""
         valid = self.get_valid_frames(side)
         inside = (
             valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ())
@@ -80,16 +77,29 @@ class Layout:
         return sum(bool(frames.size and frames.all()) for frames in inside)
 
     def select_drawn_frames(self, side: str) -> BoolArray:
-        """(nf,) frames of the main stride, or all."""
+        """Select the frames (nf,) of the main stride, or all."""
         if not self.by_cycle:
             return np.ones(len(self.time), dtype=bool)
         cycle = self.select_main_cycle(side)
-        return np.asarray((self.time >= cycle.start) & (self.time <= cycle.stop), dtype=np.bool_)
+        inside = (self.time >= cycle.start) & (self.time <= cycle.stop)
+        return np.asarray(inside, dtype=np.bool_)
 
 
 def make_layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents) -> Layout:
-    """Over the gait cycle where both feet of a whole-body motion have a complete one, else against
-    time.
+    """Make the layout: gait cycles where both feet have a complete one, else time.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the whole body.
+    reactions : GroundReactions or None
+        Forces under the feet; None without force plates: all frames count as valid.
+    events : GaitEvents
+        Events of the trial.
+
+    Returns
+    -------
+    Layout
     """
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
@@ -99,8 +109,17 @@ def make_layout(motion: Motion, reactions: GroundReactions | None, events: GaitE
 
 
 def list_strides(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
-    """Side -> all complete cycles of that foot, whether the other foot has any or not; of no gait,
-    what repeats.
+    """List all complete cycles of each side, or the repetitions of an activity that is no gait.
+
+    Parameters
+    ----------
+    events : GaitEvents
+        Events of the trial.
+
+    Returns
+    -------
+    dict
+        `r`, `l` -> cycles; one side may have none.
     """
     if events.repeats:
         return dict.fromkeys(SIDES, events.repeats)
@@ -109,64 +128,86 @@ def list_strides(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
 
 
 def get_pelvis_angles(motion: Motion) -> Array:
-    """(nf, 3) rad, `PELVIS_ANGLES` against the room."""
+    """Get the angles `PELVIS_ANGLES` (nf, 3) rad of the pelvis in the laboratory."""
     return motion.q[:, [motion.coordinates.index(name) for name in PELVIS_ANGLES]]
 
 
 def compute_facing(angles: Array) -> Array:
-    """(nf,) rad, unwrapped: where the pelvis points, to the left of the room's x axis.
+    """Compute the direction of the pelvis about the vertical.
 
-    `angles`: (nf, 3) rad, `PELVIS_ANGLES`.
+    Parameters
+    ----------
+    angles : (nf, 3) Array
+        rad, `PELVIS_ANGLES` in the laboratory.
+
+    Returns
+    -------
+    (nf,) Array
+        rad, to the left of the room's x axis, unwrapped.
     """
     forward = Rotation.from_euler(AXES, angles).as_matrix()[:, :, 0]
     return np.unwrap(np.arctan2(-forward[:, 2], forward[:, 0]))
 
 
 def measure_out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
-    """By how much unit vectors point out of the vertical plane along a line, as a star stands above
-    an equator.
+    """Measure the angle of unit vectors out of the vertical plane along a line.
 
-    arcsin(u . left), left = (-sin(line), 0, -cos(line)); a turn w of u adds w . e, e = (u x left) /
-    |u x left|.
+    The angle is arcsin(u . left) with left = (-sin(line), 0, -cos(line)). A small rotation w of u
+    adds w . e to it, with e = (u x left) / |u x left|.
 
-    `axes`: (..., 3) on the laboratory's axes.
-    `line`: (...) or one, rad to the left of the room's x axis.
+    Parameters
+    ----------
+    axes : (..., 3) Array
+        Unit vectors u in the laboratory's axes.
+    line : (...) Array or float
+        rad, direction of the line to the left of the room's x axis.
 
     Returns
     -------
-    (...) rad, to the left; and e (..., 3).
+    angle : (...) Array
+        rad, to the left.
+    direction : (..., 3) Array
+        e, derivative of the angle with respect to a rotation.
     """
     left = np.stack([-np.sin(line), np.zeros_like(line), -np.cos(line)], axis=-1)
     about = cross(axes, left)
     length = np.linalg.norm(about, axis=-1, keepdims=True)
-    return np.arcsin(np.clip((axes * left).sum(axis=-1), -1.0, 1.0)), about / np.where(
-        length > 0.0, length, 1.0
-    )
+    angle = np.arcsin(np.clip((axes * left).sum(axis=-1), -1.0, 1.0))
+    # An axis straight to the left has no direction e: it stays zero.
+    return angle, about / np.where(length > 0.0, length, 1.0)
 
 
 @dataclass(frozen=True)
 class FootAxes:
-    """Where the long axes of both feet point; order right, left."""
+    """Directions of the long axes of both feet; order right, left."""
 
     axes: Array  # (nf, 2, 3) unit vectors on the laboratory's axes
     error: Array | None = None
-    """(nf, 2) rad, standard error of `progression` in each stride, by markers and by where heel and
-    toe markers sit.
+    """(nf, 2) rad, standard error of the progression angle, by markers of the trial and by the
+    positions of heel and toe markers.
     """
-    marker_error: Array | None = (
-        None  # (nf, 2) rad, the part of it that this trial's own markers make
-    )
+    marker_error: Array | None = None
+    """(nf, 2) rad, the part of `error` that the markers of the trial make."""
 
     def compute_progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
-        """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along
-        it.
+        """Compute the foot progression angle against a line.
 
-        Plug-in Gait's `FootProgressAngles`: how far the axis points out of the vertical plane along
-        the line, which does not grow where the heel is above the toes. Toes in (internal) is
-        positive on both sides.
+        The angle is Plug-in Gait's `FootProgressAngles`: the angle of the axis out of the vertical
+        plane along the line, which does not grow where the heel is above the toes.
 
-        `inside`: (nf,) frames that tell whether the foot goes along the line or backwards; None:
-        all.
+        Parameters
+        ----------
+        side : {"r", "l"}
+            Foot.
+        line : float
+            rad, line of progression to the left of the room's x axis.
+        inside : (nf,) BoolArray, optional
+            Frames that decide whether the foot goes along the line or backwards; default: all.
+
+        Returns
+        -------
+        (nf,) Array
+            rad, positive for toes in (internal) on both sides.
         """
         axes = self.axes[:, SIDES.index(side)]
         off, _ = measure_out_of_plane(axes, line)
@@ -176,51 +217,77 @@ class FootAxes:
 
 
 def compute_foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Array, Array]:
-    """Long axes u (nf, 2, 3) of both feet, and what each coordinate (nf, 2, nq) adds to
-    `out_of_plane` of them.
+    """Compute the long axes of both feet, and the derivatives of their progression angles.
 
-    u is x of the foot's frame, from heel to toe marker as in the static trial; `lines`: (nf, 2)
-    rad.
+    The long axis is x of the foot's frame: from heel to toe marker in the static trial.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the whole body.
+    parameters : Parameters
+        Calibrated parameters.
+    lines : (nf, 2) Array
+        rad, lines of progression; right, left.
+
+    Returns
+    -------
+    axes : (nf, 2, 3) Array
+        Unit vectors in the laboratory's axes.
+    derivatives : (nf, 2, nq) Array
+        Change of the angle of `measure_out_of_plane` with each coordinate.
     """
     chain = get_chain()
-    placed = Kinematics(chain.body(parameters), motion.q)
-    axes, turns = placed.axes, placed.columns_by_frame[:, :, 3:]  # (nf, nq, 3)
-    u = np.stack([axes[chain.segments.index(foot), 0].T for foot in FEET], axis=1)
-    _, about = measure_out_of_plane(u, lines)
-    moved = np.einsum("fqi,fki->fkq", turns, about)
+    kinematics = Kinematics(chain.body(parameters), motion.q)
+    # Rotation per unit of each coordinate, (nf, nq, 3).
+    rotations = kinematics.columns_by_frame[:, :, 3:]
+    u = np.stack([kinematics.axes[chain.segments.index(foot), 0].T for foot in FEET], axis=1)
+    _, direction = measure_out_of_plane(u, lines)
+    derivatives = np.einsum("fqi,fki->fkq", rotations, direction)
+    # Only the coordinates between the ground and the foot move it.
     for k, side in enumerate(SIDES):
         above = {*PELVIS_ANGLES, *list_joint_coordinates(f"{part}_{side}" for part in LEG_PARTS)}
-        moved[:, k, [i for i, name in enumerate(motion.coordinates) if name not in above]] = 0.0
-    return u, moved
+        others = [i for i, name in enumerate(motion.coordinates) if name not in above]
+        derivatives[:, k, others] = 0.0
+    return u, derivatives
 
 
 def measure_turn(time: Array, faced: Array, start: float, stop: float) -> float:
-    """Deg to the left, by which `faced` (nf,) rad turns from `start` to `stop` (s)."""
+    """Measure the turn (deg, to the left) of the direction `faced` (nf,) rad between times (s)."""
     begin, end = np.interp([start, stop], time, faced)
     return float(np.degrees(end - begin))
 
 
 def is_turning(turn: float | None) -> bool:
-    """Whether a stride that turns by so much (deg) is no straight one; one of which it is not known
-    counts as such.
-    """
+    """Check whether a stride with this turn (deg) is not straight; unknown counts as straight."""
     return turn is not None and abs(turn) > TURNING
 
 
 def express_along_line(angles: Array, line: float, inside: BoolArray) -> Array:
-    """(nf, 3) rad, `PELVIS_ANGLES` against a line of progression; NaN where an angle is not known.
+    """Express the angles of the pelvis relative to a line of progression.
 
-    `angles`: (nf, 3) rad, against the room. `line`: rad, direction of progression, to the left of
-    the room's x axis. `inside`: (nf,) frames of the stride; the line is turned about where the
-    pelvis faces backwards in them.
+    Parameters
+    ----------
+    angles : (nf, 3) Array
+        rad, `PELVIS_ANGLES` in the laboratory; NaN where not known.
+    line : float
+        rad, direction of progression to the left of the room's x axis.
+    inside : (nf,) BoolArray
+        Frames of the stride; the line is reversed where the pelvis faces backwards in them.
+
+    Returns
+    -------
+    (nf, 3) Array
+        rad; NaN where not known.
     """
     known = np.isfinite(angles).all(axis=1)
     out = np.full(angles.shape, np.nan)
     if not known.any():
         return out
-    within = compute_facing(angles[known])[inside[known]]
-    if len(within) and np.cos(float(np.mean(within)) - line) < 0.0:
+    # Backwards walking is not a turn: the line then points to where the pelvis faces.
+    directions = compute_facing(angles[known])[inside[known]]
+    if len(directions) and np.cos(float(np.mean(directions)) - line) < 0.0:
         line += np.pi
-    turned = Rotation.from_euler("y", -line) * Rotation.from_euler(AXES, angles[known])
-    out[known] = np.unwrap(turned.as_euler(AXES), axis=0)
+    rotated = Rotation.from_euler("y", -line) * Rotation.from_euler(AXES, angles[known])
+    out[known] = np.unwrap(rotated.as_euler(AXES), axis=0)
     return out

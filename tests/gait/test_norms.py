@@ -193,12 +193,12 @@ def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
 @pytest.mark.parametrize(
     ("subject", "why"),
     [
-        (Subject("a", 70.0, 1.75, "male", age=35.0), "No norm fits an age of 35 years"),
+        (Subject("a", 70.0, 1.75, "male", age=35.0), "No norm for an age of 35 years"),
         (
             Subject("b", 12.0, 0.95, "male", age=3.99),
-            "No norm fits an age of 3.9 years: the built-in norms",
+            "No norm for an age of 3.9 years: the built-in norms",
         ),
-        (Subject("d", 70.0, 1.75, "male", age=18.0), "No norm fits an age of 18 years"),
+        (Subject("d", 70.0, 1.75, "male", age=18.0), "No norm for an age of 18 years"),
         (Subject("e", 48.0, 1.58, "female"), "No norm: the age is not given"),
         (Subject("s", 28.0, 1.33, "female"), "No norm: the age is not given"),
     ],

@@ -1,1 +1,1 @@
-"""OpenSim models: ours written, and users' own read, compared and given calibrated joints."""
+"""OpenSim models: ours written; those of users read, compared and given calibrated joints."""

@@ -1,15 +1,17 @@
-"""What became of a model's joints, and of what is fixed to the bones between them.
+"""Displacements of a model's joints, and of what is fixed to the bones between them.
 
-A bone between two joints, whose centres a, b in the body have gone to a', b', takes along what is
+A bone between two joints, whose centres a, b in the body have moved to a', b', takes along what is
 fixed to it by the affine map
 
-    x' = m' + R (I + (k - 1) u u^T) (x - m),    m = (a + b) / 2,    u = (b - a) / |b - a|,    k = |b' - a'| / |b - a|,
+    x' = m' + R (I + (k - 1) u u^T) (x - m)
+    m = (a + b) / 2,    u = (b - a) / |b - a|,    k = |b' - a'| / |b - a|,
 
-R the smallest turn from b - a to b' - a': it is stretched along itself as scaling would, and no
-thicker. Such bones are the pelvis, between its hips, thighs, and shanks. Muscle points, contact
-spheres and places of other joints in the bone follow the map; wraps and meshes are shifted and
-turned, and keep their size; of a point that moves with a coordinate all places are shifted as their
-mean is. Markers stay, as they tell where the body is, and so do mass centres.
+with R the smallest rotation from b - a to b' - a'. The bone is stretched along u as scaling would
+do, and keeps its thickness. Such bones are the pelvis (between its hips), thighs and shanks. Muscle
+points, contact spheres and frames of other joints in the bone follow the map. Wraps and meshes are
+translated and rotated, and keep their size. All locations of a point that moves with a coordinate
+are translated as their mean is. Markers stay, because they determine the position of the body;
+so do mass centres.
 """
 
 import xml.etree.ElementTree as ET
@@ -30,7 +32,7 @@ UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
 
 
 class MoveOutcome(Enum):
-    """What became of a joint."""
+    """Outcome of the transfer of a joint."""
 
     MOVED = "moved"
     UNDETERMINED = "left as it is: the recordings say little of it"
@@ -39,7 +41,7 @@ class MoveOutcome(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class JointEnd:
-    """Where a joint sits in one of its bodies, and how far that is from where it was."""
+    """Position of a joint in one of its bodies, and its change."""
 
     body: str
     centre: Array  # (3,) m, in the body, as it was
@@ -58,13 +60,13 @@ class JointEnd:
 
     @property
     def moved(self) -> float:
-        """Length of the shift, m."""
+        """Length of the displacement, m."""
         return float(np.linalg.norm(self.displacement))
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointMove:
-    """What became of one joint."""
+    """Outcome of the transfer of one joint."""
 
     joint: str  # Ours: `hip_r`, ...
     theirs: str  # Name in the model; empty where it has none
@@ -83,7 +85,7 @@ class JointMove:
 
 @dataclass(frozen=True, kw_only=True)
 class Bone:
-    """How a bone follows its two joints, in the axes of its body."""
+    """Affine map of a bone between two joints, in the axes of its body."""
 
     middle_before: Array  # (3,) m, the middle between its joints
     middle_after: Array
@@ -92,14 +94,14 @@ class Bone:
     stretch: float
 
     def map_point(self, x: Array) -> Array:
-        """(3,) m: where a point (3,) of the bone goes."""
+        """Map a point (3,) m of the bone to its new position (3,) m."""
         from_middle = x - self.middle_before
         long = self.direction * float(self.direction @ from_middle)
         out: Array = self.middle_after + self.rotation @ (from_middle + (self.stretch - 1.0) * long)
         return out
 
     def express_in(self, frame: pin.SE3) -> "Bone":
-        """The same in the axes of a frame in the body."""
+        """Express the map in the axes of a frame in the body (`frame`: pose in the body)."""
         turn = frame.rotation.T
         was, now = frame.actInv(self.middle_before), frame.actInv(self.middle_after)
         return replace(
@@ -112,14 +114,29 @@ class Bone:
 
     @property
     def rigid(self) -> pin.SE3:
-        """The same without the stretch."""
+        """Rigid part of the map, without the stretch."""
         return pin.SE3(self.rotation, self.middle_after - self.rotation @ self.middle_before)
 
 
 def find_moved_bones(
     moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[osim_correspondence.LegJoint]
 ) -> dict[str, Bone]:
-    """Body -> how it follows; of those between two joints of ours of which one at least was moved."""
+    """Find the bodies between two of our joints, at least one of which moved.
+
+    Parameters
+    ----------
+    moves : sequence of JointMove
+        Outcome of each joint.
+    peer : PeerModel
+        Model as it was read.
+    legs : sequence of LegJoint
+        Joints of the model that correspond to ours.
+
+    Returns
+    -------
+    dict
+        Body -> its map.
+    """
     ends: dict[str, list[tuple[Array, Array]]] = {}
     for move, leg in ((m, leg) for m in moves for leg in legs if leg.ours == m.joint):
         joint = leg.theirs
@@ -160,8 +177,24 @@ Change = tuple[
 def move_attachments(
     document: osim_reader.OsimDocument, bones: Mapping[str, Bone]
 ) -> Iterator[Change]:
-    """What changes in the document: points and wraps that are fixed to these bodies, markers
-    excepted.
+    """Move points and wraps that are fixed to bones; markers stay.
+
+    Parameters
+    ----------
+    document : OsimDocument
+        Model file as it was read.
+    bones : mapping
+        Body -> its map.
+
+    Yields
+    ------
+    Change
+        Element, names of its children, and their new numbers.
+
+    Raises
+    ------
+    InputError
+        A point moves by a function of an unknown kind.
     """
     source, bone_at = document.source, _map_frames(document, bones)
     for element in document.model.iter() if bones else ():
@@ -189,9 +222,7 @@ def move_attachments(
 
 
 def _map_frames(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
-    """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the
-    axes of the frame.
-    """
+    """Map the path of each body and offset frame to the bone's map in the axes of that frame."""
     return {
         path: bone.express_in(pose)
         for body, bone in bones.items()
@@ -200,9 +231,7 @@ def _map_frames(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -
 
 
 def _find_parent_path(element: ET.Element) -> str:
-    """The path, from a body on, of what an element with a place is fixed to, of either generation
-    of files; empty where it has none.
-    """
+    """Find the path, from a body on, of the frame an element is fixed to; empty without one."""
     found = (
         osim_reader.find_socket(element, tag) for tag in ("socket_parent_frame", "socket_frame")
     )
@@ -214,6 +243,7 @@ def _find_parent_path(element: ET.Element) -> str:
 def _move_path_point(
     element: ET.Element, bone: Bone, document: osim_reader.OsimDocument
 ) -> Iterator[Change]:
+    """Translate all locations of a point that moves with a coordinate as their mean."""
     found = []
     for axis in "xyz":
         function = element.find(f"{axis}_location")
@@ -239,7 +269,7 @@ def _move_path_point(
 
 @dataclass(frozen=True, kw_only=True)
 class MovedPoints:
-    """The points of one muscle that went with their bones."""
+    """Points of one muscle that moved with their bones."""
 
     muscle: str
     points: int
@@ -249,7 +279,19 @@ class MovedPoints:
 def summarise_muscle_points(
     document: osim_reader.OsimDocument, bones: Mapping[str, Bone]
 ) -> tuple[MovedPoints, ...]:
-    """Every muscle with such points, the one with the farthest first."""
+    """Summarise the moved points of each muscle, the one with the farthest first.
+
+    Parameters
+    ----------
+    document : OsimDocument
+        Model file as it was read.
+    bones : mapping
+        Body -> its map.
+
+    Returns
+    -------
+    tuple of MovedPoints
+    """
     out, bone_at = [], _map_frames(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():
         moves = []
@@ -272,7 +314,18 @@ JOINTS_HEADER = (
 
 
 def format_joints_csv(moves: Sequence[JointMove]) -> str:
-    """A row for either end of every joint; a figure that does not exist is left out."""
+    """Format a CSV file with a row for both ends of each joint; unknown figures are empty.
+
+    Parameters
+    ----------
+    moves : sequence of JointMove
+        Outcome of each joint.
+
+    Returns
+    -------
+    str
+        Columns `JOINTS_HEADER`.
+    """
     lines = [JOINTS_HEADER]
     for move in moves:
         known = f"{move.error_ratio:.3f}" if np.isfinite(move.error_ratio) else ""
@@ -296,7 +349,7 @@ def format_joints_csv(moves: Sequence[JointMove]) -> str:
 
 
 def format_moved_points_csv(points: Sequence[MovedPoints]) -> str:
-    """A row for every muscle."""
+    """Format a CSV file with a row for each muscle (columns `MOVED_POINTS_HEADER`)."""
     rows = [f'"{m.muscle}",{m.points},{1e3 * m.farthest:.4f}' for m in points]
     return "\n".join([MOVED_POINTS_HEADER, *rows]) + "\n"
 

@@ -1,35 +1,35 @@
-"""A person's calibrated hips, knees and ankles put into an OpenSim model of the user's own.
+"""Transfer a person's calibrated hips, knees and ankles into an OpenSim model of the user.
 
 Bodies stay where they are, with all that is fixed to them: meshes, muscle points, wraps, markers.
-What moves is where the joints sit in them. With G_b the pose of body b in the laboratory while the
-person stands, by our calibrated linkage and the registration of b to our segment
+Only the frames of joints in these bodies move. Let G_b be the pose of body b in the laboratory
+while the person stands, by our calibrated linkage and the registration of b to our segment
 (`osim_registration.py`), P and C the joint's frames in parent p and child c, M(q) its motion, and
-q0 its coordinates as the person stands,
+q0 its coordinates as the person stands. For a ball joint
 
-    ball     P' = D P,    C' = (G_p^-1 G_c)^-1 P' M(q0),
+    P' = D P,    C' = (G_p^-1 G_c)^-1 P' M(q0),
 
-D the shift that takes its centre to ours: the bones stand as they stood with the very coordinates
-q0 that they had. q0 are those of the model as it was that turn its bones, one against the other, as
-ours are turned.
+with D the translation of its centre to ours. The bones then stand as before, with the same
+coordinates q0. q0 are the coordinates of the original model that rotate its bones relative to each
+other as ours are rotated.
 
-A hinge of theirs is A Rz(theta) B^-1, or nearly so (`osim_correspondence.py`). With D and E the
-smallest rigid motions, across the axis and turning it, that take A's line to our axis in p and B's
-to our axis in c,
+A hinge of the model is A Rz(theta) B^-1, exactly or nearly (`osim_correspondence.py`). Let D and E
+be the smallest rigid motions, translations across the axis and rotations of it, that move A's line
+to our axis in p and B's to our axis in c. For a hinge
 
-    hinge    P' = D P,    C' = E B Tz(-d) Rz(-phi) B^-1 C,
+    P' = D P,    C' = E B Tz(-d) Rz(-phi) B^-1 C,
 
-d and phi being what our standing bones are slid and turned in that hinge, D A and E B, beside
-theirs at q0. M is moved as a whole: a knee that rolls keeps its functions, and rolls about our
-axis; the standing bones then differ by what rolling is at q0, which is told.
+with d and phi the translation and rotation of our standing bones in the new hinge, D A and E B,
+relative to those of the model at q0. M is moved as a whole: a knee that rolls keeps its functions
+and rolls about our axis. The standing bones then differ by the rolling at q0, which is reported.
 
-Between shank and foot lies the talus, which no marker shows: it goes with the joint above it. Of
-the joints that move between two registered bodies all but the last keep their place in their child,
-and the last closes the chain.
+The talus is between shank and foot and carries no marker: it moves with the joint above it. Of the
+joints between two registered bodies, all but the last keep their frame in the child, and the last
+one closes the chain.
 
-A joint whose parameters the recordings say little of stays as it is: where their standard errors
-are more than `UNDETERMINED_SHARE` of what they were before any trial was looked at. In draws it
-goes about its place by these errors: in either body by what takes our axis of the calibrated
-parameters to that of the drawn ones.
+A joint that the recordings hardly determine stays as it is: where the standard errors of its
+parameters are more than `UNDETERMINED_SHARE` of those before any trial. In draws it varies about
+its position by these errors: in either body by the motion from our calibrated axis to the drawn
+one.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -83,7 +83,7 @@ ROLLING_M = 1e-4  # m RMS, from a hinge, from which a joint rolls
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedOsim:
-    """The user's model with this person's joints."""
+    """Model of the user with the joints of this person."""
 
     content: bytes  # Of the file
     joints: tuple[joint_moves.JointMove, ...]
@@ -100,7 +100,7 @@ class CalibratedOsim:
 
     @property
     def unchanged(self) -> tuple[str, ...]:
-        """Joints, ours, that stay as they are: the recordings say little of them."""
+        """Joints (our names) that stay because the recordings hardly determine them."""
         return tuple(
             move.joint
             for move in self.joints
@@ -108,7 +108,18 @@ class CalibratedOsim:
         )
 
     def draw(self, rng: np.random.Generator) -> bytes:
-        """A file with parameters drawn from their errors and bodies registered with theirs."""
+        """Draw a file: joint parameters and registrations from their errors.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        bytes
+            Content of the file.
+        """
         return self.transfer.draw(rng)
 
 
@@ -126,25 +137,44 @@ def transfer_joints(
     inertial: Array | None = None,
     follow: bool = False,
 ) -> CalibratedOsim:
-    """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
+    """Transfer the leg joints of a calibrated model into an OpenSim model (3.x or 4.x).
 
-    `errors`: of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every
-    joint as determined. `prior`: what was known of joints before; anatomy unless given. `names`: a
-    TOML file that says which joints are meant (`read_names`). `recorded`: our coordinate -> (n,)
-    rad in the recordings, over which a knee that rolls is taken; unless given, over a stride of the
-    built-in person. `marker_set`: whose landmarks are markers of the static trial, at the ends of
-    bones: with them, bodies are laid on segments by these markers, too. `masses`: the bodies weigh
-    what our segments weigh, too (`body_weights`). `inertial`: (84, n) R with covariance R R^T of
-    the inertial parameters (`Uncertainty.inertial`), for draws of masses; None: these have the same
-    ones. `follow`: muscle points, wraps and meshes go with the joints at both ends of their bone
-    (`joint_moves.py`).
+    Parameters
+    ----------
+    model : SubjectModel
+        Calibrated model.
+    osim : Path or str
+        OpenSim model file of the user; it is not changed.
+    errors : ErrorSources, optional
+        Errors of the joint parameters (`Uncertainty.joint`). Without them parameters are taken as
+        exact, and every joint as determined.
+    prior : JointPrior, optional
+        Knowledge of the joints before any trial; by default anatomy.
+    names : Path, optional
+        TOML file with the names of joints (`read_names`).
+    recorded : mapping, optional
+        Our coordinate -> (n,) rad in the recordings: the range over which a hinge represents a knee
+        that rolls. Default: a stride of the built-in person.
+    marker_set : MarkerSet, optional
+        Its landmarks that are markers of the static trial are used to register bodies as well.
+    masses : bool
+        Give the bodies the masses of our segments (`compute_body_masses`).
+    inertial : (84, n) Array, optional
+        R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`). Without it all
+        draws have the same masses.
+    follow : bool
+        Move muscle points, wraps and meshes with the joints at both ends of their bone
+        (`joint_moves.py`).
 
     Returns
     -------
-    The file's content, the same but for where joints sit, and what was done. Nothing is written.
+    CalibratedOsim
+        Content of the new file, and what was changed. Nothing is written.
 
-    Raises InputError: The file is no model, or has no legs that can be told, or its markers do not
-    fit this person.
+    Raises
+    ------
+    InputError
+        The file is no model, its legs cannot be identified, or its markers do not fit this person.
     """
     model = model if marker_set is None else osim_registration.add_landmarks(model, marker_set)
     document = read_document(osim)
@@ -166,7 +196,7 @@ def transfer_joints(
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer:
-    """All that is read once; every draw of joint parameters makes another file of it."""
+    """Everything that is read once; each draw of joint parameters makes another file of it."""
 
     model: SubjectModel
     document: OsimDocument
@@ -180,7 +210,7 @@ class Transfer:
     follow: bool  # Whether what is fixed to a bone goes with its joints
 
     def apply(self) -> CalibratedOsim:
-        """With the calibrated parameters."""
+        """Apply the calibrated parameters."""
         moves, (weights, told) = self.compute_moves(), self._compute_masses()
         return CalibratedOsim(
             content=self._write_content(moves, weights, self.legs),
@@ -196,8 +226,9 @@ class Transfer:
         )
 
     def draw(self, rng: np.random.Generator) -> bytes:
-        """A file with joints (and masses, if they are transferred) drawn from their errors, bodies
-        registered with theirs; joints that are left go about their place.
+        """Draw a file: joints, masses if they are transferred, and registrations from their errors.
+
+        Joints that stay vary about their position.
         """
         parameters = self.model.parameters
         if self.errors is not None:
@@ -233,11 +264,13 @@ class Transfer:
         return other._write_content(other.compute_moves(), other._compute_masses()[0], self.legs)
 
     def _is_left(self, joint: str) -> bool:
+        """Check whether the recordings hardly determine a joint."""
         return self.error_ratios[joint] > UNDETERMINED_SHARE
 
     def _compute_masses(
         self,
     ) -> tuple[dict[str, BodyMass], tuple[osim_registration.SegmentMass, ...]]:
+        """Compute masses of bodies and segments, where they are transferred."""
         if not self.masses:
             return {}, ()
         return osim_registration.compute_body_masses(
@@ -250,7 +283,7 @@ class Transfer:
         weights: Mapping[str, BodyMass],
         legs: Sequence[LegJoint],
     ) -> bytes:
-        """The file with these joints, and bodies of these weights; `legs`: as they were read."""
+        """Write the file with moved joints and new masses; `legs`: joints as they were read."""
         places: dict[tuple[str, str], FramePlacement] = {}
         ends = {move.joint: (move.parent, move.child) for move in moves}
         for was, now in zip(legs, self.legs, strict=True):
@@ -278,10 +311,11 @@ class Transfer:
         )
 
     def _find_bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
+        """Find the bones that take along what is fixed to them."""
         return joint_moves.find_moved_bones(moves, self.peer, self.legs) if self.follow else {}
 
     def compute_moves(self) -> tuple[joint_moves.JointMove, ...]:
-        """What becomes of every joint."""
+        """Compute the new frames of every joint of both legs, and whether it moves."""
         segments = osim_registration.fit_standing_segments(self.model, self.model.parameters)
         stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
         found: dict[str, joint_moves.JointMove] = {}
@@ -313,7 +347,7 @@ class Transfer:
         segments: Mapping[str, pin.SE3],
         stand: Mapping[str, pin.SE3],
     ) -> Iterator[joint_moves.JointMove]:
-        """The joints between two registered bodies, the upper one first."""
+        """Move the joints between two registered bodies, from top to bottom."""
         row = self.peer.list_joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
         q0 = solve_standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
@@ -387,7 +421,10 @@ class Transfer:
             pose = pose * now
 
     def _measure_landmark_distance(self, leg: LegJoint, of_parent: bool) -> float:
-        """m, from a joint as it was read to where the nominal model has it in that body."""
+        """Measure the distance (m) of a joint, as read, from that of the nominal model in one body.
+
+        NaN in a body that is not registered.
+        """
         ours, joint = osim_registration.JOINT_OF[leg.ours], leg.theirs
         segment, body, frame = (
             (ours.parent, joint.parent, joint.in_parent)
@@ -408,9 +445,7 @@ class Transfer:
     def _estimate_errors(
         self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
-        """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,)
-        m, laboratory.
-        """
+        """Estimate standard errors (m, rad) of a joint in one body; `point`: (3,) m, laboratory."""
         ours, parameters = osim_registration.JOINT_OF[joint], self.model.parameters
         segment = ours.parent if of_parent else ours.child
         registration = self.bodies.get(segment)
@@ -452,6 +487,7 @@ class Transfer:
         )
 
     def _list_notes(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
+        """List what a user should know, a sentence each."""
         moved = {
             e.body
             for m in moves

@@ -1,20 +1,17 @@
-"""Our model beside a peer's OpenSim model: joint centres and axes, lengths, masses, in our segment
-frames.
+"""Comparison of our model with an OpenSim model: joint centres and axes, lengths, masses.
 
-Where both models have at least three of the same markers on a segment, the rigid motion that brings
-the peer's marker positions onto ours (Kabsch) takes its joint axes into our segment frame. Axes are
-told as our joint parameters tell them: where they cross the segment's sagittal plane, and their
-orientation, `front` and `trans` with z = Rx(front) Ry(trans) e_z; for the subtalar axis `trans` and
-`sag` with x = Ry(trans) Rz(sag) e_x.
+Where both models have at least three common markers on a segment, the rigid motion that brings the
+marker positions of the other model onto ours (Kabsch) expresses its joint axes in our segment
+frame. Axes are given as by our joint parameters: the point at which they cross the sagittal plane
+of the segment, and their orientation, `front` and `trans` with z = Rx(front) Ry(trans) e_z; for the
+subtalar axis `trans` and `sag` with x = Ry(trans) Rz(sag) e_x.
 
-A peer's bodies belong to our segments by their names, those of the OpenSim models Gait2354,
-Gait2392 and Rajagopal2016 and our own.
+Bodies are assigned to our segments by their names: those of the OpenSim models Gait2354, Gait2392
+and Rajagopal2016, and ours.
 
-What an OpenSim model differs in from ours, in words: `their hip centres lie 42 mm behind ours
-(right 41, left 43)`.
-
-Both sides are told together, by their mean; lateral differences and turns of the left side are
-mirrored first.
+Differences are also described in sentences: `their hip centres lie 42 mm behind ours (right 41,
+left 43)`. Both sides are described together by their mean; lateral differences and rotations of the
+left side are mirrored first.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,7 +50,7 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class _Registered:
-    """How well a peer's body could be laid on our segment."""
+    """Registration of a body on our segment."""
 
     segment: str
     markers: int  # Our markers on the segment
@@ -64,14 +61,27 @@ class _Registered:
 
 
 def compare_with_osim(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
-    """Set `model` beside the OpenSim model in the file `osim` (3.x or 4.x).
+    """Compare our model with an OpenSim model (3.x or 4.x).
 
-    Rows come only for what both models have: masses always; lengths where the peer has the
+    There are rows only for what both models have: masses always; lengths where the file has the
     coordinates `hip_flexion_r`, `knee_angle_r`, `ankle_angle_r` (and `_l`); centres and axes where
     markers register the segment.
 
-    Raises InputError: The file cannot be read, is no OpenSim model, or has neither leg nor segment
-    masses under names known here.
+    Parameters
+    ----------
+    model : SubjectModel
+        Our model.
+    osim : Path or str
+        OpenSim model file.
+
+    Returns
+    -------
+    list of ComparisonRow
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is no OpenSim model, or has no leg and no body with a known name.
     """
     peer = osim_reader.read_osim(osim)
     rows: list[ComparisonRow] = []
@@ -97,6 +107,7 @@ def compare_with_osim(model: SubjectModel, osim: Path | str) -> list[ComparisonR
 
 
 def _make_row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
+    """Make a row, without negative zeros."""
     difference = float(theirs - ours) + 0.0  # no negative zeros
     return ComparisonRow(
         quantity=quantity,
@@ -108,7 +119,7 @@ def _make_row(quantity: str, unit: str, ours: float, theirs: float) -> Compariso
 
 
 def _compare_legs(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
-    """What both legs have, in the order of ours."""
+    """Compare what both legs have, in the order of ours."""
     known = _list_leg_quantities(side, theirs)
     return [
         _make_row(*name, value, known[name])
@@ -118,7 +129,7 @@ def _compare_legs(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[Com
 
 
 def _list_leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:
-    """Quantity and its unit -> value, for what is known of a leg."""
+    """List the known quantities of a leg: name and unit -> value."""
     lengths = {
         f"thigh_{side} length, hip centre to knee centre": leg.thigh_length,
         f"shank_{side} length, knee centre to talocrural centre": leg.shank_length,
@@ -158,9 +169,7 @@ def _list_leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], f
 def _measure_axis_angles(
     name: str, axis: Axis, along: int, planes: tuple[str, str]
 ) -> dict[tuple[str, str], float]:
-    """Deg by which an axis is turned from coordinate axis `along`, about the two others in their
-    order.
-    """
+    """Measure angles (deg) of an axis from coordinate axis `along`, about the two other ones."""
     back, main, next_one = (axis.direction[(along + k) % 3] for k in (-1, 0, 1))
     angles = np.arctan2(-back, main), np.arcsin(np.clip(next_one, -1.0, 1.0))
     return {
@@ -170,7 +179,7 @@ def _measure_axis_angles(
 
 
 def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registered:
-    """Lay the peer's `body` on our `segment` by the markers that both have on it."""
+    """Register a body on our segment by the common markers."""
     theirs, ours = osim_registration.find_shared_markers(model, peer, segment, body)
     markers = model.markers.segments.count(segment)
     return _Registered(
@@ -182,6 +191,7 @@ def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> 
 
 
 def _list_registration_rows(r: _Registered) -> list[ComparisonRow]:
+    """List the rows of one registration: common markers, distances."""
     rows = [
         _make_row(f"{r.segment} markers, and how many the peer shares", "1", r.markers, r.common)
     ]
@@ -198,6 +208,7 @@ def _list_registration_rows(r: _Registered) -> list[ComparisonRow]:
 
 
 def _compare_masses(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
+    """Compare masses of segments and of the whole body."""
     theirs: dict[str, float] = {}
     for body, mass in peer.masses.items():
         if (segment := osim_correspondence.find_segment(body)) is not None:
@@ -245,7 +256,17 @@ _LENGTHS = {
 
 
 def describe_osim_differences(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
-    """Sentences on what differs, the largest first; one that says so where nothing does."""
+    """Describe relevant differences in sentences, the largest first; one sentence if there is none.
+
+    Parameters
+    ----------
+    rows : sequence of ComparisonRow
+        Result of `compare_with_osim`.
+
+    Returns
+    -------
+    tuple of str
+    """
     sentences = sorted(
         _list_differences({row.quantity: row for row in rows}), key=lambda of: -of[0]
     )
@@ -258,7 +279,7 @@ def describe_osim_differences(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
 
 
 def _list_differences(rows: Mapping[str, ComparisonRow]) -> Iterator[tuple[float, str]]:
-    """How much each difference matters, and its sentence."""
+    """List each relevant difference: its size in units of its threshold, and a sentence."""
 
     def of_both(quantity: str, least: float, *, mirrored: bool = False) -> tuple[float, str] | None:
         """Mean of theirs - ours of both sides, a left side as it would be on the right, and what

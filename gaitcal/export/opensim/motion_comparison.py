@@ -1,14 +1,13 @@
-"""Motion and joint moments of an OpenSim model in the recordings, by OpenSim's own tools, beside
-ours.
+"""Motion and joint moments of an OpenSim model in the recordings, by OpenSim's tools, next to ours.
 
-Inverse kinematics gets the markers of the trial under the model's names for them, with our weights;
-its coordinates are smoothed as our motion is, so that moments do not differ by a filter; inverse
-dynamics then gets our forces under the feet. A curve of theirs differs from ours by
+Inverse kinematics gets the markers of the trial under the names of the model, with our weights. Its
+coordinates are smoothed like our motion, so that moments do not differ by a filter. Inverse
+dynamics gets our forces under the feet. A curve of the model differs from ours by
 
-    theirs - ours = offset + rest,
+    theirs - ours = offset + residual,
 
-the offset being the mean over the frames that count: coordinates of two models have zeros of their
-own. A knee that is bent by negative angles in their model is turned round first.
+with the offset the mean over the valid frames: coordinates of two models have different zeros. The
+sign of a knee that bends by negative angles is reversed first.
 """
 
 import os
@@ -45,7 +44,7 @@ ROLLS = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class OurMotion:
-    """One moving trial as our model has it."""
+    """One moving trial with our model."""
 
     name: str
     motion: Motion
@@ -59,7 +58,7 @@ class OurMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class BothCurves:
-    """One quantity in all trials, in the frames that count."""
+    """One quantity of both models in all trials, in the valid frames."""
 
     coordinate: str
     unit: str  # deg or N·m
@@ -78,7 +77,7 @@ class BothCurves:
 
     @property
     def correlation(self) -> float:
-        """NaN where a curve is constant."""
+        """Correlation; NaN where a curve is constant."""
         if min(np.std(self.ours), np.std(self.theirs)) == 0.0:
             return float("nan")
         return float(np.corrcoef(self.ours, self.theirs)[0, 1])
@@ -86,7 +85,7 @@ class BothCurves:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionComparison:
-    """What came of it."""
+    """Result of the comparison."""
 
     curves: tuple[BothCurves, ...]
     marker_errors: tuple[float, float]  # m RMS over the markers that both have: ours, theirs
@@ -96,11 +95,25 @@ class MotionComparison:
 def compare_motion(
     model: SubjectModel, osim: Path, trials: Sequence[OurMotion]
 ) -> MotionComparison:
-    """Run OpenSim's inverse kinematics and, where there are forces, inverse dynamics of every
-    trial.
+    """Run OpenSim's inverse kinematics and, with forces, inverse dynamics of every trial.
 
-    Raises InputError: OpenSim is not installed, or cannot use the model; or the model shares too
-    few markers.
+    Parameters
+    ----------
+    model : SubjectModel
+        Our model, with the weights of its markers.
+    osim : Path
+        OpenSim model file of the same person.
+    trials : sequence of OurMotion
+        Motions, torques and forces with our model.
+
+    Returns
+    -------
+    MotionComparison
+
+    Raises
+    ------
+    InputError
+        OpenSim is not installed or cannot use the model, or model and trial share no marker.
     """
     try:
         import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
@@ -170,7 +183,7 @@ def compare_motion(
 
 
 def _get_knee_sign(peer: PeerModel, name: str) -> float:
-    """-1 for a knee that is bent by negative angles."""
+    """Get -1 for a knee that bends by negative angles, else 1."""
     if not name.startswith("knee_angle"):
         return 1.0
     joint = peer.find_joint(name)
@@ -187,8 +200,10 @@ def _run_opensim(
     trial: OurMotion,
     folder: Path,
 ) -> tuple[dict[str, Array], dict[str, Array], float]:
-    """Coordinate -> (nf,) rad (m), and N·m in frames with forces, else NaN; and by how much markers
-    are missed, m.
+    """Run inverse kinematics and inverse dynamics of one trial.
+
+    Returns coordinate -> (nf,) rad; coordinate -> (nf,) N·m, NaN without forces; and the RMS
+    distance (m) of the markers.
     """
     known, time = tuple(peer.markers), trial.motion.basis.time
     names = {label: match_label(label, known) for label in trial.markers.labels}
@@ -252,7 +267,7 @@ def _run_inverse_dynamics(
     folder: Path,
     motion: StorageTable,
 ) -> dict[str, Array]:
-    """Coordinate -> (nf,) N·m, NaN where there are no forces."""
+    """Run inverse dynamics: coordinate -> (nf,) N·m, NaN where there are no forces."""
     (folder / "motion.mot").write_text(motion.format_text("Coordinates"), encoding="utf-8")
     document = ET.parse(trial.loads)
     feet = {
@@ -295,7 +310,7 @@ def _run_inverse_dynamics(
 
 @contextmanager
 def _suppress_output() -> Iterator[None]:
-    """OpenSim's tools print what a model holds, whatever its log is told."""
+    """Suppress what OpenSim's tools print whatever the level of their log."""
     sys.stdout.flush()
     kept = os.dup(1)
     with Path(os.devnull).open("wb") as nowhere:
@@ -310,7 +325,7 @@ def _suppress_output() -> Iterator[None]:
 def _explain_differences(
     peer: PeerModel, legs: Sequence[LegJoint], curves: Sequence[BothCurves]
 ) -> Iterator[str]:
-    """What a difference comes from, where the models tell."""
+    """Explain differences by rolling knees, different zeros and locked coordinates."""
     known = {(c.coordinate, c.unit): c for c in curves}
     for leg in legs:
         found = known.get((leg.coordinate, "deg"))

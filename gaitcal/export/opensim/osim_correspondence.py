@@ -1,19 +1,17 @@
-"""Which joints of an OpenSim model are those of our legs, the hinge that stands for each, and that
-put elsewhere.
+"""Correspondence of joints: those of an OpenSim model that are our leg joints, and their hinges.
 
 Joints are found by the names of their coordinates (those of Gait2354, Gait2392, Rajagopal2016),
-else by topology: the pelvis is the body with two legs, a leg a chain of three or more joints that
-move and that does not branch into two such chains; its first three are hip, knee and ankle; a
-fourth within `TALUS` of the third is the subtalar joint. A file of the user's own goes before both.
+else by topology: the pelvis is the body with two legs; a leg is a chain of three or more moving
+joints that does not branch into two such chains. Its first three are hip, knee and ankle; a fourth
+within `TALUS` of the third is the subtalar joint. A file of the user takes precedence over both.
 
-A knee of theirs may roll and slide: what stands for it is the hinge that comes nearest to its
-motion in the postures of the recordings (else of a stride of the built-in person), by least squares
-over points `LEVER` from its centre,
+A knee may roll and slide. It is represented by the hinge that is nearest to its motion in the
+postures of the recordings (else of a stride of the built-in person), by least squares over points
+at the distance `LEVER` from its centre,
 
     X_parent_child(q) = A Rz(theta(q)) B^-1    (nearly),
 
-so that a linkage with that hinge is what markers of such a knee would tell. For a hinge it is the
-hinge itself.
+so that markers of such a knee would lead to a linkage with that hinge. A hinge represents itself.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -49,9 +47,7 @@ EXACT = 1e-9  # m; a joint that is so near to a hinge is one
 
 @dataclass(frozen=True)
 class Hinge:
-    """A hinge: its frame, z along the axis, in either body, so placed along it that on the mean it
-    does not slide.
-    """
+    """Hinge: frames in both bodies with z along the axis, at zero mean translation along it."""
 
     in_parent: pin.SE3
     in_child: pin.SE3
@@ -59,16 +55,16 @@ class Hinge:
     deviation: float = 0.0
 
     def measure_angle(self, pose: pin.SE3) -> float:
-        """The hinge's angle, rad, that is nearest to a pose of the child in the parent."""
+        """Measure the hinge's angle (rad) that is nearest to a pose of the child in the parent."""
         r = (self.in_parent.rotation.T @ pose.rotation) @ self.in_child.rotation
         return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
 
     def measure_slide(self, pose: pin.SE3) -> float:
-        """How far the child lies along the axis, m."""
+        """Measure the translation (m) of the child along the axis at a pose in the parent."""
         return float((self.in_parent.actInv(pose) * self.in_child).translation[2])
 
     def compute_pose(self, angle: float) -> pin.SE3:
-        """Of the child in the parent."""
+        """Compute the pose of the child in the parent at an angle (rad)."""
         return (
             self.in_parent
             * pin.SE3(make_axis_rotation(2, angle), np.zeros(3))
@@ -78,7 +74,7 @@ class Hinge:
 
 @dataclass(frozen=True, kw_only=True)
 class LegJoint:
-    """A joint of a leg in the user's model."""
+    """Joint of a leg in the user's model."""
 
     ours: str  # `hip_r`, `knee_r`, `talocrural_r`, `subtalar_r`, or `_l`
     theirs: PeerJoint
@@ -88,13 +84,29 @@ class LegJoint:
 
 
 class _NamesFile(Table):
+    """Tables of the TOML file."""
+
     joints: dict[str, str] = Field(default={})
     coordinates: dict[str, str] = Field(default={})
 
 
 def read_names(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
-    """Joint of ours -> name of theirs, and joint of ours -> coordinate of theirs, of a TOML file
-    with the tables `joints` and `coordinates`; InputError where it is none.
+    """Read which joints of a model are hips, knees and ankles.
+
+    Parameters
+    ----------
+    path : Path
+        TOML file with the tables `joints` and `coordinates`.
+
+    Returns
+    -------
+    tuple of mapping
+        Our joint -> joint of the model; our joint -> coordinate of the model.
+
+    Raises
+    ------
+    InputError
+        The file is not valid.
     """
     file = read_validated(_NamesFile, path)
     allowed = [f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS]
@@ -108,12 +120,26 @@ def read_names(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
 def find_leg_joints(
     peer: PeerModel, names: Path | None = None, recorded: Mapping[str, Array] | None = None
 ) -> tuple[LegJoint, ...]:
-    """The joints of both legs, as far as the model has them; each after the one above it.
+    """Find the joints of both legs, as far as the model has them.
 
-    `recorded`: our coordinate -> (n,) rad in the postures that its hinge shall stand for.
+    Parameters
+    ----------
+    peer : PeerModel
+        Model of the user.
+    names : Path, optional
+        TOML file with the names of joints.
+    recorded : mapping, optional
+        Our coordinate -> (n,) rad: postures for which the hinge of a joint shall hold.
 
-    Raises InputError: No hip and knee is found of a leg, or a name of the user's is not in the
-    model.
+    Returns
+    -------
+    tuple of LegJoint
+        Each joint after the one above it.
+
+    Raises
+    ------
+    InputError
+        A leg has no hip or no knee, or a name of the user is not in the model.
     """
     joints, coordinates = ({}, {}) if names is None else read_names(names)
     by_name = {j.name: j for j in peer.joints.values()}
@@ -177,7 +203,26 @@ def find_leg_joints(
 
 
 def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
-    """The hinge that comes nearest to a joint's motion; InputError where the joint does not turn."""
+    """Fit the hinge that is nearest to a joint's motion.
+
+    Parameters
+    ----------
+    peer : PeerModel
+        Model of the user.
+    leg : LegJoint
+        Joint; its `hinge` is not used.
+    recorded : mapping
+        Our coordinate -> (n,) rad of the postures; without it those of a stride.
+
+    Returns
+    -------
+    Hinge
+
+    Raises
+    ------
+    InputError
+        The joint does not rotate with its coordinate.
+    """
     c = next(c for c in leg.theirs.coordinates if c.name == leg.coordinate)
     kind, side = leg.ours.split("_")
     name = f"{COORDINATE_OF[kind]}_{side}"
@@ -203,6 +248,8 @@ def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> 
     measured = np.array([[pose.act(p) for p in points] for pose in poses])
 
     def moved(x: Array) -> Hinge:
+        """Move the first hinge by small rotations and translations in both bodies."""
+
         def off(turn: Array, shift: Array) -> pin.SE3:
             return pin.SE3(pin.exp3(np.array([*turn, 0.0])), shift)
 
@@ -210,6 +257,7 @@ def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> 
         return Hinge(in_parent, hinge.in_child * off(x[4:6], x[6:9]))
 
     def residual(x: Array) -> Array:
+        """Compute distances (m) of the points from where the joint has them."""
         near = moved(x)
         told = [near.compute_pose(near.measure_angle(pose)) for pose in poses]
         return (np.array([[pose.act(p) for p in points] for pose in told]) - measured).ravel()
@@ -221,9 +269,10 @@ def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> 
 
 
 def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
-    """The coordinate that turns most nearly about the pelvis' z, to the right, as hips, knees and
-    ankles flex; of a subtalar joint, whose axis is oblique, that of the widest range. `leg`: kind
-    of joint of ours -> theirs.
+    """Select the coordinate whose axis is nearest to the pelvis' z: that of flexion.
+
+    Of a subtalar joint, whose axis is oblique, it is the one with the widest range. `leg`: kind of
+    our joint -> joint of the model.
     """
     joint, hip = leg[of], leg.get("hip")
     turning = {
@@ -242,7 +291,7 @@ def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: s
 
 
 def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
-    """InputError unless every joint can move and hangs below the one above it."""
+    """Raise InputError unless every joint moves and is below the one above it."""
     above: LegJoint | None = None
     for leg in found:
         where = f"joint {leg.theirs.name} ({leg.ours})"
@@ -265,18 +314,19 @@ def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
 
 
 def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
-    """`hip_r` and so on -> joint; InputError where no body has two legs."""
+    """Find `hip_r` and so on by the tree of bodies; raise InputError without two legs."""
     below: dict[str, list[PeerJoint]] = {}
     for joint in peer.joints.values():
         below.setdefault(joint.parent, []).append(joint)
 
     def chain(joint: PeerJoint, depth: int = 0) -> list[PeerJoint]:
-        """The longest row of moving joints from this one on."""
+        """List the longest row of moving joints from this one on."""
         further = below.get(joint.child, []) if depth <= len(peer.joints) else []
         rest = max((chain(j, depth + 1) for j in further), key=len, default=[])
         return [joint, *rest] if joint.coordinates else rest
 
     def is_leg(joint: PeerJoint) -> bool:
+        """Check that a chain has three moving joints and no branch with two."""
         bodies, row = [joint.child], chain(joint)
         for body in bodies:
             bodies += [j.child for j in below.get(body, []) if len(bodies) <= len(peer.joints)]
@@ -312,9 +362,7 @@ def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
 
 @dataclass(frozen=True, kw_only=True)
 class MovedJoint:
-    """A joint's frames, parent's before child's, and how far centre and axis have gone in either
-    body.
-    """
+    """Frames of a moved joint, and the displacement of centre and axis in both bodies."""
 
     in_parent: pin.SE3
     in_child: pin.SE3
@@ -326,10 +374,23 @@ class MovedJoint:
 def move_ball_joint(
     leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None
 ) -> MovedJoint:
-    """The centre of a joint taken to the point of `target`.
+    """Move the centre of a joint to the point of `target`.
 
-    `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None
-    where the joint keeps its place in the child.
+    Parameters
+    ----------
+    leg : LegJoint
+        Joint of the model.
+    was : pin.SE3
+        Pose of the child in the parent at q0.
+    target : Axis
+        Its point (m, in the parent) is the new centre.
+    standing : pin.SE3 or None
+        Pose of the child in the parent of the standing bones; None where the joint keeps its frame
+        in the child.
+
+    Returns
+    -------
+    MovedJoint
     """
     joint = leg.theirs
     at = (was * joint.in_child).translation
@@ -349,7 +410,7 @@ def move_ball_joint(
 
 
 def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> MovedJoint:
-    """The axis of a joint taken to `target`; arguments as of `put_ball`."""
+    """Move the axis of a joint to `target`; parameters and result as of `move_ball_joint`."""
     joint, hinge = leg.theirs, leg.hinge
     if hinge is None:
         raise ValueError(f"{leg.ours} is no hinge")
@@ -383,8 +444,25 @@ def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | No
 def compute_smallest_motion(
     hinge: pin.SE3, target: Axis, centre: Array
 ) -> tuple[pin.SE3, Array, Array]:
-    """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts
-    the point of the axis next to `centre`, and where that point is then.
+    """Compute the smallest rigid motion of a hinge's axis to a line.
+
+    Parameters
+    ----------
+    hinge : pin.SE3
+        Frame of the hinge, z along the axis.
+    target : Axis
+        Line, in the frame in which `hinge` is given.
+    centre : (3,) Array
+        m, position of the joint.
+
+    Returns
+    -------
+    motion : pin.SE3
+        Translation across the axis and rotation of it.
+    displacement : (3,) Array
+        m, of the point of the axis nearest to `centre`.
+    point : (3,) Array
+        m, new position of that point.
     """
     axis = Axis(hinge.translation, hinge.rotation[:, 2])
     direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
@@ -399,20 +477,37 @@ def compute_smallest_motion(
 
 
 def measure_rotation(a: pin.SE3, b: pin.SE3) -> float:
-    """rad, from one frame to the other."""
+    """Measure the angle (rad) between two frames."""
     return float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
 
 
 def measure_distance(a: pin.SE3, b: pin.SE3) -> float:
-    """m, between the origins of two frames."""
+    """Measure the distance (m) between the origins of two frames."""
     return float(np.linalg.norm(a.translation - b.translation))
 
 
 def solve_standing_coordinates(
     peer: PeerModel, row: Sequence[PeerJoint], target: pin.SE3, legs: Mapping[str, LegJoint]
 ) -> dict[str, float]:
-    """Coordinates of the model as it was with which its bodies are turned against each other as
-    `target` is (one hinge: by its angle); locked ones keep their value.
+    """Solve for coordinates of the model that rotate its bodies relative to each other as given.
+
+    Locked coordinates keep their value. A single hinge takes its angle only.
+
+    Parameters
+    ----------
+    peer : PeerModel
+        Model of the user.
+    row : sequence of PeerJoint
+        Joints between the two bodies, from top to bottom.
+    target : pin.SE3
+        Pose of the lower body in the upper one.
+    legs : mapping
+        Name of a joint of the model -> LegJoint.
+
+    Returns
+    -------
+    dict
+        Coordinate -> rad (m).
     """
     used = [{a.coordinate for a in j.axes or () if a.coordinate is not None} for j in row]
     free = [c for j, names in zip(row, used, strict=True) for c in j.coordinates if c.name in names]
@@ -468,14 +563,12 @@ _SIDED = {
 
 
 def is_sliding_body(body: str) -> bool:
-    """Whether a peer's body slides on the segment it is counted with, so that its markers are no
-    part of it.
-    """
+    """Check whether a body slides on its segment (patella): its markers do not belong to it."""
     return body.startswith("patella_")
 
 
 def find_segment(body: str) -> str | None:
-    """Our segment for a peer's body (the talus counts with the foot), or None."""
+    """Find our segment of a body (the talus belongs to the foot); None without one."""
     if body in MASSIVE_SEGMENTS:
         return body
     if body in _MIDDLE:
@@ -487,8 +580,18 @@ def find_segment(body: str) -> str | None:
 
 
 def match_label(label: str, candidates: tuple[str, ...]) -> str | None:
-    """The candidate with this name; else the only one that is the same but for case and
-    punctuation; else None.
+    """Match a label: the same one, or the only one that differs in case and punctuation only.
+
+    Parameters
+    ----------
+    label : str
+        Label to be found.
+    candidates : tuple of str
+        Labels of the other model.
+
+    Returns
+    -------
+    str or None
     """
     if label in candidates:
         return label
@@ -498,4 +601,5 @@ def match_label(label: str, candidates: tuple[str, ...]) -> str | None:
 
 
 def _normalise_label(label: str) -> str:
+    """Remove case and punctuation."""
     return "".join(c for c in label.casefold() if c.isalnum())

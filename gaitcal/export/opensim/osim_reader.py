@@ -1,10 +1,9 @@
-"""An OpenSim model file of either generation (3.x, 4.x): read into a `PeerModel`, and its joints
-put elsewhere in its text, every byte that is not one of their numbers staying. No OpenSim is
-needed.
+"""OpenSim model files of both generations (3.x, 4.x), read and edited without OpenSim.
 
-The file is parsed once, and of every element it is remembered where its tags begin and end. A
-joint's places in its two bodies stand in `PhysicalOffsetFrame`s (OpenSim 4) or in the joint
-(OpenSim 3); where there is no frame, or no number in it, text is put in.
+A file is parsed once, with the positions of the tags of every element. Edits replace the numbers of
+joints, bodies and points in the text; all other bytes stay. The frames of a joint in its two bodies
+are `PhysicalOffsetFrame`s (OpenSim 4) or elements of the joint (OpenSim 3). Where there is no
+frame, or no number in it, text is inserted.
 """
 
 import re
@@ -48,20 +47,20 @@ TAGS_4 = ("translation", "orientation")  # The same of a frame of OpenSim 4
 
 @dataclass(frozen=True)
 class _Span:
-    """Where an element stands in the bytes of its file."""
+    """Positions of an element in the bytes of its file."""
 
     start: int
     inside: int  # After its first tag
     end: int  # Before its last tag; the same as `inside` where its only tag closes itself
 
     def is_self_closing(self, content: bytes) -> bool:
-        """Whether its only tag closes itself."""
+        """Check whether the only tag of the element closes itself."""
         return content[self.inside - 2 : self.inside] == b"/>"
 
 
 @dataclass(frozen=True)
 class FramePlacement:
-    """Where a joint's frame sits in a body; None: as it is."""
+    """Frame of a joint in a body; None for what stays."""
 
     translation: Array | None  # (3,) m
     rotation: Array | None  # (3, 3)
@@ -69,7 +68,7 @@ class FramePlacement:
 
 @dataclass(frozen=True)
 class BodyMass:
-    """What a body weighs now."""
+    """New mass, mass centre and inertia of a body."""
 
     mass: float  # kg
     centre: Array | None  # (3,) m, in the body; None: as it is
@@ -78,7 +77,7 @@ class BodyMass:
 
 @dataclass(frozen=True)
 class OsimDocument:
-    """A model file as it was read."""
+    """Model file as it was read."""
 
     source: Path
     content: bytes
@@ -86,18 +85,27 @@ class OsimDocument:
     _spans: dict[ET.Element, _Span] = field(repr=False)
 
     def find_joint(self, name: str) -> ET.Element:
-        """The element of a joint."""
+        """Find the element of a joint."""
         return next(e for e in self.list_joints() if e.get("name", "") == name)
 
     def find_body(self, name: str) -> ET.Element:
-        """The element of a body."""
+        """Find the element of a body."""
         return next(
             e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name
         )
 
     def list_frames(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
-        """A body and the offset frames in it (OpenSim 4): path from the body on, pose in the body,
-        element.
+        """List a body and the offset frames in it (OpenSim 4).
+
+        Parameters
+        ----------
+        name : str
+            Name of the body.
+
+        Yields
+        ------
+        tuple
+            Path from the body on, pose in the body (m), element.
         """
         held = [(name, pin.SE3.Identity(), self.find_body(name))]
         while held:
@@ -112,18 +120,16 @@ class OsimDocument:
                     held.append((f"{path}/{frame.get('name', '')}", place, frame))
 
     def read_mass_centre(self, name: str) -> Array:
-        """(3,) m, of a body, in it."""
+        """Read the mass centre (3,) m of a body, in the body."""
         return read_numbers(self.find_body(name), "mass_center", self.source, count=3)
 
     def list_joints(self) -> Iterator[ET.Element]:
-        """All joints, of either generation of files."""
+        """List all joints of a file of either generation."""
         yield from self.model.findall("BodySet/objects/Body/Joint/*")
         yield from self.model.findall("JointSet/objects/*")
 
     def list_attached_elements(self, joint: str) -> list[str]:
-        """Names of elements elsewhere that are fixed to a frame of this joint, and so would move
-        with it.
-        """
+        """List names of elements that are fixed to a frame of this joint and move with it."""
         frames = {f"{joint}/{f.get('name')}" for f in self.find_joint(joint).findall("frames/*")}
         out = []
         for element in self.model.iter():
@@ -143,11 +149,23 @@ class OsimDocument:
         further: Iterable[tuple[ET.Element, Sequence[str], Sequence[Array]]] = (),
         meshes: Mapping[str, pin.SE3] | None = None,
     ) -> bytes:
-        """The file with joints elsewhere and bodies of other masses.
+        """Write the file with moved joints, new masses and moved attachments.
 
-        `places`: (joint, `parent` or `child`) -> its place in that body; `weights`: by body;
-        `further`: elements, and the numbers of some of their children; `meshes`: body -> motion of
-        what is drawn of it.
+        Parameters
+        ----------
+        places : mapping
+            (joint, `parent` or `child`) -> frame in that body.
+        weights : mapping, optional
+            Body -> mass, mass centre, inertia.
+        further : iterable of tuple
+            Elements, names of their children, and new numbers of these.
+        meshes : mapping, optional
+            Body -> rigid motion of its meshes, in the body.
+
+        Returns
+        -------
+        bytes
+            Content of the file; bytes that are not concerned stay.
         """
         edits = _Edits(self)
         for (name, end), place in places.items():
@@ -164,13 +182,14 @@ class OsimDocument:
 
 @dataclass
 class _Edits:
-    """Replacements of stretches of bytes, none over another."""
+    """Replacements of stretches of bytes that do not overlap."""
 
     document: OsimDocument
     found: list[tuple[int, int, bytes]] = field(default_factory=list)
     new_frames: dict[ET.Element, list[str]] = field(default_factory=dict)
 
     def place_joint(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
+        """Replace the frame of a joint in one body; insert one where it has none."""
         values = (
             place.translation,
             None if place.rotation is None else convert_to_body_fixed_xyz(place.rotation),
@@ -201,6 +220,7 @@ class _Edits:
             self.new_frames.setdefault(joint, []).append(frame_text)
 
     def replace_mass(self, body: ET.Element, weight: BodyMass) -> None:
+        """Replace mass and mass centre, and scale the moments of inertia."""
         source = self.document.source
         self.replace_numbers(
             body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre)
@@ -212,8 +232,9 @@ class _Edits:
                 )
 
     def move_meshes(self, body: ET.Element, pose: pin.SE3) -> None:
-        """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in
-        OpenSim 3 they get a place of their own.
+        """Move the meshes of a body or of an offset frame in it.
+
+        In OpenSim 4 they go into a further frame, in OpenSim 3 they get another transform.
         """
         content, spans = self.document.content, self.document._spans
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
@@ -251,6 +272,7 @@ class _Edits:
     def replace_numbers(
         self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]
     ) -> None:
+        """Replace the numbers in children of an element; insert missing children."""
         for tag, values in zip(tags, all_values, strict=True):
             if values is None:
                 continue
@@ -274,6 +296,7 @@ class _Edits:
                 self.found.append((span.inside, span.end, format_numbers(values).encode()))
 
     def apply(self) -> bytes:
+        """Apply all replacements."""
         content, spans = self.document.content, self.document._spans
         for joint, frames in self.new_frames.items():
             text, holder = "".join(frames), joint.find("frames")
@@ -294,8 +317,20 @@ class _Edits:
 
 
 def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
-    """The element that says what a socket is connected to; it is spelt otherwise in the betas of
-    OpenSim 4.
+    """Find the element that names what a socket is connected to.
+
+    Betas of OpenSim 4 spell it differently.
+
+    Parameters
+    ----------
+    element : ET.Element
+        Element with the socket.
+    socket : str
+        Name of the socket: `socket_parent_frame`.
+
+    Returns
+    -------
+    ET.Element or None
     """
     beta = f"{socket}_connectee_name"
     found = (element.find(tag) for tag in (socket, beta, beta.replace("socket_", "connector_", 1)))
@@ -303,9 +338,21 @@ def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
 
 
 def read_document(path: Path | str) -> OsimDocument:
-    """Read an OpenSim model file.
+    """Read an OpenSim model file for editing.
 
-    Raises InputError: The file cannot be read or is no OpenSim model.
+    Parameters
+    ----------
+    path : Path or str
+        Model file (.osim).
+
+    Returns
+    -------
+    OsimDocument
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is no OpenSim model.
     """
     path = Path(path)
 
@@ -332,7 +379,7 @@ def read_document(path: Path | str) -> OsimDocument:
 
 
 def _parse(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
-    """The root element, and where every element stands."""
+    """Parse the content: the root element, and the position of every element."""
     parser, builder = expat.ParserCreate(), ET.TreeBuilder()
     parser.buffer_text = True
     spans: dict[ET.Element, _Span] = {}
@@ -374,17 +421,41 @@ _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
 
 
 def read_osim(path: Path | str) -> PeerModel:
-    """Bodies, joints and markers of an OpenSim model file.
+    """Read bodies, joints and markers of an OpenSim model file.
 
-    Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not
-    understood.
+    Parameters
+    ----------
+    path : Path or str
+        Model file (.osim).
+
+    Returns
+    -------
+    PeerModel
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is no OpenSim model, or contains something unknown.
     """
     return build_peer_model(read_document(path))
 
 
 def build_peer_model(document: OsimDocument) -> PeerModel:
-    """Bodies, joints and markers of a model file that was read; InputError where something is not
-    understood.
+    """Build bodies, joints and markers from a document.
+
+    Parameters
+    ----------
+    document : OsimDocument
+        Model file as it was read.
+
+    Returns
+    -------
+    PeerModel
+
+    Raises
+    ------
+    InputError
+        The document contains something unknown.
     """
     model, path = document.model, document.source
     masses: dict[str, float] = {}
@@ -410,6 +481,7 @@ def build_peer_model(document: OsimDocument) -> PeerModel:
 
 
 def _read_markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
+    """Read label -> body and position (3,) m in it."""
     markers: dict[str, tuple[str, Array]] = {}
     offset = {
         path: (body, pose)
@@ -430,9 +502,7 @@ def _read_markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tu
 
 
 def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
-    """A joint of OpenSim 4 with its frames; with `child` one of OpenSim 3, which stands inside that
-    body.
-    """
+    """Read a joint of OpenSim 4, or with `child` one of OpenSim 3, inside that body."""
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
 
     def end(socket: str) -> tuple[str, pin.SE3]:
@@ -467,12 +537,13 @@ def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> Pe
 
 
 def _read_socket(element: ET.Element, socket: str) -> str:
-    """What a socket is connected to."""
+    """Read the path that a socket is connected to; empty without one."""
     found = find_socket(element, socket)
     return "" if found is None else (found.text or "").strip()
 
 
 def _read_pose(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
+    """Read a pose from the elements of a translation and of body-fixed x-y-z angles."""
     angles = read_numbers(element, orientation, path, count=3)
     return pin.SE3(
         convert_from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3)
@@ -482,6 +553,7 @@ def _read_pose(element: ET.Element, translation: str, orientation: str, path: Pa
 def _read_axes(
     element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path
 ) -> tuple[PeerAxis, ...] | None:
+    """Read the elementary motions of a joint; None for a kind of joint that is not known."""
     if element.tag in _SIMPLE:
         kinds = _SIMPLE[element.tag]
         names = [c.name for c in coordinates] + [None] * len(kinds)
@@ -509,6 +581,7 @@ def _read_axes(
 
 
 def _read_coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
+    """Read a coordinate with its range."""
     low, high = read_numbers(element, "range", path, count=2)
     default = float(read_numbers(element, "default_value", path, count=1)[0])
     locked = (element.findtext("locked") or "").strip() == "true"

@@ -1,14 +1,13 @@
-"""Where the bodies of an OpenSim model lie in our segments, how well that is known, how they stand,
-what they weigh.
+"""Registration of an OpenSim model's bodies on our segments; its standing posture and its masses.
 
-A body is laid on our segment by the rigid motion that fits the markers that both have on it,
-Kabsch's. With residuals e of n markers at x_k about their mean c and s^2 = |e|^2 / (3 n - 6), a
-point p of the body then has the covariance
+A body is registered on our segment by the rigid motion that fits their common markers (Kabsch).
+With residuals e of n markers at x_k about their mean c and s^2 = |e|^2 / (3 n - 6), a point p of
+the body has the covariance
 
     s^2 ( I / n + [p - c] J^-1 [p - c]^T ),    J = sum |x_k|^2 I - x_k x_k^T,
 
-and its turn s^2 J^-1. Where fewer than three are shared, points on the joints' axes stand in for
-markers, as both models have them; what they disagree in is then in the residual as well.
+and its rotation s^2 J^-1. With fewer than three common markers, points on the axes of joints
+replace markers, as both models have them; differences of these are then in the residual as well.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,7 +47,7 @@ children's an adult's had 28 and 32.)"""
 
 @dataclass(frozen=True, kw_only=True)
 class Registration:
-    """Where a body of the model lies in our segment, and how well that is known."""
+    """Pose of a body of the model in our segment, and its uncertainty."""
 
     segment: str
     body: str
@@ -63,13 +62,13 @@ class Registration:
     translation_variance: float  # m^2, of `centre` in each direction
 
     def compute_point_covariance(self, point: Array) -> Array:
-        """(3, 3) m^2, of a point (3,) of our segment as a place in the body."""
+        """Compute the covariance (3, 3) m^2 of a point (3,) m of our segment in the body."""
         arm = pin.skew(point - self.centre)
         out: Array = self.translation_variance * np.eye(3) + arm @ self.rotation_covariance @ arm.T
         return out
 
     def draw_pose(self, rng: np.random.Generator) -> pin.SE3:
-        """The pose with an error of its size."""
+        """Draw the pose of the body in our segment from its errors."""
         turn = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
         shift = rng.normal(size=3) * np.sqrt(self.translation_variance)
         about = pin.SE3(pin.exp3(turn), self.centre + shift) * pin.SE3(np.eye(3), -self.centre)
@@ -77,8 +76,19 @@ class Registration:
 
 
 def add_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
-    """The same person wearing the markers of the static trial, too, which stand at the ends of
-    bones.
+    """Add the markers of the static trial, at the ends of bones, to those of the model.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        Model of the person.
+    marker_set : MarkerSet
+        Landmarks of one label each are used.
+
+    Returns
+    -------
+    SubjectModel
+        Added markers have the weight 0.
     """
     m = model.markers
     at = {
@@ -104,10 +114,25 @@ def add_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
 def find_shared_markers(
     model: SubjectModel, peer: PeerModel, segment: str, body: str, moved: Iterable[str] = ()
 ) -> tuple[Array, Array]:
-    """Places (n, 3) m of the markers that both have on a segment: in the peer's body, and in our
-    segment.
+    """Find the markers that both models have on a segment.
 
-    `moved`: bodies below which a marker belongs to another segment.
+    Parameters
+    ----------
+    model : SubjectModel
+        Our model.
+    peer : PeerModel
+        OpenSim model.
+    segment, body : str
+        Our segment and its body.
+    moved : iterable of str
+        Bodies below which a marker belongs to another segment.
+
+    Returns
+    -------
+    theirs : (n, 3) Array
+        m, in the body.
+    ours : (n, 3) Array
+        m, in our segment.
     """
     theirs, ours = [], []
     labels, others = tuple(peer.markers), [b for b in moved if b != body]
@@ -135,10 +160,23 @@ def find_shared_markers(
 def register_body(
     segment: str, body: str, markers: int, theirs: Array, ours: Array, common: int | None = None
 ) -> Registration | None:
-    """A body laid on a segment by points (n, 3) m that both have; None where they do not determine
-    how it is turned.
+    """Register a body on a segment by common points.
 
-    `common`: shared markers, where the points are not these but of the joints' axes.
+    Parameters
+    ----------
+    segment, body : str
+        Our segment and its body.
+    markers : int
+        Number of our markers on the segment.
+    theirs, ours : (n, 3) Array
+        m, common points in the body and in our segment.
+    common : int, optional
+        Number of common markers, where the points are on the axes of joints instead.
+
+    Returns
+    -------
+    Registration or None
+        None where the points do not determine the rotation.
     """
     n = len(theirs)
     if n < FEWEST_MARKERS:
@@ -166,8 +204,21 @@ def register_body(
 
 
 def compute_joint_axis(joint: str, parameters: Parameters, in_parent: bool) -> Axis:
-    """The axis of one of our joints (of the hip the centre, and its first axis) in the frame of its
-    parent or child.
+    """Compute the axis of one of our joints; of a hip its centre and first axis.
+
+    Parameters
+    ----------
+    joint : str
+        Our joint (`knee_r`).
+    parameters : Parameters
+        Joint parameters.
+    in_parent : bool
+        Express it in the parent segment instead of the child.
+
+    Returns
+    -------
+    Axis
+        m, in the frame of that segment.
     """
     frames = osim_writer.get_joint_frames(JOINT_OF[joint], parameters)
     place = frames.in_parent if in_parent else frames.in_child
@@ -181,8 +232,23 @@ def perturb_joint(
     was: Parameters,
     drawn: Parameters,
 ) -> LegJoint:
-    """A joint of theirs, moved in both of its bodies as our axis is from one set of joint
-    parameters to another.
+    """Move a joint of the model as our axis moves from one set of parameters to another.
+
+    Parameters
+    ----------
+    leg : LegJoint
+        Joint of the model.
+    peer : PeerModel
+        OpenSim model.
+    bodies : mapping
+        Our segment -> registration.
+    was, drawn : Parameters
+        Joint parameters before and after.
+
+    Returns
+    -------
+    LegJoint
+        With moved frames in both bodies, and a moved hinge.
     """
     ours, joint, hinge = JOINT_OF[leg.ours], leg.theirs, leg.hinge
     steps = []
@@ -216,9 +282,7 @@ def _compute_rotation_into(
     bodies: Mapping[str, Registration],
     parameters: Parameters,
 ) -> pin.SE3:
-    """The turn from the axes of our segment to those of their body; of the talus all coordinates
-    zero.
-    """
+    """Compute the rotation from our segment's axes to a body's; talus at zero coordinates."""
     turn, side = np.eye(3), segment[-1]
     if segment not in bodies and (foot := f"foot_{side}") in bodies:
         frames = osim_writer.get_joint_frames(JOINT_OF[f"subtalar_{side}"], parameters)
@@ -232,10 +296,27 @@ def _compute_rotation_into(
 def register_bodies(
     model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]
 ) -> dict[str, Registration]:
-    """By our segment; pelvis, thighs, shanks and feet, as far as the model has them.
+    """Register pelvis, thighs, shanks and feet, as far as the model has them.
 
-    Raises InputError: A body has another person's size: `MISFIT`, and `MISFIT_OF_AXES` where no
-    three shared markers lay it on.
+    Parameters
+    ----------
+    model : SubjectModel
+        Our model.
+    peer : PeerModel
+        OpenSim model.
+    legs : sequence of LegJoint
+        Its leg joints.
+
+    Returns
+    -------
+    dict
+        Our segment -> registration.
+
+    Raises
+    ------
+    InputError
+        A body cannot be registered, or has the size of another person: `MISFIT`, or
+        `MISFIT_OF_AXES` with fewer than three common markers.
     """
     bodies: dict[str, str] = {}
     for leg in legs:
@@ -293,9 +374,10 @@ _ARM = 0.05  # m, on either side of a joint's centre: points that stand for its 
 def _list_axis_points(
     model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint], segment: str, body: str
 ) -> tuple[Array, Array]:
-    """Points (n, 3) m of the joints' axes in a body and in our segment, nominal joints; of pelvis
-    and foot, whose joints leave a turn open, also along the axes of their frames, taken to be
-    parallel.
+    """List points (n, 3) m on the axes of joints in a body and in our segment, nominal joints.
+
+    The joints of pelvis and foot leave a rotation open: points along the axes of their frames,
+    taken as parallel, are added.
     """
     theirs: list[Array] = []
     ours: list[Array] = []
@@ -348,10 +430,21 @@ _HOLD = 1e-6  # m per rad: what holds a coordinate of the standing posture that 
 
 
 def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
-    """Segment of pelvis and legs -> pose in the laboratory of the static trial.
+    """Fit the linkage to the markers of the static posture.
 
-    The linkage with these parameters, fitted to the markers where the nominal one in the static
-    posture has them.
+    The markers are where the nominal model has them in that posture.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        Our model, with its posture.
+    parameters : Parameters
+        Joint parameters of the linkage to fit.
+
+    Returns
+    -------
+    dict
+        Segment of pelvis and legs -> pose in the laboratory.
     """
     chain = get_chain("pelvis", LOWER_BODY)
     start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
@@ -360,10 +453,12 @@ def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[s
     local = model.markers.local[at]
 
     def poses(body: LinkageModel, q: Array) -> tuple[Array, Array]:
+        """Compute rotations and origins of the segments at q."""
         placed = Kinematics(body, q[None], columns=False)
         return placed.axes[..., 0], placed.origins[..., 0]
 
     def places(body: LinkageModel, q: Array) -> Array:
+        """Compute the positions (n, 3) m of the markers at q."""
         axes, origins = poses(body, q)
         out: Array = np.einsum("mji,mj->mi", axes[of], local) + origins[of]
         return out
@@ -384,7 +479,7 @@ def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[s
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentMass:
-    """A segment's mass in both models."""
+    """Mass of a segment in both models."""
 
     segment: str
     bodies: tuple[str, ...]
@@ -398,12 +493,29 @@ def compute_body_masses(
     peer: PeerModel,
     bodies: Mapping[str, Registration],
 ) -> tuple[dict[str, osim_reader.BodyMass], tuple[SegmentMass, ...]]:
-    """What the model's bodies weigh with our masses.
+    """Compute the masses of the model's bodies from those of our segments.
 
-    The bodies of a segment keep their shares of its mass, and their moments of inertia grow with
-    it. Of a segment that is registered (pelvis, thighs, shanks, feet), they are shifted together so
-    that its mass centre is ours, all coordinates zero. The trunk has the arms' mass where the model
-    has none. Bodies of no segment of ours keep theirs.
+    The bodies of a segment keep their shares of its mass; their moments of inertia scale with it.
+    The mass centres of the bodies of a registered segment (pelvis, thighs, shanks, feet) are
+    displaced together so that that of the segment is ours, at zero coordinates. The trunk gets the
+    mass of the arms where the model has none. Bodies of no segment of ours keep theirs.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Our inertial parameters.
+    document : OsimDocument
+        Model file, for mass centres.
+    peer : PeerModel
+        OpenSim model.
+    bodies : mapping
+        Our segment -> registration.
+
+    Returns
+    -------
+    dict
+        Body -> new mass.
+    tuple of SegmentMass
     """
     groups: dict[str, list[str]] = {}
     for body in peer.masses:
@@ -439,7 +551,20 @@ def compute_body_masses(
 
 
 def compute_relative_pose(peer: PeerModel, body: str, main: str) -> pin.SE3:
-    """Pose of a body in another of its segment, above or below it."""
+    """Compute the pose of a body in another one of its segment, above or below it.
+
+    Parameters
+    ----------
+    peer : PeerModel
+        OpenSim model.
+    body, main : str
+        Body, and the one in whose frame the pose is given.
+
+    Returns
+    -------
+    pin.SE3
+        m, at zero coordinates.
+    """
     return (
         peer.compute_body_pose(body, main)
         if peer.is_below(body, main)

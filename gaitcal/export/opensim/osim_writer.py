@@ -1,30 +1,30 @@
-r"""The linkage as other programs see it, and the model as an OpenSim 4 document (`.osim`).
+r"""Linkage in the form of other programs, and the model as an OpenSim 4 document (`.osim`).
 
 Each joint of the linkage is a sequence of elementary motions (`gaitcal.model.linkage`): constants,
 then the coordinates, then constants. With J the joint frame, the pose of the child in the parent is
 
     X_parent_child(q) = X_parent_J  M_1(q_1) ... M_n(q_n)  X_J_child,
 
-X_parent_J and X_J_child holding the joint parameters and the ankles' zero angles. Coordinates keep
-sign and zero. In the document each joint is a `CustomJoint` between two `PhysicalOffsetFrame`s;
-OpenSim first translates along axes of the parent's joint frame and then turns about three axes,
-each fixed in the frame left by the turn before: the order of our elements. The talus has no mass,
-as in our model; it lies between bodies with mass, so Simbody can simulate forwards, too.
-Coordinates that are held at zero are `locked`.
+where X_parent_J and X_J_child contain the joint parameters and the zero angles of the ankles.
+Coordinates keep sign and zero. In the document each joint is a `CustomJoint` between two
+`PhysicalOffsetFrame`s. OpenSim first translates along axes of the parent's joint frame and then
+rotates about three axes, each fixed in the frame after the rotation before: the order of our
+elements. The talus has no mass, as in our model; it is between bodies with mass, so Simbody can
+simulate forwards. Coordinates that are held at zero are `locked`.
 
-Rotations are written as three angles: body-fixed x-y-z in OpenSim, R = Rx(a) Ry(b) Rz(c). With a =
-atan2(-R_12, R_22) taken off first, Rx(-a) R = Ry(b) Rz(c) gives b and c from well-conditioned
-pairs, so that the three angles bring R back to rounding even where a and c are not unique.
+Rotations are written as three angles, body-fixed x-y-z in OpenSim, R = Rx(a) Ry(b) Rz(c). With a =
+atan2(-R_12, R_22) removed first, Rx(-a) R = Ry(b) Rz(c) gives b and c from well-conditioned pairs:
+the three angles reproduce R up to rounding even where a and c are not unique.
 
-Coordinates have ranges that living people stay within, for sliders and documentation; they contain
-those of Rajagopal et al. (2016), whose names and signs they have. Nothing enforces them (OpenSim:
-unclamped; MuJoCo: unlimited), because a calibrated linkage may pass them and must stay the same
+Ranges of coordinates are for sliders and documentation. They contain the range of living people and
+those of Rajagopal et al. (2016), whose names and signs they have. They are not enforced (OpenSim:
+unclamped; MuJoCo: unlimited), because a calibrated linkage may exceed them and must stay the same
 mechanical system.
 
-Names of markers and subjects are made fit for every program that reads the files, reversibly:
-OpenSim refuses white space and `\ / * +` in names; XML cannot hold control characters at all. Such
-characters, and those that mean something in XML or here (`< > & " ' %`), are written as `%XX`, one
-per byte of their UTF-8 form. No name is ever used as a path.
+Names of markers and subjects are encoded reversibly for every program that reads the files: OpenSim
+refuses white space and `\ / * +` in names, and XML cannot contain control characters. These, and
+characters with a meaning in XML or here (`< > & " ' %`), are written as `%XX`, one for each byte of
+their UTF-8 form. No name is used as a path.
 """
 
 import math
@@ -63,7 +63,7 @@ DOCUMENT_VERSION = "40000"  # Of the oldest OpenSim 4; later versions read it un
 
 @dataclass(frozen=True, kw_only=True)
 class JointFrames:
-    """One joint: where it sits in its two segments, and how it moves."""
+    """Frames of one joint in its two segments, and its motions."""
 
     name: str
     parent: str  # A segment, or `ground`
@@ -77,13 +77,13 @@ class JointFrames:
 
     @property
     def in_child(self) -> pin.SE3:
-        """X_child_J: where the joint sits in its child."""
+        """X_child_J: frame of the joint in its child."""
         return self.to_child.inverse()
 
 
 @dataclass(frozen=True)
 class SegmentInertia:
-    """Mass, mass centre and principal moments, axes parallel to the segment's."""
+    """Mass, mass centre and principal moments, about axes parallel to those of the segment."""
 
     mass: float  # kg; 0 for the talus
     centre: Array  # (3,) m, in the segment frame
@@ -91,9 +91,17 @@ class SegmentInertia:
 
 
 def list_joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
-    """Read all 14 joints off the Pinocchio model, that of the pelvis in the laboratory first.
+    """List all 14 joints of the Pinocchio model, each after the joint of its parent.
 
-    Each comes after the joint of its parent.
+    Parameters
+    ----------
+    parameters : Parameters
+        Joint parameters.
+
+    Returns
+    -------
+    tuple of JointFrames
+        The first is that of the pelvis in the laboratory.
     """
     root = Joint("ground_pelvis", GROUND, "pelvis", make_root_elements("pelvis"))
     body = get_chain().body(parameters)
@@ -101,13 +109,14 @@ def list_joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
 
 
 def get_joint_frames(joint: Joint, parameters: Parameters) -> JointFrames:
-    """Read one joint off the Pinocchio model."""
+    """Get one joint of the Pinocchio model."""
     return _extract_joint_frames(
         get_chain(joint.parent, (joint.parent, joint.child)).body(parameters), joint
     )
 
 
 def _extract_joint_frames(body: LinkageModel, joint: Joint) -> JointFrames:
+    """Extract one joint from the placements of a Pinocchio model."""
     moving = [i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE]
     motions = joint.elements[moving[0] : moving[-1] + 1]
     placements = dict(zip(body.chain.segments, body.segment_placement, strict=True))
@@ -124,19 +133,19 @@ def _extract_joint_frames(body: LinkageModel, joint: Joint) -> JointFrames:
 
 
 def _undo_half_turn(motion: Element) -> pin.SE3:
-    """Between the frame of a joint and its axes before it was turned to reverse its own."""
+    """Undo the half turn by which the Pinocchio model reverses an axis."""
     return pin.SE3(np.eye(3) if motion.sign > 0 else HALF_TURNS[motion.axis], np.zeros(3))
 
 
 def make_axis_vector(element: Element) -> Array:
-    """(3,) unit axis of a coordinate, with its sign."""
+    """Make the unit axis (3,) of a coordinate, with its sign."""
     axis = np.zeros(3)
     axis[element.axis] = element.sign
     return axis
 
 
 def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
-    """The inertia of one segment."""
+    """Get mass (kg), mass centre (m) and principal moments (kg m^2) of one segment."""
     if segment not in MASSIVE_SEGMENTS:
         return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
     row = view_as_table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
@@ -144,25 +153,48 @@ def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
 
 
 def convert_to_body_fixed_xyz(rotation: Array) -> Array:
-    """(3,) rad: a, b, c of R = Rx(a) Ry(b) Rz(c), as in OpenSim's `orientation`."""
+    """Convert a rotation to body-fixed x-y-z angles, as in OpenSim's `orientation`.
+
+    Parameters
+    ----------
+    rotation : (3, 3) Array
+        R = Rx(a) Ry(b) Rz(c).
+
+    Returns
+    -------
+    (3,) Array
+        rad, a, b, c.
+    """
     a = np.arctan2(-rotation[1, 2], rotation[2, 2])
     rest = make_axis_rotation(0, -float(a)) @ rotation
     return np.array([a, np.arctan2(rest[0, 2], rest[2, 2]), np.arctan2(rest[1, 0], rest[1, 1])])
 
 
 def convert_to_space_fixed_xyz(rotation: Array) -> Array:
-    """(3,) rad: roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF's `rpy`."""
+    """Convert a rotation to roll, pitch, yaw, as in URDF's `rpy`.
+
+    Parameters
+    ----------
+    rotation : (3, 3) Array
+        R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Returns
+    -------
+    (3,) Array
+        rad, roll, pitch, yaw.
+    """
     return -convert_to_body_fixed_xyz(rotation.T)
 
 
 def convert_from_body_fixed_xyz(angles: Array) -> Array:
-    """(3, 3) rotation Rx(a) Ry(b) Rz(c)."""
+    """Convert body-fixed x-y-z angles (3,) rad to the rotation (3, 3) Rx(a) Ry(b) Rz(c)."""
     a, b, c = (float(angle) for angle in angles)
     rotation: Array = make_axis_rotation(0, a) @ make_axis_rotation(1, b) @ make_axis_rotation(2, c)
     return rotation
 
 
 def _get_range(coordinate: str) -> tuple[float, float]:
+    """Get the usual range of a coordinate, m or rad."""
     if is_translation(coordinate):
         return TRANSLATION_RANGES[coordinate]
     low, high = COORDINATE_TABLE[split_side(coordinate)[0]].usual
@@ -179,8 +211,16 @@ _EMPTY = "%"
 
 
 def encode_name(name: str) -> str:
-    """`name` with every troublesome character as `%XX`; never empty; different names stay
-    different.
+    """Encode troublesome characters as `%XX`; never empty, and different names stay different.
+
+    Parameters
+    ----------
+    name : str
+        Name of a marker, subject or trial.
+
+    Returns
+    -------
+    str
     """
     out = ""
     for character in name:
@@ -191,11 +231,12 @@ def encode_name(name: str) -> str:
 
 
 def decode_name(name: str) -> str:
-    """The name that `safe_name` was given; a name that it cannot have written comes back as it is."""
+    """Decode a name that `encode_name` made; any other name stays."""
     return "" if name == _EMPTY else re.sub("(?:%[0-9A-F]{2})+", _unescape, name)
 
 
 def _unescape(match: re.Match[str]) -> str:
+    """Decode one row of bytes; bytes that are not UTF-8 stay."""
     try:
         return bytes.fromhex(match.group().replace("%", "")).decode("utf-8", errors="surrogatepass")
     except UnicodeDecodeError:
@@ -203,16 +244,12 @@ def _unescape(match: re.Match[str]) -> str:
 
 
 def format_numbers(values: Iterable[float]) -> str:
-    """Numbers separated by blanks, each with as many digits as bring it back exactly; no negative
-    zeros.
-    """
+    """Format numbers with blanks between, as many digits as needed, and no negative zeros."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def strip_control_characters(text: str) -> str:
-    """`text` without the characters that XML cannot hold: they become U+FFFD. Markup is escaped on
-    writing.
-    """
+    """Replace characters that XML cannot contain by U+FFFD. Markup is escaped on writing."""
     return "".join(
         c if c.isprintable() or c in "\n\t" else "\N{REPLACEMENT CHARACTER}" for c in text
     )
@@ -221,14 +258,30 @@ def strip_control_characters(text: str) -> str:
 def add_child(
     parent: ET.Element, tag: str, text: str | None = None, **attributes: str
 ) -> ET.Element:
-    """A new child element of `parent`."""
+    """Add a child element to `parent`.
+
+    Parameters
+    ----------
+    parent : ET.Element
+        Parent of the new element.
+    tag : str
+        Tag.
+    text : str, optional
+        Text.
+    **attributes : str
+        Attributes.
+
+    Returns
+    -------
+    ET.Element
+    """
     element = ET.SubElement(parent, tag, attributes)
     element.text = text
     return element
 
 
 def write_xml(root: ET.Element, path: Path | str) -> None:
-    """Write an indented UTF-8 document, whole or not at all."""
+    """Write an indented UTF-8 document, completely or not at all."""
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     write_text_atomically(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
@@ -238,9 +291,14 @@ def write_xml(root: ET.Element, path: Path | str) -> None:
 
 
 def write_osim(model: SubjectModel, path: Path | str) -> None:
-    """Write `model` for OpenSim 4.0 or newer: m, kg, rad; y up; same coordinates q as ours.
+    """Write the model for OpenSim 4.0 or newer: m, kg, rad; y up; the same coordinates q as ours.
 
-    Names of markers and of the subject are written by `safe_name`.
+    Parameters
+    ----------
+    model : SubjectModel
+        Model; names of markers and of the subject are written by `encode_name`.
+    path : Path or str
+        File to write (.osim).
     """
     document = ET.Element("OpenSimDocument", Version=DOCUMENT_VERSION)
     top = add_child(document, "Model", name=encode_name(model.subject.name))
@@ -272,6 +330,7 @@ def write_osim(model: SubjectModel, path: Path | str) -> None:
 
 
 def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...]) -> None:
+    """Add a joint with its coordinates, offset frames and transform."""
     joint = add_child(joints, "CustomJoint", name=frames.name)
     in_parent, in_child = f"{frames.parent}_offset", f"{frames.child}_offset"
     add_child(joint, "socket_parent_frame", in_parent)
@@ -300,9 +359,7 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
 
 
 def _add_axes(transform: ET.Element, kind: str, motions: list[Element]) -> None:
-    """Three axes of the transform: those of the coordinates, then the axes left over, which do not
-    move.
-    """
+    """Add three axes of the transform: those of the coordinates, then the remaining, fixed ones."""
     idle = [axis for axis in range(3) if axis not in {m.axis for m in motions}]
     for number in range(3):
         axis = add_child(transform, "TransformAxis", name=f"{kind}{number + 1}")

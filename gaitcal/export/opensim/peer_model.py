@@ -1,28 +1,27 @@
-"""An OpenSim model as far as comparing joint axes needs it: bodies, joints, markers; read from the
-XML alone.
+"""OpenSim model for the comparison of joint axes: bodies, joints, markers, leg geometry.
 
-Files of OpenSim 3 keep each joint inside its child body, those of OpenSim 4 in a `JointSet` with
-offset frames; both come out as the same `PeerJoint`. With P and C the offset frames in parent and
-child body,
+Files of OpenSim 3 have each joint inside its child body, those of OpenSim 4 a `JointSet` with
+offset frames; both become the same `PeerJoint`. With P and C the offset frames in parent and child
+body,
 
     X_parent_child(q) = P  Tr(translation(q)) R_1(q) R_2(q) R_3(q)  C^-1,
 
 each amount a function of one coordinate, evaluated here without OpenSim. Its `SimmSpline` is the
-cubic spline of Forsythe, Malcolm, Moler 1977 (chapter 4): at either end its third derivative is
-that of the cubic through the four points there; beyond the points it goes on as a straight line.
+cubic spline of Forsythe, Malcolm, Moler 1977 (chapter 4): at both ends its third derivative is that
+of the cubic through the four points there; beyond the points it continues as a straight line.
 
-Hip centre, knee, talocrural and subtalar axis of one leg: of our model and of a peer's, in the same
-terms.
+`LegGeometry` has hip centre, knee, talocrural and subtalar axis of one leg, of our model and of a
+peer's.
 
-A peer's joints may roll and slide: its axes are those of the whole displacement over the range of
-walking. Such a displacement x -> R x + t is a turn by theta about an axis n and a slide along it
-(Chasles). n is the fixed direction of R; with t_p the part of t across n, a point of the axis is
+Joints of a peer may roll and slide: their axis is that of the whole displacement over the range of
+walking. Such a displacement x -> R x + t is a rotation by theta about an axis n and a translation
+along it (Chasles). n is the fixed direction of R; with t_p the part of t across n, a point of the
+axis is
 
     c = (t_p + cot(theta / 2) n x t_p) / 2.
 
-The centre of a joint is the point of its axis nearest to the origin of its joint frame, all
-coordinates zero; for a hinge that is the origin itself. Lengths, from centre to centre, need no
-common frame.
+The centre of a joint is the point of its axis nearest to the origin of its joint frame at zero
+coordinates; for a hinge it is that origin. Lengths, from centre to centre, need no common frame.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class PeerAxis:
 
 @dataclass(frozen=True, kw_only=True)
 class PeerJoint:
-    """A joint between two bodies."""
+    """Joint between two bodies."""
 
     name: str
     kind: str  # Tag of the element: CustomJoint, PinJoint, ..
@@ -82,7 +81,7 @@ class PeerJoint:
 
 @dataclass(frozen=True)
 class PeerModel:
-    """What was read."""
+    """Bodies, joints and markers of an OpenSim model."""
 
     source: str
     masses: dict[str, float]  # Body -> kg, in the order of the file
@@ -90,19 +89,35 @@ class PeerModel:
     markers: dict[str, tuple[str, Array]]  # Label -> body and position (3,) m in it
 
     def find_joint(self, coordinate: str) -> PeerJoint | None:
-        """The joint that has a coordinate of this name."""
+        """Find the joint that has a coordinate of this name; None without one."""
         return next(
             (j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)),
             None,
         )
 
     def replace_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
-        """With other joints for those between the same bodies."""
+        """Replace joints by others between the same bodies."""
         return replace(self, joints=self.joints | {joint.child: joint for joint in joints})
 
     def compute_joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
-        """Pose of the child in the parent; coordinates not in `values` are zero, or at their
-        default if locked.
+        """Compute the pose of a joint's child in its parent.
+
+        Parameters
+        ----------
+        joint : PeerJoint
+            Joint of the model.
+        values : mapping
+            Coordinate -> rad (m). Others are zero, or at their default if locked.
+
+        Returns
+        -------
+        pin.SE3
+            m
+
+        Raises
+        ------
+        InputError
+            The kind of joint is not known.
         """
         if joint.axes is None:
             message = f"a {joint.kind} is not understood"
@@ -124,18 +139,33 @@ class PeerModel:
     def compute_body_pose(
         self, body: str, ancestor: str, values: Mapping[str, float] | None = None
     ) -> pin.SE3:
-        """Pose of a body in the frame of one of its ancestors; coordinates as in `joint_pose`."""
+        """Compute the pose of a body in an ancestor; parameters as of `compute_joint_pose`."""
         pose = pin.SE3.Identity()
         for joint in reversed(self.list_joints_between(ancestor, body)):
             pose = self.compute_joint_pose(joint, values or {}) * pose
         return pose
 
     def is_below(self, body: str, ancestor: str) -> bool:
-        """Whether `ancestor` is the body itself or on its way to the ground."""
+        """Check whether `ancestor` is the body itself or between it and the ground."""
         return None not in self._list_joints_up(body, ancestor)
 
     def list_joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
-        """The joints from a body down to one below it, in that order."""
+        """List the joints from a body down to one below it, in that order.
+
+        Parameters
+        ----------
+        ancestor, body : str
+            Upper and lower body.
+
+        Returns
+        -------
+        list of PeerJoint
+
+        Raises
+        ------
+        InputError
+            The lower body is not below the upper one.
+        """
         joints: list[PeerJoint] = []
         for joint in self._list_joints_up(body, ancestor):
             if joint is None:
@@ -148,9 +178,7 @@ class PeerModel:
         return joints
 
     def _list_joints_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
-        """The joints from a body up to one of its ancestors; None at the end where it does not hang
-        on that one.
-        """
+        """List the joints from a body up to an ancestor; None at the end if it is not below."""
         joints: list[PeerJoint | None] = []
         while body != ancestor:
             joint = (
@@ -179,8 +207,27 @@ _TAGS = (
 def read_numbers(
     element: ET.Element | None, tag: str, source: Path, *, count: int | None = None
 ) -> Array:
-    """The numbers in the child `tag`; zeros (`count`) where it is absent; InputError where they are
-    not numbers.
+    """Read the numbers in a child of an element.
+
+    Parameters
+    ----------
+    element : ET.Element or None
+        Element.
+    tag : str
+        Tag of the child.
+    source : Path
+        File that error messages name.
+    count : int, optional
+        Required number; as many zeros where the child is missing.
+
+    Returns
+    -------
+    (n,) Array
+
+    Raises
+    ------
+    InputError
+        Text is not a number, or not finite, or there are not `count` of them.
     """
     text = element.findtext(tag) if element is not None else None
     if text is None or not text.strip():
@@ -198,11 +245,20 @@ def read_numbers(
 
 
 def read_function(holder: ET.Element, source: Path) -> Function | None:
-    """The function inside `holder` (a `TransformAxis` or a `MultiplierFunction`), of either
-    generation of files.
+    """Read the function inside a `TransformAxis` or `MultiplierFunction`, of either generation.
 
-    Where there is none, zero: the default of OpenSim's own `TransformAxis` (Constant(0),
-    TransformAxis.cpp). None for a function of a kind that is not understood.
+    Parameters
+    ----------
+    holder : ET.Element
+        Element with the function.
+    source : Path
+        File that error messages name.
+
+    Returns
+    -------
+    Function or None
+        None for an unknown kind. Zero where there is no function: the default of OpenSim's
+        `TransformAxis` (Constant(0), TransformAxis.cpp).
     """
     wrapped = holder.find("function")
     inside = holder if wrapped is None else wrapped
@@ -214,6 +270,7 @@ def read_function(holder: ET.Element, source: Path) -> Function | None:
 
 
 def _parse_function(element: ET.Element, source: Path) -> Function | None:
+    """Parse the element of a function."""
     if element.tag == "Constant":
         value = float(read_numbers(element, "value", source, count=1)[0])
         return lambda _: value
@@ -242,6 +299,7 @@ def _parse_function(element: ET.Element, source: Path) -> Function | None:
 
 
 def _make_spline(x: Array, y: Array) -> Function:
+    """Make OpenSim's cubic spline, continued as straight lines."""
     ends = [
         6.0 * _compute_third_difference(x[part], y[part])
         for part in (slice(None, 4), slice(-4, None))
@@ -257,6 +315,7 @@ def _make_spline(x: Array, y: Array) -> Function:
 
 
 def _compute_third_difference(x: Array, y: Array) -> float:
+    """Compute the third divided difference of four points."""
     for order in range(1, 4):
         y = np.diff(y) / (x[order:] - x[:-order])
     return float(y[0])
@@ -269,9 +328,7 @@ SUBTALAR_SWEEP = math.radians(10.0)  # To either side
 
 @dataclass(frozen=True, kw_only=True)
 class LegGeometry:
-    """Where the joints of one leg lie, each in the frames of the segments it connects; None where
-    unknown.
-    """
+    """Joints of one leg, each in the frames of the segments it connects; None where unknown."""
 
     hip_in_pelvis: Array | None  # (3,) m
     hip_in_thigh: Array | None  # (3,) m
@@ -285,7 +342,7 @@ class LegGeometry:
 
 
 def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
-    """The geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
+    """Measure the geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
     frames = {joint.name: joint for joint in list_joint_frames(parameters)}
     hip, knee, ankle, subtalar = (
         frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar")
@@ -310,9 +367,7 @@ def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
 
 
 def find_leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
-    """The peer's body for each of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, as far as
-    it has them.
-    """
+    """Find the bodies of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, if present."""
     bodies: dict[str, str] = {}
     if hip := peer.find_joint(f"hip_flexion_{side}"):
         bodies |= {"pelvis": hip.parent, f"thigh_{side}": hip.child}
@@ -325,11 +380,21 @@ def find_leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
 
 
 def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> LegGeometry:
-    """The geometry of one leg (`r` or `l`) of a peer's model.
+    """Measure the geometry of one leg of a peer's model.
 
-    `registration` holds, per segment of ours, the pose of the peer's body of that segment
-    (`leg_bodies`) in our segment frame; positions and directions in a segment that is not listed
-    stay None.
+    Parameters
+    ----------
+    peer : PeerModel
+        Model.
+    side : {"r", "l"}
+        Leg.
+    registration : dict
+        Our segment -> pose of its body (`find_leg_bodies`) in our segment frame.
+
+    Returns
+    -------
+    LegGeometry
+        Positions and directions in a segment without registration are None.
     """
     bodies = find_leg_bodies(peer, side)
     hip, knee = peer.find_joint(f"hip_flexion_{side}"), peer.find_joint(f"knee_angle_{side}")
@@ -399,12 +464,12 @@ def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3
 
 
 def _get_axis(frame: pin.SE3, coordinate: int) -> Axis:
-    """An axis of a joint's frame."""
+    """Get an axis of a joint's frame."""
     return Axis(frame.translation, frame.rotation[:, coordinate])
 
 
 def _find_knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
-    """In the frame of the joint's parent; flexion is the direction in which the range is longer."""
+    """Find the axis of flexion, the direction of the longer range, in the joint's parent."""
     c = next(c for c in knee.coordinates if c.name == coordinate)
     axis = _find_swept_axis(
         peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP
@@ -415,14 +480,14 @@ def _find_knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis |
 def _find_swept_axis(
     peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float
 ) -> Axis | None:
-    """Axis, in the joint's parent, of the motion from one value of a coordinate to another."""
+    """Find the axis, in the joint's parent, of the motion between two values of a coordinate."""
     return find_displacement_axis(
         *(peer.compute_joint_pose(joint, {coordinate: amount}) for amount in (start, end))
     )
 
 
 def _centre_axis(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
-    """The axis, in the joint's parent, told by the centre of the joint."""
+    """Take the centre of the joint as the point of its axis, in the joint's parent."""
     return Axis(
         axis.find_nearest((peer.compute_joint_pose(joint, {}) * joint.in_child).translation),
         axis.direction,
@@ -430,44 +495,47 @@ def _centre_axis(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
 
 
 def _measure_distance(a: Array, b: Array) -> float:
+    """Measure the distance (m) of two points."""
     return float(np.linalg.norm(a - b))
 
 
 def _transform_point(point: Array | None, pose: pin.SE3 | None) -> Array | None:
+    """Transform a point; None stays."""
     return None if point is None or pose is None else np.asarray(pose.act(point))
 
 
 def _transform_axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None:
+    """Transform an axis, directed along coordinate `positive`; None stays."""
     return None if axis is None or pose is None else axis.transform(pose).direct_along(positive)
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A directed line."""
+    """Directed line."""
 
     point: Array  # (3,) m, on the line
     direction: Array  # (3,) unit vector
 
     def transform(self, pose: pin.SE3) -> Axis:
-        """The same line in the frame in which `pose` is given."""
+        """Express the line in the frame in which `pose` is given."""
         return Axis(pose.act(self.point), pose.rotation @ self.direction)
 
     def find_nearest(self, point: Array) -> Array:
-        """(3,) m: the point of the line nearest to `point`."""
+        """Find the point (3,) m of the line nearest to `point` (3,) m."""
         nearest: Array = self.point + self.direction * float(self.direction @ (point - self.point))
         return nearest
 
     def measure_distance(self, point: Array) -> float:
-        """Distance of a point from the line, m."""
+        """Measure the distance (m) of a point (3,) m from the line."""
         return float(np.linalg.norm(self.find_nearest(point) - point))
 
     def find_crossing(self, axis: int) -> Array:
-        """(3,) m: where the line crosses the plane on which coordinate `axis` is zero."""
+        """Find the point (3,) m where the line crosses the plane with zero coordinate `axis`."""
         crossing: Array = self.point - self.direction * (self.point[axis] / self.direction[axis])
         return crossing
 
     def direct_along(self, axis: int) -> Axis:
-        """The line directed so that coordinate `axis` of its direction is positive."""
+        """Direct the line so that coordinate `axis` of its direction is positive."""
         return Axis(self.point, self.direction if self.direction[axis] >= 0.0 else -self.direction)
 
 
@@ -475,8 +543,17 @@ SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth th
 
 
 def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
-    """Axis of the displacement from one pose to another, in the frame in which both are given; None
-    without a turn.
+    """Find the axis of the displacement from one pose to another.
+
+    Parameters
+    ----------
+    start, end : pin.SE3
+        Poses in one frame.
+
+    Returns
+    -------
+    Axis or None
+        In the frame of the poses; None without a rotation.
     """
     step = end * start.inverse()
     turn = pin.log3(step.rotation)
@@ -489,7 +566,7 @@ def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
 
 
 def measure_line_distance(a: Axis, b: Axis) -> float:
-    """Shortest distance of two lines, m."""
+    """Measure the shortest distance (m) of two lines."""
     normal = np.cross(a.direction, b.direction)
     size = float(np.linalg.norm(normal))
     if size < 1e-9:

@@ -1,11 +1,10 @@
-"""What putting joints into a model did, in tables and sentences: for the screen, and for a page
-beside the model.
+"""Report of a joint transfer in tables and sentences, for the screen and for a page.
 
-Lengths and moment arms of muscles are OpenSim's own, where it is installed. Every coordinate of the
-legs goes through its range, the others at their default. A moment arm r is minus the change of a
-muscle's length with the coordinate, all constraints held. Between two neighbouring values the
-length must change by -(r_1 + r_2) / 2 times the step; where it does not by more than `JUMP`, the
-muscle has jumped over a wrapping surface.
+Lengths and moment arms of muscles are OpenSim's, where it is installed. Each coordinate of the legs
+goes through its range, with the others at their default. A moment arm r is minus the derivative of
+a muscle's length with respect to the coordinate, with all constraints satisfied. Between two
+neighbouring values the length must change by -(r_1 + r_2) / 2 times the step. Where it differs by
+more than `JUMP`, the muscle has jumped over a wrapping surface.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,28 +53,39 @@ class MuscleChange:
 
     @property
     def worst(self) -> int:
-        """Where in the range its moment arm changes most."""
+        """Index in the range at which the moment arm changes most."""
         return int(np.argmax(np.abs(self.after.arm - self.before.arm)))
 
     @property
     def lengthened(self) -> float:
-        """m, the largest change of its length, with its sign."""
+        """m, largest change of the length, with its sign."""
         by = self.after.length - self.before.length
         return float(by[np.argmax(np.abs(by))])
 
     @property
     def new_jumps(self) -> tuple[float, ...]:
-        """rad, where the muscle jumps that did not before."""
+        """rad, values at which the muscle jumps after the transfer only."""
         return tuple(v for v in self.after.jumps if v not in self.before.jumps)
 
 
 def is_opensim_installed() -> bool:
-    """Whether muscles can be looked at."""
+    """Check whether OpenSim can compute muscles."""
     return find_spec("opensim") is not None
 
 
 def list_leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]:
-    """Coordinate of the model's legs -> (n,) rad, its range; locked ones are left out."""
+    """List the coordinates of the legs, except locked ones, with values over their range.
+
+    Parameters
+    ----------
+    legs : sequence of LegJoint
+        Leg joints of the model.
+
+    Returns
+    -------
+    dict
+        Coordinate -> (n,) rad.
+    """
     return {
         c.name: np.linspace(c.low, c.high, VALUES)
         for leg in legs
@@ -89,9 +99,24 @@ def list_leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, A
 def compute_muscle_paths(
     osim: Path, ranges: Mapping[str, Array]
 ) -> dict[tuple[str, str], MusclePath]:
-    """(muscle, coordinate) -> its path, of every muscle that crosses the coordinate.
+    """Compute length and moment arms of every muscle that crosses a coordinate.
 
-    Raises InputError: OpenSim cannot load or assemble the model.
+    Parameters
+    ----------
+    osim : Path
+        Model file.
+    ranges : mapping
+        Coordinate -> (n,) rad.
+
+    Returns
+    -------
+    dict
+        (muscle, coordinate) -> path.
+
+    Raises
+    ------
+    InputError
+        OpenSim cannot load or assemble the model.
     """
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
@@ -142,7 +167,17 @@ def compute_muscle_paths(
 def compare_muscles(
     before: Mapping[tuple[str, str], MusclePath], after: Mapping[tuple[str, str], MusclePath]
 ) -> list[MuscleChange]:
-    """Muscles that cross a coordinate in both models, the largest change of a moment arm first."""
+    """Compare muscles that cross a coordinate in both models, the largest change of an arm first.
+
+    Parameters
+    ----------
+    before, after : mapping
+        (muscle, coordinate) -> path.
+
+    Returns
+    -------
+    list of MuscleChange
+    """
     both = [
         MuscleChange(before=path, after=after[key]) for key, path in before.items() if key in after
     ]
@@ -152,9 +187,7 @@ def compare_muscles(
 def compute_arm_deviations(
     change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]
 ) -> Array | None:
-    """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than
-    two.
-    """
+    """Compute standard deviations (n,) m of a moment arm over draws; None with fewer than two."""
     key = change.before.muscle, change.before.coordinate
     arms = np.array([draw[key].arm for draw in draws if key in draw])
     return arms.std(axis=0, ddof=1) if len(arms) > 1 else None
@@ -168,7 +201,20 @@ MUSCLES_HEADER = (
 def format_muscles_csv(
     changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
 ) -> str:
-    """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
+    """Format a CSV file with a row for each muscle, coordinate and value.
+
+    Parameters
+    ----------
+    changes : sequence of MuscleChange
+        Muscles before and after.
+    draws : sequence of mapping
+        Paths of draws of the model; `arm_sd_mm` is empty with fewer than two.
+
+    Returns
+    -------
+    str
+        Columns `MUSCLES_HEADER`.
+    """
     lines = [MUSCLES_HEADER]
     for change in changes:
         key, spread = (
@@ -195,7 +241,7 @@ ROLLS = 0.1  # mm, deg: standing bones that are off by more are told
 
 @dataclass(frozen=True, kw_only=True)
 class AccountTable:
-    """Columns of words to the left of columns of numbers."""
+    """Table with columns of text on the left of columns of numbers."""
 
     title: str
     description: str  # What its figures are, in a sentence
@@ -208,7 +254,17 @@ class AccountTable:
 
 
 def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
-    """Bodies and segments, joints, masses, and what went with bones."""
+    """Make tables of registrations, joints, masses, and of what moved with bones.
+
+    Parameters
+    ----------
+    done : CalibratedOsim
+        Result of the transfer.
+
+    Yields
+    ------
+    AccountTable
+    """
     yield AccountTable(
         title="Which body is which segment",
         description="Markers of the segment, those that the model has, too, and how far these disagree, "
@@ -253,6 +309,7 @@ def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTa
 
 
 def _make_joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]]:
+    """Make a row for both bodies of each joint."""
     legs = {leg.ours: leg for leg in done.legs}
     for move in done.joints:
         found_by = legs[move.joint].found_by if move.joint in legs else ""
@@ -273,7 +330,17 @@ def _make_joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str,
 
 
 def describe_transfer(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
-    """Joints that stay, joints that are no hinges, and what else the user should know."""
+    """Describe joints that stay, joints that are no hinges, and notes, a sentence each.
+
+    Parameters
+    ----------
+    done : CalibratedOsim
+        Result of the transfer.
+
+    Yields
+    ------
+    str
+    """
     for verdict in (joint_moves.MoveOutcome.UNDETERMINED, joint_moves.MoveOutcome.ABSENT):
         if which := [move.joint for move in done.joints if move.outcome is verdict]:
             yield f"{', '.join(which)}: {verdict.value}"
@@ -290,7 +357,19 @@ def describe_transfer(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
 def make_muscle_table(
     changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
 ) -> AccountTable:
-    """Every muscle about every coordinate, where in the range its moment arm changes most."""
+    """Make a table of every muscle and coordinate, where its moment arm changes most.
+
+    Parameters
+    ----------
+    changes : sequence of MuscleChange
+        Muscles before and after.
+    draws : sequence of mapping
+        Paths of draws of the model, for standard deviations.
+
+    Returns
+    -------
+    AccountTable
+    """
     rows = []
     for change in changes:
         k, spread = change.worst, compute_arm_deviations(change, draws)

@@ -95,9 +95,9 @@ def of_an_export() -> str:
     """The other page of this kind, wide tables on it."""
     heads = {
         "title": "Every joint",
-        "says": "Moved.",
-        "words": ("joint", "body"),
-        "numbers": ("mm", "+-", "deg", "far"),
+        "description": "Moved.",
+        "text_columns": ("joint", "body"),
+        "number_columns": ("mm", "+-", "deg", "far"),
     }
     table = AccountTable(
         **heads, rows=(("hip_r", HOSTILE, "1.2", "0.3", "", "31, 42, 55, 67, 78, 89"),) * 30
