@@ -24,17 +24,17 @@ from gaitcal.io.result_folder import (
     write_result_folder,
 )
 from gaitcal.montecarlo import draw
-from gaitcal.montecarlo.case import MODEL, case_from, read_case
+from gaitcal.montecarlo.case import MODEL, load_case, read_case
 from gaitcal.montecarlo.draw_statistics import (
     FEWEST,
-    left_out,
-    levels_of,
-    linear_agreement,
-    statistics,
-    unconverged,
-    variance_contributions,
+    compute_linear_agreement,
+    compute_statistics,
+    compute_variance_contributions,
+    estimate_expected_errors,
+    list_cells_with_failures,
+    select_levels,
+    select_unconverged,
 )
-from gaitcal.montecarlo.draw_statistics import expect as causes_of
 from gaitcal.montecarlo.draw_study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
 from gaitcal.montecarlo.protocol import (
     MOST_LEVEL,
@@ -44,7 +44,7 @@ from gaitcal.montecarlo.protocol import (
     ReactionFrame,
     Varied,
 )
-from gaitcal.montecarlo.workers import alone, workers_of
+from gaitcal.montecarlo.workers import choose_workers, lock_folder
 from gaitcal.report.figures.monte_carlo_figures import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.report.page.monte_carlo_sections import add_monte_carlo
 from gaitcal.report.page.page_data import PAGE_DATA
@@ -131,17 +131,17 @@ def run_monte_carlo(
         noise_mm=noise_bound,
     )
     frame = ReactionFrame(_one_of(grf, [frame.value for frame in ReactionFrame], "--grf"))
-    workers = workers_of(jobs, cluster)
+    workers = choose_workers(jobs, cluster)
     if expect is not None and not (drawn := store.read()).empty:
         if (folder / MODEL).exists():  # a later calibration keeps the draws of an earlier one
-            store.require_model_of(case_from(folder, trial or store.case_name, lambda text: None))
-        _print_expectation(console, statistics(drawn), expect)
+            store.require_model(load_case(folder, trial or store.case_name, lambda text: None))
+        _print_expectation(console, compute_statistics(drawn), expect)
         return
     require_not_refused(folder)
     with console.working() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, trial, step)
-    with alone(store.folder, PURPOSE):
+    with lock_folder(store.folder, PURPOSE):
         try:
             with _draw_progress(console) as draws_done:
                 study = monte_carlo(
@@ -159,7 +159,7 @@ def run_monte_carlo(
         with console.working() as step, amend_result(store.folder) as stage:
             step("tables and figures")
             context = draw.MonteCarloContext(case, settings)
-            contributions = variance_contributions(context)
+            contributions = compute_variance_contributions(context)
             contributions.to_csv(stage / "contributions.csv", index=False, lineterminator="\n")
             write_monte_carlo_figures(
                 study.statistics, contributions, stage / "figures", SHOWN_SIDE
@@ -275,13 +275,13 @@ def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame)
         console.line(note)
     failures = [
         f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}"
-        for row in left_out(table).itertuples()
+        for row in list_cells_with_failures(table).itertuples()
     ]
     if failures:
         console.line(
             f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws"
         )
-    open_rows = unconverged(table)
+    open_rows = select_unconverged(table)
     if open_rows.empty:
         console.line(
             "convergence: mean and CV of every torque stay within 2 % over the last tenth of the "
@@ -310,7 +310,7 @@ def _print_linearity(
     for varied, level in study.plan.cells:
         if varied is Varied.JP and level in (min(study.plan.levels), max(study.plan.levels)):
             agreement = [
-                linear_agreement(context, study.draws, (varied, level), frame)
+                compute_linear_agreement(context, study.draws, (varied, level), frame)
                 for frame in ReactionFrame
             ]
             ranges = ", ".join(
@@ -325,8 +325,8 @@ def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -
         ("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm"))
     )
     for varied in Varied:
-        columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in draw.TORQUES]
-        columns.append(levels_of(table, varied, f"markers_{SHOWN_SIDE}"))
+        columns = [select_levels(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in draw.TORQUES]
+        columns.append(select_levels(table, varied, f"markers_{SHOWN_SIDE}"))
         for k in range(len(columns[0])):
             level = str(columns[0]["level"].iloc[k])
             shown.add_row(varied.title, level, *(f"{c['average'].iloc[k]:.3f}" for c in columns))
@@ -334,7 +334,7 @@ def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -
 
 
 def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> None:
-    causes = causes_of(table, rms_mm, SHOWN_SIDE)
+    causes = estimate_expected_errors(table, rms_mm, SHOWN_SIDE)
     if not causes:
         message = "the study has neither of the sets jp and noise, which move markers"
         raise InputError(message, field="--expect", code=Code.MONTE_CARLO)
@@ -349,7 +349,7 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
         )
         for row in cause.torques.itertuples():
             numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
-            shown.add_row(draw.TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
+            shown.add_row(draw.TORQUE_LABELS[row.torque[:-2]], str(row.grf), *numbers)
         console.out.print(shown)
 
 
