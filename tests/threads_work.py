@@ -19,7 +19,7 @@ import scipy.linalg  # noqa: F401  # brings a BLAS of its own, whose threads are
 from threadpoolctl import threadpool_limits
 
 import gaitcal as gc
-from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.case import make_nominal_case
 from gaitcal.montecarlo.draw import COLUMNS, MonteCarloContext, draw
 from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
@@ -41,7 +41,7 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
     yield "inverse_dynamics", gc.inverse_dynamics(model, motion, wrench).tau.tobytes()
     yield "joint_kinetics", np.array(gc.joint_kinetics(model, motion, wrench).power).tobytes()
 
-    case = nominal_case()
+    case = make_nominal_case()
     for name, workers in (("here", Workers()), ("processes", LocalProcesses(2))):
         draws = gc.monte_carlo(case, plan=PLAN, workers=workers, chunk_draws=1).draws
         yield f"monte_carlo: {name}", draws[list(COLUMNS)].to_numpy().tobytes()

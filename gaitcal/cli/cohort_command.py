@@ -17,7 +17,7 @@ from gaitcal.cohort.outcome import Outcome
 from gaitcal.errors import UsageError
 from gaitcal.gait.normal_bands import find_bands_file, read_normal_bands
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.montecarlo.workers import workers_of
+from gaitcal.montecarlo.workers import choose_workers
 from gaitcal.runtime import Progress
 from gaitcal.study.cohort_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
@@ -58,7 +58,7 @@ def run_people(
     """
     told, engine = (
         study_folder.check_person_options(mass, height, sex, age),
-        workers_of(jobs, cluster, run_cohort.processes),
+        choose_workers(jobs, cluster, run_cohort.processes),
     )
     normal = None if normal is None else find_bands_file(normal).resolve()
     if normal is not None:

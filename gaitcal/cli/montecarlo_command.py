@@ -24,17 +24,17 @@ from gaitcal.io.result_folder import (
     write_result_folder,
 )
 from gaitcal.montecarlo import draw
-from gaitcal.montecarlo.case import MODEL, case_from, read_case
+from gaitcal.montecarlo.case import MODEL, load_case, read_case
 from gaitcal.montecarlo.draw_statistics import (
     FEWEST,
-    left_out,
-    levels_of,
-    linear_agreement,
-    statistics,
-    unconverged,
-    variance_contributions,
+    compute_linear_agreement,
+    compute_statistics,
+    compute_variance_contributions,
+    estimate_expected_errors,
+    list_cells_with_failures,
+    select_levels,
+    select_unconverged,
 )
-from gaitcal.montecarlo.draw_statistics import expect as causes_of
 from gaitcal.montecarlo.draw_study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
 from gaitcal.montecarlo.protocol import (
     MOST_LEVEL,
@@ -44,7 +44,7 @@ from gaitcal.montecarlo.protocol import (
     ReactionFrame,
     Varied,
 )
-from gaitcal.montecarlo.workers import alone, workers_of
+from gaitcal.montecarlo.workers import choose_workers, lock_folder
 from gaitcal.report.figures.monte_carlo_figures import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.report.page.monte_carlo_sections import add_monte_carlo
 from gaitcal.report.page.page_data import PAGE_DATA
@@ -175,20 +175,20 @@ def run_monte_carlo(
         noise_mm=noise_bound,
     )
     frame = ReactionFrame(_require_allowed(grf, [frame.value for frame in ReactionFrame], "--grf"))
-    workers = workers_of(jobs, cluster)
+    workers = choose_workers(jobs, cluster)
     drawn = store.read() if expect is not None else None
     if expect is not None and drawn is not None and not drawn.empty:
         # A later calibration keeps the draws of an earlier one, which has another model.
         if (folder / MODEL).exists():
-            store.require_model_of(case_from(folder, trial or store.case_name, lambda text: None))
-        _print_expectation(console, statistics(drawn), expect)
+            store.require_model(load_case(folder, trial or store.case_name, lambda text: None))
+        _print_expectation(console, compute_statistics(drawn), expect)
         return
     require_not_refused(folder)
     with console.show_progress() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, trial, step)
     # The draws have one writer at a time.
-    with alone(store.folder, PURPOSE):
+    with lock_folder(store.folder, PURPOSE):
         try:
             with _show_draw_progress(console) as draws_done:
                 study = monte_carlo(
@@ -206,7 +206,7 @@ def run_monte_carlo(
         with console.show_progress() as step, amend_result(store.folder) as stage:
             step("tables and figures")
             context = draw.MonteCarloContext(case, settings)
-            contributions = variance_contributions(context)
+            contributions = compute_variance_contributions(context)
             contributions.to_csv(stage / "contributions.csv", index=False, lineterminator="\n")
             write_monte_carlo_figures(
                 study.statistics, contributions, stage / "figures", SHOWN_SIDE
@@ -331,13 +331,13 @@ def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame)
         console.print_line(note)
     failures = [
         f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}"
-        for row in left_out(table).itertuples()
+        for row in list_cells_with_failures(table).itertuples()
     ]
     if failures:
         console.print_line(
             f"not converged, and left out of these figures: {'; '.join(failures)} draws"
         )
-    open_rows = unconverged(table)
+    open_rows = select_unconverged(table)
     if open_rows.empty:
         console.print_line(
             "convergence: mean and CV of every torque stay within 2 % over the last tenth of the "
@@ -366,7 +366,7 @@ def _print_linearity(
     for varied, level in study.plan.cells:
         if varied is Varied.JP and level in (min(study.plan.levels), max(study.plan.levels)):
             agreement = [
-                linear_agreement(context, study.draws, (varied, level), frame)
+                compute_linear_agreement(context, study.draws, (varied, level), frame)
                 for frame in ReactionFrame
             ]
             ranges = ", ".join(
@@ -382,8 +382,8 @@ def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -
         ("set",), (head.replace(" ", "\n") for head in ("level %", *HEADINGS, "markers mm"))
     )
     for varied in Varied:
-        columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in draw.TORQUES]
-        columns.append(levels_of(table, varied, f"markers_{SHOWN_SIDE}"))
+        columns = [select_levels(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in draw.TORQUES]
+        columns.append(select_levels(table, varied, f"markers_{SHOWN_SIDE}"))
         for k in range(len(columns[0])):
             level = str(columns[0]["level"].iloc[k])
             shown.add_row(varied.title, level, *(f"{c['average'].iloc[k]:.3f}" for c in columns))
@@ -398,7 +398,7 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
     InputError
         The study has no set that changes marker errors.
     """
-    causes = causes_of(table, rms_mm, SHOWN_SIDE)
+    causes = estimate_expected_errors(table, rms_mm, SHOWN_SIDE)
     if not causes:
         message = "the study has neither the set jp nor the set noise, which change marker errors"
         raise InputError(message, field="--expect", code=Code.MONTE_CARLO)
@@ -413,7 +413,7 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
         )
         for row in cause.torques.itertuples():
             numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
-            shown.add_row(draw.TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
+            shown.add_row(draw.TORQUE_LABELS[row.torque[:-2]], str(row.grf), *numbers)
         console.out.print(shown)
 
 

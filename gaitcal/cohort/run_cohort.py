@@ -26,7 +26,7 @@ from gaitcal.cohort.one_person import COLUMNS, NAMES, Cell, CommonSettings, acti
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io import atomic, result_folder, toml
-from gaitcal.montecarlo.workers import LocalProcesses, Workers, alone
+from gaitcal.montecarlo.workers import LocalProcesses, Workers, lock_folder
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
 FAILURES, TIMES, MEANINGS, PEAKS = "failures.csv", "times.csv", "columns.csv", "activity_peaks.csv"
@@ -81,7 +81,7 @@ def run_cohort(
         engine or processes(),
     )
     require_cohort(out)
-    with alone(out, "cohort", WAIT_S):
+    with lock_folder(out, "cohort", WAIT_S):
         mark(out)
         for unfinished in (out / outcome_files.STATE).rglob(
             f"{atomic.UNFINISHED_PREFIX}*"
@@ -113,10 +113,10 @@ def processes(jobs: int = -1) -> LocalProcesses:
 
     One is replaced after `EACH` people, or when it has grown over `MOST_MIB`.
     """
-    return LocalProcesses(jobs, each=EACH, ages=_ages)
+    return LocalProcesses(jobs, tasks_per_process=EACH, count_tasks=_count_tasks)
 
 
-def _ages(outcome: outcome_files.Outcome) -> int:
+def _count_tasks(outcome: outcome_files.Outcome) -> int:
     """As how many people one counts."""
     if not outcome.computed:
         return 0

@@ -1,14 +1,9 @@
-"""The undisturbed case: a model in motion with its ground reactions, small enough to travel with
-every task.
+"""The undisturbed case of a Monte Carlo study: a model in motion with its ground reactions.
 
-The draws disturb it: its own markers, without noise, are what each disturbed model is fitted to,
-and its own torques are what each disturbed torque is compared with. It is the built-in subject of
-the reproduction, a calibrated person in one gait trial, or the person of a folder: the result of a
-calibration, or a study that is calibrated first.
-
-Two real people stand beside the unpublished experimental trial: `subject01` (a walk with ground
-reactions) and `uf3` (isolated trials of six joints and a walk), from the folder that GAITCAL_DATA
-names, as any user's study.
+It is small enough to be sent with every task. The draws disturb it: each disturbed model is fitted
+to its markers, which are without noise, and each disturbed torque is compared with its torques. The
+case is the built-in subject of the reproduction, a calibrated person in one gait trial, or the
+person of a folder: the result of a calibration, or a study that is calibrated first.
 """
 
 import hashlib
@@ -38,6 +33,9 @@ from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, sim
 from gaitcal.tracking.spline import build_spline_basis
 
 SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
+"""Files of a result folder and of a study folder."""
+_ARRAYS = ("time", "knots", "nodes", "wrench", "valid")
+"""Arrays of each trial in `splines.npz`, their names followed by the number of the trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,10 +53,16 @@ class MonteCarloCase:
     wrench: Array
     """(nf, 2, 6) N, N·m about the laboratory origin, on the right and left foot."""
     valid: BoolArray
-    """(nf,) frames whose torques count."""
+    """(nf,) frames with valid torques."""
 
-    def fingerprint(self) -> Mapping[str, str]:
-        """SHA-256 of each part: two cases with the same fingerprint give the same draws."""
+    def compute_fingerprint(self) -> Mapping[str, str]:
+        """Compute a hash of each part: cases with equal fingerprints give equal draws.
+
+        Returns
+        -------
+        mapping
+            Part -> SHA-256.
+        """
         s, p, m = self.subject, self.parameters, self.markers
         return {
             "subject": _hash(repr((s.mass, s.height)).encode()),
@@ -73,7 +77,7 @@ class MonteCarloCase:
 
 
 def _hash(*parts: bytes) -> str:
-    """SHA-256 of byte strings, each with its length before it, so that none runs into the next."""
+    """Compute SHA-256 of byte strings, each preceded by its length to keep them apart."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little") + part)
@@ -81,9 +85,13 @@ def _hash(*parts: bytes) -> str:
 
 
 @with_one_blas_thread
-def nominal_case() -> MonteCarloCase:
-    """The built-in subject of the reproduction: one gait cycle, 208 frames, ground reactions
-    without residual.
+def make_nominal_case() -> MonteCarloCase:
+    """Make the case of the built-in subject of the reproduction.
+
+    Returns
+    -------
+    MonteCarloCase
+        One gait cycle, 208 frames, ground reactions without residual.
     """
     model, motion = published_model(), simulate_gait()
     return MonteCarloCase(
@@ -99,27 +107,38 @@ def nominal_case() -> MonteCarloCase:
 
 
 @with_one_blas_thread
-def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCase:
-    """A calibrated person in one gait trial: the first with valid ground reactions, or the one
-    named.
+def make_case(calibration: Calibration, trial: str | None = None) -> MonteCarloCase:
+    """Make the case of a calibrated person in one gait trial.
 
-    Raises InputError: No such trial, or none with a frame in which every foot on the ground is on a
-    force plate.
+    Parameters
+    ----------
+    calibration : Calibration
+        The person.
+    trial : str, optional
+        Name of the trial; the first with valid ground reactions if not given.
+
+    Returns
+    -------
+    MonteCarloCase
+
+    Raises
+    ------
+    InputError
+        No such trial, or none with a frame in which every foot on the ground is on a force plate.
     """
     reactions = {
         t.name: t.loads.reactions
         for t in calibration.trials
         if t.loads and t.loads.reactions.valid.any()
     }
-    name = _chosen_trial(tuple(reactions), trial, calibration.study.source)
+    name = _choose_trial(tuple(reactions), trial, calibration.study.source)
     model, motion = calibration.model, calibration.trial(name).body
+    observed = np.array(motion.errors.labels)[motion.errors.select_observed()].tolist()
     return MonteCarloCase(
         name=name,
         subject=model.subject,
         parameters=model.parameters,
-        markers=_tracked(
-            model.markers, np.array(motion.errors.labels)[motion.errors.select_observed()].tolist()
-        ),
+        markers=_select_markers(model.markers, observed),
         time=motion.time,
         coefficients=motion.coefficients,
         wrench=reactions[name].wrench,
@@ -127,8 +146,8 @@ def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCas
     )
 
 
-def _chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -> str:
-    """The trial to study, among those with valid ground reactions."""
+def _choose_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -> str:
+    """Choose the trial to study among those with valid ground reactions."""
     if not loaded:
         message = (
             "found no gait trial with ground reactions under every foot; a Monte Carlo study of "
@@ -141,24 +160,37 @@ def _chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -
     return wanted or loaded[0]
 
 
-def _tracked(markers: MarkerPlacement, labels: Container[str]) -> MarkerPlacement:
-    """Those markers of a model that a trial really had."""
+def _select_markers(markers: MarkerPlacement, labels: Container[str]) -> MarkerPlacement:
+    """Select the markers of a model that a trial has."""
     kept = [i for i, label in enumerate(markers.labels) if label in labels]
-    names, segments = (tuple(of[i] for i in kept) for of in (markers.labels, markers.segments))
+    names = tuple(markers.labels[i] for i in kept)
+    segments = tuple(markers.segments[i] for i in kept)
     return MarkerPlacement(names, segments, markers.local[kept], markers.weight[kept])
 
 
-def case_from(
+def load_case(
     folder: Path | str, trial: str | None = None, progress: Progress = silent
 ) -> MonteCarloCase:
-    """The calibrated person of a result folder, in its first gait trial with ground reactions or
-    the one named.
+    """Load the case of a result folder, or calibrate a study folder.
 
-    A folder with a `study.toml` and no result (as `gaitcal synthesize` writes it) is calibrated
-    first.
+    Parameters
+    ----------
+    folder : path
+        A result of `gaitcal calibrate`, or a folder with a `study.toml` (as `gaitcal synthesize`
+        writes it), which is calibrated.
+    trial : str, optional
+        Name of the trial; the first with valid ground reactions if not given.
+    progress : callable
+        Called with a line of text at the beginning of each step.
 
-    Raises InputError: The folder is neither, or no gait trial has ground reactions under every
-    foot.
+    Returns
+    -------
+    MonteCarloCase
+
+    Raises
+    ------
+    InputError
+        The folder is neither, or no gait trial has ground reactions under every foot.
     """
     return read_case(folder, trial, progress)[0]
 
@@ -167,16 +199,33 @@ def case_from(
 def read_case(
     folder: Path | str, trial: str | None = None, progress: Progress = silent
 ) -> tuple[MonteCarloCase, Snapshot]:
-    """As `case_from`, and the files that it was made from, to be compared when the work is done."""
+    """Load a case as `load_case` does, with a snapshot of its files.
+
+    The snapshot is compared with the files at the end of the work.
+
+    Parameters
+    ----------
+    folder, trial, progress
+        As of `load_case`.
+
+    Returns
+    -------
+    MonteCarloCase, Snapshot
+
+    Raises
+    ------
+    InputError
+        As of `load_case`.
+    """
     folder = Path(folder)
     require_person(folder)
     if (folder / MODEL).exists():
-        name, _ = read_whole(folder, (SPLINES,), lambda: _trial_of(folder, trial))
-        files = (MODEL, SPLINES, _marker_errors(name))
-        return read_whole(folder, files, lambda: _of_result(folder, name), (MODEL,))
+        name, _ = read_whole(folder, (SPLINES,), lambda: _choose_stored_trial(folder, trial))
+        files = (MODEL, SPLINES, _name_marker_errors(name))
+        return read_whole(folder, files, lambda: _read_result(folder, name), (MODEL,))
     if (folder / STUDY).exists():
         study = Study.load(folder / STUDY)
-        return case_of(calibrate(study, progress), trial), study.as_read
+        return make_case(calibrate(study, progress), trial), study.as_read
     message = (
         f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a "
         "study folder"
@@ -185,10 +234,8 @@ def read_case(
 
 
 @contextmanager
-def _splines(path: Path) -> Iterator[Mapping[str, Array]]:
-    """The arrays of `splines.npz`; InputError on what NumPy, zipfile and zlib raise where it is not
-    what it seems.
-    """
+def _open_splines(path: Path) -> Iterator[Mapping[str, Array]]:
+    """Open the arrays of `splines.npz`; InputError if it is damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             yield stored
@@ -197,46 +244,47 @@ def _splines(path: Path) -> Iterator[Mapping[str, Array]]:
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from None
 
 
-def _trial_of(folder: Path, trial: str | None) -> str:
-    """The trial of a result to study: the one named, or the first with valid ground reactions."""
-    with _splines(folder / SPLINES) as stored:
+def _choose_stored_trial(folder: Path, trial: str | None) -> str:
+    """Choose the trial of a result folder to study."""
+    with _open_splines(folder / SPLINES) as stored:
         names = enumerate(str(name) for name in stored["trials"])
         loaded = tuple(
             name for k, name in names if f"valid_{k}" in stored and stored[f"valid_{k}"].any()
         )
-    return _chosen_trial(loaded, trial, folder)
+    return _choose_trial(loaded, trial, folder)
 
 
-def _of_result(folder: Path, name: str) -> MonteCarloCase:
+def _read_result(folder: Path, name: str) -> MonteCarloCase:
+    """Read the case of a trial from a result folder."""
     model, path = load_model(folder / MODEL), folder / SPLINES
-    with _splines(path) as stored:
+    with _open_splines(path) as stored:
         k = [str(trial) for trial in stored["trials"]].index(name)
-        parts = ("time", "knots", "nodes", "wrench", "valid")
         time, knots, coefficients, wrench, valid = (
-            np.array(stored[f"{part}_{k}"]) for part in parts
+            np.array(stored[f"{array}_{k}"]) for array in _ARRAYS
         )
-    whole = (
+    has_shapes = (
         coefficients.ndim == 2
         and coefficients.shape[1] == len(COORDINATES)
         and wrench.shape == (len(time), 2, 6)
     )
-    if not whole or not np.array_equal(build_spline_basis(time, len(coefficients)).knots, knots):
+    if not has_shapes or not np.array_equal(
+        build_spline_basis(time, len(coefficients)).knots, knots
+    ):
         message = f"found other splines than this version writes for trial '{name}'"
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT)
-    errors = folder / _marker_errors(name)
+    errors = folder / _name_marker_errors(name)
     try:
         table = pd.read_csv(errors, comment="#")
     except (OSError, ValueError) as error:
         raise InputError(
             f"cannot be read: {error}", source=errors, code=Code.DAMAGED_RESULT
         ) from None
+    observed = [label for label in table.columns if table[label].notna().any()]
     return MonteCarloCase(
         name=name,
         subject=model.subject,
         parameters=model.parameters,
-        markers=_tracked(
-            model.markers, [label for label in table.columns if table[label].notna().any()]
-        ),
+        markers=_select_markers(model.markers, observed),
         time=time,
         coefficients=coefficients,
         wrench=wrench,
@@ -244,5 +292,6 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
     )
 
 
-def _marker_errors(trial: str) -> str:
+def _name_marker_errors(trial: str) -> str:
+    """Name the file of a trial's marker errors in a result folder."""
     return f"marker_errors/{trial}.csv"

@@ -1,21 +1,22 @@
-"""One draw: disturb the model or the markers, fit the motion anew, compare the torques of both
-legs.
+"""Compute one draw: disturb model or markers, fit the motion again, compare the leg torques.
 
 A draw is a pure function of the context (case and settings), its set, its level and its number.
-This is where the study's randomness enters: every draw has a `numpy.random.Generator` of its own,
-spawned from the seed by (set, level, number), so that draws can be made in any order and anywhere.
-Disturbances are uniform within the bounds; noise is one sinusoid per marker coordinate (method,
-sections 5 and 6).
+Every draw has a separate `numpy.random.Generator`, spawned from the seed by (set, level, number), so
+that draws can be computed in any order and anywhere. Disturbances are uniform within the bounds;
+noise is one sinusoid per marker coordinate (method, sections 5 and 6).
 
-The motion follows the joint parameters by  dN/dp = -H_qq^-1 H_qp,  exact where the markers fit exactly, as they do in
-the undisturbed case: it starts every re-fit. Torques are linear in the dynamic parameters phi of
-the segments, by the regressor Y: inertial parameters alone change them by Y (phi - phi_0), without
-a re-fit.
+The motion follows the joint parameters by
+
+    dN/dp = -H_qq^-1 H_qp,
+
+which is exact if the markers fit exactly, as in the undisturbed case: it is the start of every
+re-fit. Torques are linear in the dynamic parameters phi of the segments, by the regressor Y:
+inertial parameters alone change them by Y (phi - phi_0), without a re-fit.
 
 Torques of a leg (`dynamics/inverse_dynamics.py`) are those of pelvis and legs alone, with the
-ground reaction in either frame. Fixed in the laboratory the wrench w stays as it was measured;
-carried along with the foot it turns and moves as the foot frame did, by (R, o) from the undisturbed
-(R0, o0) at the same instant:
+ground reaction in either frame. In the laboratory the wrench w stays as it was measured. Carried
+with the foot it moves as the foot frame does, to (R, o) from the undisturbed (R0, o0) at the same
+instant:
 
     force' = R R0^T force,      moment' = R R0^T (moment - o0 x force) + o x force'.
 """
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, IntArray
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import LinkageModel
@@ -45,75 +46,127 @@ from gaitcal.synthetic.synthetic_motion import compute_synthetic_markers, draw_m
 from gaitcal.tracking import banded, descent, motion, spline
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
-TORQUES = (
-    LEG_COORDINATES  # The torques of a leg, without the side; the knee's adduction is a reaction
-)
-TORQUE_WORDS = {
+TORQUES = LEG_COORDINATES
+"""The torques of a leg, without the side; that of knee adduction is a reaction."""
+TORQUE_LABELS = {
     name: COORDINATE_TABLE[name].title[:1].lower() + COORDINATE_TABLE[name].title[1:]
     for name in TORQUES
 }
+"""Torque -> its title within a sentence."""
 LEG_TORQUES: tuple[str, ...] = tuple(f"{name}_{side}" for side in SIDES for name in TORQUES)
 """Both legs: the order of every axis of torques."""
-OF_FOOT = tuple(
-    np.array([k for k, name in enumerate(LEG_TORQUES) if name in carrying])
-    for carrying in (
-        {e.name for j in list_joints_above(foot) for e in list_joint_elements(j, reactions=True)}
-        for foot in FEET
-    )
-)
-"""Which of them the wrench on the right foot changes, and which the wrench on the left."""
 LEG_SEGMENTS: tuple[str, ...] = LOWER_BODY[1:]
+MEASURES = ("rms", "mean")
 
+
+def _find_torques_of_foot(foot: str) -> IntArray:
+    """Find the indices in `LEG_TORQUES` of the torques that a wrench on this foot changes."""
+    names = set[str]()
+    for joint in list_joints_above(foot):
+        names |= {element.name for element in list_joint_elements(joint, reactions=True)}
+    return np.array([k for k, name in enumerate(LEG_TORQUES) if name in names])
+
+
+TORQUES_OF_FOOT = tuple(_find_torques_of_foot(foot) for foot in FEET)
+"""Indices of the torques that the wrench on the right foot changes, and of the left."""
 
 FootPose = tuple[Array, Array]
-"""(nf, 2, 3, 3) axes of both feet in the laboratory, one a row, and (nf, 2, 3) m, their origins."""
-_IN_BODY = np.array([FORCES.index(name) for name in LEG_TORQUES])
+"""(nf, 2, 3, 3) axes of both feet in the laboratory, one per row, and (nf, 2, 3) m, their origins.
+"""
+_LEG_FORCES = np.array([FORCES.index(name) for name in LEG_TORQUES])
 
 
-def leg_dynamics(parameters: Parameters) -> Dynamics:
-    """Dynamics of pelvis and legs alone: nothing above the hips changes a leg's torques."""
+def build_leg_dynamics(parameters: Parameters) -> Dynamics:
+    """Build the dynamics of pelvis and legs; segments above do not change torques of the legs.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Parameters of the linkage.
+
+    Returns
+    -------
+    Dynamics
+    """
     return Dynamics(parameters, segments=LOWER_BODY)
 
 
-def pose_of_feet(placed: Kinematics) -> FootPose:
-    """Where both feet are."""
+def compute_foot_poses(placed: Kinematics) -> FootPose:
+    """Compute the poses of both feet.
+
+    Parameters
+    ----------
+    placed : Kinematics
+        Poses of a chain with both feet over all frames.
+
+    Returns
+    -------
+    FootPose
+    """
     feet = [placed.chain.segments.index(foot) for foot in FEET]
     both = placed.segments_by_frame[:, feet]
     return both[:, :, :3], both[:, :, 3]
 
 
-def leg_torques(
+def compute_leg_torques(
     parameters: Parameters,
     basis: spline.SplineBasis,
     coefficients: Array,
     wrench: Array,
     undisturbed: FootPose,
 ) -> tuple[Array, Array]:
-    """(nf, 14) N·m with the wrenches (nf, 2, 6) fixed in the laboratory, and carried along with the
-    feet.
+    """Compute the torques of both legs with the ground reactions in either frame.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Parameters of the linkage.
+    basis : SplineBasis
+        Of the motion.
+    coefficients : (nn, 27) array
+        The motion, m and rad.
+    wrench : (nf, 2, 6) array
+        Ground reactions on the feet in the undisturbed case, N and N·m about the laboratory origin.
+    undisturbed : FootPose
+        Poses of the feet in the undisturbed case.
+
+    Returns
+    -------
+    laboratory, foot : (nf, 14) array
+        N·m, with the wrenches constant in the laboratory, and carried with the feet.
     """
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
-    dynamics = leg_dynamics(parameters)
+    dynamics = build_leg_dynamics(parameters)
     placed = dynamics.place(q)
-    unloaded = dynamics.compute_forces(q, v, a)[
-        :, [dynamics.forces_of.index(name) for name in LEG_TORQUES]
-    ]
-    columns = placed.columns_by_frame[
-        :, [placed.chain.variables.index(name) for name in LEG_TORQUES]
-    ]
+    forces = [dynamics.forces_of.index(name) for name in LEG_TORQUES]
+    variables = [placed.chain.variables.index(name) for name in LEG_TORQUES]
+    without_load = dynamics.compute_forces(q, v, a)[:, forces]
+    columns = placed.columns_by_frame[:, variables]
 
-    def loaded(wrenches: Array) -> Array:
-        tau = unloaded.copy()
-        for foot, joints in enumerate(OF_FOOT):
+    def subtract_loads(wrenches: Array) -> Array:
+        tau = without_load.copy()
+        for foot, joints in enumerate(TORQUES_OF_FOOT):
             tau[:, joints] -= (columns[:, joints] @ wrenches[:, foot, :, None])[..., 0]
         return tau
 
-    return loaded(wrench), loaded(carry(wrench, undisturbed, pose_of_feet(placed)))
+    with_feet = move_wrenches(wrench, undisturbed, compute_foot_poses(placed))
+    return subtract_loads(wrench), subtract_loads(with_feet)
 
 
-def carry(wrench: Array, before: FootPose, after: FootPose) -> Array:
-    """(nf, 2, 6) wrenches about the laboratory origin, carried along from one pose of the feet to
-    another.
+def move_wrenches(wrench: Array, before: FootPose, after: FootPose) -> Array:
+    """Move wrenches with the feet from one pose to another.
+
+    Parameters
+    ----------
+    wrench : (nf, 2, 6) array
+        N and N·m about the laboratory origin.
+    before, after : FootPose
+        Poses of the feet.
+
+    Returns
+    -------
+    (nf, 2, 6) array
+        N and N·m about the laboratory origin.
     """
     force = wrench[..., :3]
     local = before[0] @ np.stack([force, wrench[..., 3:] - np.cross(before[1], force)], axis=3)
@@ -122,27 +175,36 @@ def carry(wrench: Array, before: FootPose, after: FootPose) -> Array:
 
 
 class MonteCarloContext:
-    """A case made ready for draws."""
+    """A case with what all its draws need."""
 
     @with_one_blas_thread
     def __init__(self, case: MonteCarloCase, settings: MonteCarloSettings) -> None:
+        """Prepare a case for draws.
+
+        Parameters
+        ----------
+        case : MonteCarloCase
+            The undisturbed case.
+        settings : MonteCarloSettings
+            Seed and bounds.
+        """
         self.case, self.settings = case, settings
         self.names = settings.parameters.names
         """Joint parameters that vary."""
         self.joint_values = case.parameters.joint[[JP_INDEX[name] for name in self.names]]
-        """(np,) their undisturbed values, m and rad."""
+        """(np,) undisturbed values of these, m and rad."""
         self.inertial_set = make_symmetric_set()
-        self.problem = _undisturbed_problem(case)
-        """The undisturbed motion fits its markers exactly."""
+        self.problem = _build_undisturbed_problem(case)
+        """The undisturbed motion fits the markers of this problem exactly."""
         self.basis, self.data = self.problem.basis, self.problem.data
         body = self.problem.build_body(case.parameters)
         self.undisturbed_factor = banded.BandFactor(
             self.problem.assemble_equations(case.coefficients, body).band
         )
-        """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
+        """Factor of the Gauss-Newton matrix at the undisturbed motion and linkage."""
         self.sensitivity = np.zeros((*case.coefficients.shape, len(self.names)))
-        """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move
-        no marker.
+        """(nn, nq, np) derivative of the control points by the joint parameters that vary; zero for
+        those that move no marker.
         """
         opened = self.problem.with_free(self.names)
         equations = opened.assemble_equations(case.coefficients, opened.build_body(case.parameters))
@@ -150,31 +212,28 @@ class MonteCarloContext:
         moving = [self.names.index(name) for name in opened.chain.free]
         self.sensitivity[:, :, moving] = solved.reshape(*case.coefficients.shape, len(moving))
         states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
-        rows = Dynamics(case.parameters).compute_regressor(*states)[:, _IN_BODY]
+        rows = Dynamics(case.parameters).compute_regressor(*states)[:, _LEG_FORCES]
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own
         frames.
         """
-        self.feet = pose_of_feet(leg_dynamics(case.parameters).place(states[0]))
-        self.torques, _ = leg_torques(
+        self.feet = compute_foot_poses(build_leg_dynamics(case.parameters).place(states[0]))
+        self.torques, _ = compute_leg_torques(
             case.parameters, self.basis, case.coefficients, case.wrench, self.feet
         )
         """(nf, 14) N·m of the undisturbed case."""
-        segments = np.array([self.problem.chain.segments[s] for s in self.data.segment])
-        pulling = self.data.weight.any(axis=1)
-        self.leg_markers = tuple(
-            np.flatnonzero(
-                np.isin(segments, [s for s in LEG_SEGMENTS if s.endswith(f"_{side}")]) & pulling
-            )
-            for side in SIDES
-        )
+        self.leg_markers = tuple(self._find_leg_markers(side) for side in SIDES)
         """Markers of the right and of the left leg: indices into the order of `data`."""
 
+    def _find_leg_markers(self, side: str) -> IntArray:
+        """Find the markers with weight on the segments of a leg."""
+        segments = np.array([self.problem.chain.segments[s] for s in self.data.segment])
+        of_leg = [segment for segment in LEG_SEGMENTS if segment.endswith(f"_{side}")]
+        return np.flatnonzero(np.isin(segments, of_leg) & self.data.weight.any(axis=1))
 
-def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
-    """The model's own markers in its own motion, as if they had been measured, in the case's spline
-    space.
-    """
+
+def _build_undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
+    """Build the tracking problem of the markers that the model has in the motion of the case."""
     model = SubjectModel(
         subject=case.subject,
         parameters=case.parameters,
@@ -193,17 +252,37 @@ def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What one draw changes; None where its set leaves something alone."""
+    """The changes of one draw; None for what its set does not vary."""
 
-    joint: Array | None  # (np,) m, rad added to the joint parameters that vary
-    inertial: (
-        Array | None
-    )  # (36,) parts by which the symmetric inertial parameters change: 0.1 is ten per cent more
-    noise: Array | None  # (nm, 3, nf) m added to the markers, in the order of the context's data
+    joint: Array | None
+    """(np,) m, rad, added to the joint parameters that vary."""
+    inertial: Array | None
+    """(36,) relative changes of the symmetric inertial parameters: 0.1 is ten per cent more."""
+    noise: Array | None
+    """(nm, 3, nf) m, added to the markers, in the order of the context's data."""
 
 
-def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Disturbance:
-    """What draw `number` (0, 1, ...) of a set at a level (per cent of the bounds) changes."""
+def draw_disturbance(
+    context: MonteCarloContext, varied: Varied, level: int, number: int
+) -> Disturbance:
+    """Draw the disturbance of one draw at random.
+
+    Parameters
+    ----------
+    context : MonteCarloContext
+        The case.
+    varied : Varied
+        The set.
+    level : int
+        Per cent of the bounds.
+    number : int
+        Of the draw in this set and level: 0, 1, ...
+
+    Returns
+    -------
+    Disturbance
+        The same for the same arguments.
+    """
     settings, part = context.settings, level / 100.0
     rng = np.random.default_rng(
         np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number))
@@ -224,68 +303,117 @@ def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int)
     return Disturbance(joint, inertial, noise)
 
 
-def torque_column(torque: str, frame: ReactionFrame, measure: str) -> str:
-    """Name of a torque error in tables: `hip_flexion_l.lab.rms`; measures `rms` and `mean`, %BW*H."""
+def name_torque_column(torque: str, frame: ReactionFrame, measure: str) -> str:
+    """Name the column of a torque error (%BW*H).
+
+    Parameters
+    ----------
+    torque : str
+        One of `LEG_TORQUES`.
+    frame : ReactionFrame
+        Of the ground reactions.
+    measure : str
+        `rms` or `mean`.
+
+    Returns
+    -------
+    str
+        `hip_flexion_l.lab.rms`.
+    """
     return f"{torque}.{frame.value}.{measure}"
 
 
-def marker_column(side: str, measure: str) -> str:
-    """Name of a marker distance in tables: `markers_l.rms`; measures `rms` and `mean`, mm."""
+def name_marker_column(side: str, measure: str) -> str:
+    """Name the column of a marker distance (mm).
+
+    Parameters
+    ----------
+    side : str
+        `r` or `l`.
+    measure : str
+        `rms` or `mean`.
+
+    Returns
+    -------
+    str
+        `markers_l.rms`.
+    """
     return f"markers_{side}.{measure}"
 
 
-MEASURES = ("rms", "mean")
 COLUMNS: tuple[str, ...] = (
-    *(torque_column(t, frame, m) for frame in ReactionFrame for m in MEASURES for t in LEG_TORQUES),
-    *(marker_column(side, m) for m in MEASURES for side in SIDES),
+    *(
+        name_torque_column(t, frame, m)
+        for frame in ReactionFrame
+        for m in MEASURES
+        for t in LEG_TORQUES
+    ),
+    *(name_marker_column(side, m) for m in MEASURES for side in SIDES),
 )
-"""What a draw records: torque errors in %BW*H (mean: signed), marker distances in mm."""
+"""Columns of a draw: torque errors in %BW*H (mean: signed), marker distances in mm."""
 
 
 @dataclass(frozen=True)
 class DrawResult:
-    """The record of one draw."""
+    """The result of one draw."""
 
-    # (60,) in the order of `COLUMNS`; NaN where the draw failed before there was anything to
-    # measure
     values: Array
-    evaluations: int  # Of the gradient in the re-fit; 0 without one
+    """(60,) in the order of `COLUMNS`; NaN if the draw failed before a motion was found."""
+    evaluations: int
+    """Evaluations of the gradient in the re-fit; 0 without one."""
     failure: str
-    """Why the motion could not be fitted; empty where it could. The values are then those of the
-    last motion tried.
+    """Why the motion could not be fitted, the values being those of the last motion tried; empty if
+    it was fitted.
     """
 
 
 @with_one_blas_thread
 def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) -> DrawResult:
-    """Draw `number` (0, 1, ...) of a set at a level (per cent of the bounds)."""
-    change = disturb(context, varied, level, number)
+    """Compute one draw.
+
+    Parameters
+    ----------
+    context : MonteCarloContext
+        The case.
+    varied : Varied
+        The set.
+    level : int
+        Per cent of the bounds.
+    number : int
+        Of the draw in this set and level: 0, 1, ...
+
+    Returns
+    -------
+    DrawResult
+        A draw that fails has the reason in `failure`.
+    """
+    change = draw_disturbance(context, varied, level, number)
     try:
-        model = disturbed_model(context, change)
-        if varied is Varied.IP:  # moves no marker: the motion stays, and torques are linear
-            inertial, undisturbed = (
-                p.inertial for p in (model.parameters, context.case.parameters)
-            )
-            phi = compute_dynamic_parameters(inertial) - compute_dynamic_parameters(undisturbed)
-            errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
-            return DrawResult(
-                _record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, ""
-            )
+        model = build_disturbed_model(context, change)
+        if varied is Varied.IP:
+            # Inertial parameters move no marker: the motion stays, and torques are linear in them.
+            phi = compute_dynamic_parameters(model.parameters.inertial)
+            change_of_phi = phi - compute_dynamic_parameters(context.case.parameters.inertial)
+            errors = (context.regressor @ change_of_phi.ravel()).reshape(-1, len(LEG_TORQUES))
+            no_distance = np.zeros(context.data.weight.shape)
+            return DrawResult(_record(context, (errors, errors), no_distance), 0, "")
         fitted = refit(model.problem, model.body, model.start, context.settings, model.factor)
-        return DrawResult(
-            errors_of(context, model, fitted.coefficients), fitted.evaluations, fitted.failure
-        )
+        values = compute_errors(context, model, fitted.coefficients)
+        return DrawResult(values, fitted.evaluations, fitted.failure)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
 
 
 @dataclass(frozen=True)
 class Refit:
-    """The end of a re-fit."""
+    """The result of a re-fit."""
 
-    coefficients: Array  # (nn, nq) m, rad
-    evaluations: int  # Steps taken, each with an evaluation of the gradient
-    failure: str  # Why it did not converge; empty where it did
+    coefficients: Array
+    """(nn, nq) m, rad."""
+    evaluations: int
+    """Steps, each with an evaluation of the gradient."""
+    failure: str
+    """Why it did not converge; empty if it did."""
 
 
 def refit(
@@ -295,17 +423,31 @@ def refit(
     settings: MonteCarloSettings,
     known: banded.BandFactor | None = None,
 ) -> Refit:
-    """Minimise the weighted sum of squared marker distances over the coefficients, starting at
-    `start` (nn, nq).
+    """Minimise the weighted sum of squared marker distances over the coefficients.
 
-    The iteration is that of tracking (`tracking/descent.py`), made for many small problems of one
-    kind: it starts on a Gauss-Newton factor, keeps it however long the steps are, and where they no
-    longer shrink tenfold goes on with Newton's. The end is told by the size of the step, so that
-    every draw is solved as far as every other.
+    Parameters
+    ----------
+    problem : MotionProblem
+        The markers to fit; no joint parameter is free.
+    body : LinkageModel
+        Of the disturbed linkage.
+    start : (nn, nq) array
+        Coefficients to start from, m and rad.
+    settings : MonteCarloSettings
+        With tolerance and largest number of steps.
+    known : BandFactor, optional
+        Factor of the Gauss-Newton matrix at `start`, which does not depend on the markers.
 
-    `problem`: the markers to fit; no joint parameter is free. `body`: of the disturbed linkage.
-    `known`: the factor of the Gauss-Newton matrix at `start`, if there is one: it does not depend
-    on the markers.
+    Returns
+    -------
+    Refit
+
+    Notes
+    -----
+    The iteration is that of tracking (`tracking/descent.py`), for many small problems of one kind:
+    it starts with a Gauss-Newton factor, keeps it however long the steps are, and continues with
+    Newton's steps when they no longer shrink tenfold. It ends by the size of the step, so that all
+    draws are solved to the same accuracy.
     """
     rule = descent.DescentSettings(
         gain=0.0,
@@ -323,19 +465,32 @@ def refit(
 
 @dataclass(frozen=True)
 class DisturbedModel:
-    """The case after a disturbance, its motion not yet fitted."""
+    """The case after a disturbance, before the fit of its motion."""
 
     parameters: Parameters
-    problem: MotionProblem  # The markers that the motion is to be fitted to
+    problem: MotionProblem
+    """The markers that the motion is fitted to."""
     body: LinkageModel
-    start: Array  # (nn, nq) m, rad: the undisturbed motion and what it changes by to first order
-    factor: (
-        banded.BandFactor | None
-    )  # Of the Gauss-Newton matrix at the start; None where it must be formed
+    start: Array
+    """(nn, nq) m, rad: the motion to first order in the disturbance."""
+    factor: banded.BandFactor | None
+    """Of the Gauss-Newton matrix at the start; None if it must be formed."""
 
 
-def disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
-    """What a draw changes, put into the case."""
+def build_disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
+    """Apply a disturbance to the case.
+
+    Parameters
+    ----------
+    context : MonteCarloContext
+        The case.
+    change : Disturbance
+        From `draw_disturbance`.
+
+    Returns
+    -------
+    DisturbedModel
+    """
     case = context.case
     parameters, start, problem = case.parameters, case.coefficients, context.problem
     if change.joint is not None:
@@ -350,19 +505,34 @@ def disturbed_model(context: MonteCarloContext, change: Disturbance) -> Disturbe
     return DisturbedModel(parameters, problem, problem.build_body(parameters), start, known)
 
 
-def errors_of(context: MonteCarloContext, model: DisturbedModel, coefficients: Array) -> Array:
-    """(60,) in the order of `COLUMNS`: what a disturbed model in a motion (nn, nq) says wrongly."""
-    placed = model.problem.compute_positions(coefficients, model.body)
-    torques = leg_torques(
+def compute_errors(context: MonteCarloContext, model: DisturbedModel, coefficients: Array) -> Array:
+    """Compute the torque errors and marker distances of a disturbed model.
+
+    Parameters
+    ----------
+    context : MonteCarloContext
+        The case.
+    model : DisturbedModel
+        The disturbed model.
+    coefficients : (nn, nq) array
+        Its fitted motion, m and rad.
+
+    Returns
+    -------
+    (60,) array
+        In the order of `COLUMNS`.
+    """
+    positions = model.problem.compute_positions(coefficients, model.body)
+    torques = compute_leg_torques(
         model.parameters, context.basis, coefficients, context.case.wrench, context.feet
     )
     errors = (torques[0] - context.torques, torques[1] - context.torques)
-    apart = placed - model.problem.data.measured
-    return _record(context, errors, np.sqrt((apart * apart).sum(axis=1)))
+    difference = positions - model.problem.data.measured
+    return _record(context, errors, np.sqrt((difference * difference).sum(axis=1)))
 
 
 def _record(context: MonteCarloContext, errors: tuple[Array, Array], distance: Array) -> Array:
-    """(60,) from torque errors (nf, 14) N·m in both frames and marker distances (nm, nf) m."""
+    """Compute (60,) from torque errors (nf, 14) N·m in both frames and distances (nm, nf) m."""
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     out: list[Array] = []
     for error in errors:

@@ -1,16 +1,15 @@
-"""The Monte Carlo study of a case: what is missing is computed, all is kept, and the whole is
-returned.
+"""Run the Monte Carlo study of a case: compute missing draws, store them, summarise all.
 
 Workers get the case and the settings with every chunk of draws (some ten kilobytes), so that a
 worker can join or be replaced at any time. A chunk is a run of draws of one cell (a set at a
 level): the unit that is computed, stored, and lost when a process dies. Chunks are Parquet files in
-`DIR/montecarlo/draws`, which can be read as one data set; the files that are there tell what is
-missing, so that a run killed at any moment goes on where it was.
+`DIR/montecarlo/draws`, which can be read as one data set. A run that was killed continues with the
+chunks that are missing.
 
-`settings.json` says what the draws depend on; a store made with other settings or another model is
-refused. The name of a chunk ends in the beginning of its SHA-256: a chunk that was damaged is
-removed, named, and made again. Each also says which settings it was made with, so that a damaged
-`settings.json` costs no draw.
+`settings.json` has what the draws depend on; a store made with other settings or another model is
+refused. The name of a chunk ends in the beginning of its SHA-256: a damaged chunk is removed,
+reported, and computed again. Each chunk also has the hash of its settings, so that a damaged
+`settings.json` loses no draw.
 """
 
 import hashlib
@@ -35,28 +34,31 @@ from gaitcal.io import atomic, toml
 from gaitcal.io.result_folder import SELF_HASH, hash_manifest, lock_result
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import COLUMNS, DrawResult, MonteCarloContext, draw
-from gaitcal.montecarlo.draw_statistics import statistics, unconverged
+from gaitcal.montecarlo.draw_statistics import compute_statistics, select_unconverged
 from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, Varied
-from gaitcal.montecarlo.workers import LocalProcesses, Workers, alone
+from gaitcal.montecarlo.workers import LocalProcesses, Workers, lock_folder
 from gaitcal.runtime import with_one_blas_thread
 
-FORMAT = 2  # Raised whenever the same settings would give other draws
+FORMAT = 2
+"""Increased whenever the same settings would give other draws."""
 KEYS = ("set", "level", "draw")
 FIELDS = (*KEYS, "evaluations", "failure", *COLUMNS)
-PURPOSE = "monte carlo study"  # Of the lock on a store
-CHUNK_DRAWS = 250  # Some seconds of work
-STEP = 1.2  # Factor by which `until_converged` raises the number of draws
+PURPOSE = "monte carlo study"
+"""Of the lock on a store."""
+CHUNK_DRAWS = 250
+"""Some seconds of work."""
+STEP = 1.2
+"""Factor by which `until_converged` increases the number of draws."""
 MOST_DRAWS = 100_000
-# The draws are all there after the first, unless somebody removes files meanwhile or a disk is bad
 TRIES = 3
+"""Times that missing draws are computed: once, unless files disappear or a disk is damaged."""
 _NAME = re.compile(r"(jp|ip|both|noise)_(\d{4})_(\d{8})_(\d{8})_([0-9a-f]{16})\.parquet")
-_MADE_WITH = (
-    b"gaitcal.made_with"  # Entry of a chunk's Parquet schema: SHA-256 of format, settings and model
-)
+_MADE_WITH = b"gaitcal.made_with"
+"""Entry of a chunk's Parquet schema: SHA-256 of format, settings and model."""
 _VERSIONED = ("gaitcal", "numpy", "scipy", "pin")
 
 DrawProgress = Callable[[int, int], None]
-"""Called with the number of draws done and to be done, of those that this run computes."""
+"""Called with the number of draws done, and of all that this run computes."""
 
 
 @dataclass(frozen=True)
@@ -70,56 +72,77 @@ class Chunk:
 
     @property
     def numbers(self) -> range:
-        """Of its draws."""
+        """Numbers of its draws."""
         return range(self.first, self.stop)
 
 
 class Store:
-    """The draws of one case with one kind of settings, in a folder."""
+    """The stored draws of one case with one kind of settings."""
 
     def __init__(self, folder: Path) -> None:
+        """Refer to a folder, which need not exist yet.
+
+        Parameters
+        ----------
+        folder : Path
+            Of the store.
+        """
         self.folder = folder
         self.draws = folder / "draws"
         self._settings = folder / "settings.json"
         self._made_with = ""
 
     def open(self, case: MonteCarloCase, settings: MonteCarloSettings) -> tuple[str, ...]:
-        """Make the store, or make sure that it holds draws of this case with these settings; remove
-        damaged chunks.
+        """Create the store, or check that its draws are of this case and these settings.
 
-        Returns notes: what was damaged, and libraries of other versions than those that the store
-        was made with.
+        Damaged chunks are removed.
 
-        Raises InputError: It was made with other settings or another model; the message names the
-        differences.
+        Parameters
+        ----------
+        case : MonteCarloCase
+            The undisturbed case.
+        settings : MonteCarloSettings
+            Seed and bounds.
+
+        Returns
+        -------
+        tuple of str
+            Notes: damaged files, and libraries of other versions than when the store was made.
+
+        Raises
+        ------
+        InputError
+            It was made with other settings or another model; the message names the differences.
         """
         wanted = {
             "format": FORMAT,
-            "settings": dict(settings.as_json()),
-            "model": dict(case.fingerprint()),
+            "settings": dict(settings.convert_to_json()),
+            "model": dict(case.compute_fingerprint()),
         }
         self._made_with = hash_manifest(wanted)
         notes = [
-            f"{path.name}: was damaged; its draws are made again" for path in self._remove_damaged()
+            f"{path.name} was damaged; its draws are computed again"
+            for path in self._remove_damaged()
         ]
         chunks = list(self.draws.glob("*.parquet"))
         if self._settings.exists():
             try:
-                held = self._held()
-                self._refuse_other(held, wanted)
-                return (*notes, *_other_versions(held.get("versions")))
+                stored = self._read_settings()
+                self._refuse_other(stored, wanted)
+                return (*notes, *_note_other_versions(stored.get("versions")))
             except _DamagedError:
+                # Every chunk has the hash of its settings, too.
                 made_with = [
                     (pq.read_schema(path).metadata or {}).get(_MADE_WITH) for path in chunks
                 ]
                 if any(hashed != self._made_with.encode() for hashed in made_with):
                     raise
                 notes.append(
-                    f"{self._settings.name} was damaged; it is written again, the draws say what "
-                    "it held"
+                    f"{self._settings.name} was damaged; it is written again, as its draws have "
+                    "the same settings"
                 )
         elif chunks:
-            message = "found draws without the settings they were made with; remove the folder"
+            message = "found draws, but no settings.json; remove the folder"
             raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
         content = {
             **wanted,
@@ -134,18 +157,29 @@ class Store:
 
     @property
     def case_name(self) -> str | None:
-        """The trial whose draws are here; None where there are none yet."""
-        name = self._held().get("case") if self._settings.exists() else None
+        """Trial whose draws are stored; None if there are none yet."""
+        name = self._read_settings().get("case") if self._settings.exists() else None
         return name if isinstance(name, str) else None
 
-    def require_model_of(self, case: MonteCarloCase) -> None:
-        """Make sure, before draws are read, that they are of this case; InputError as of `open`."""
-        if self._settings.exists():
-            held = self._held()
-            self._refuse_other(held, {**held, "model": dict(case.fingerprint())})
+    def require_model(self, case: MonteCarloCase) -> None:
+        """Check, before draws are read, that they are of this case.
 
-    def _held(self) -> dict[str, object]:
-        """What the draws that are here were made with."""
+        Parameters
+        ----------
+        case : MonteCarloCase
+            The undisturbed case.
+
+        Raises
+        ------
+        InputError
+            As of `open`.
+        """
+        if self._settings.exists():
+            stored = self._read_settings()
+            self._refuse_other(stored, {**stored, "model": dict(case.compute_fingerprint())})
+
+    def _read_settings(self) -> dict[str, object]:
+        """Read what the stored draws were made with."""
         try:
             content = json.loads(self._settings.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
@@ -155,41 +189,55 @@ class Store:
         if not isinstance(content, dict) or (
             SELF_HASH in content and content[SELF_HASH] != hash_manifest(content)
         ):
-            message = "is damaged, or was edited: not as gaitcal wrote it; remove the folder"
+            message = "is damaged or was edited; remove the folder"
             raise _DamagedError(message, source=self._settings)
         return content
 
-    def _refuse_other(self, held: Mapping[str, object], wanted: Mapping[str, object]) -> None:
+    def _refuse_other(self, stored: Mapping[str, object], wanted: Mapping[str, object]) -> None:
+        """Raise InputError if the store was made with other settings or another model."""
         differences = []
-        if held.get("format") != wanted["format"]:
+        if stored.get("format") != wanted["format"]:
             differences.append(
-                f"its format is {held.get('format')}, this version writes {wanted['format']}"
+                f"format {stored.get('format')} (this version writes {wanted['format']})"
             )
         for part in ("settings", "model"):
             old, new = (
                 content if isinstance(content, dict) else {}
-                for content in (held.get(part), wanted[part])
+                for content in (stored.get(part), wanted[part])
             )
             for name in sorted({*old, *new}):
-                if old.get(name) != new.get(name):  # of the model there are hashes only
+                if old.get(name) != new.get(name):
+                    # Of the model there are only hashes.
                     values = f"{name} = {old.get(name)}, not {new.get(name)}"
                     differences.append(values if part == "settings" else f"other {name}")
         if differences:
             message = (
-                f"this store was made with {'; '.join(differences)}; ask for the same again, or "
-                "remove the folder"
+                f"this store was made with {'; '.join(differences)}; use the same settings and "
+                "model, or remove the folder"
             )
             raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
 
     def write(self, chunk: Chunk, draws: pa.Table) -> None:
-        """Keep the draws of a chunk; InputError where that cannot be."""
+        """Store the draws of a chunk.
+
+        Parameters
+        ----------
+        chunk : Chunk
+            Which draws.
+        draws : pyarrow.Table
+            Columns `FIELDS`.
+
+        Raises
+        ------
+        InputError
+            The disk cannot be written.
+        """
         buffer = pa.BufferOutputStream()
         pq.write_table(draws.replace_schema_metadata({_MADE_WITH: self._made_with}), buffer)
         content: bytes = buffer.getvalue().to_pybytes()
         cell = f"{chunk.varied.value}_{chunk.level:04d}_{chunk.first:08d}_{chunk.stop:08d}"
-        target = self.draws / f"{cell}_{_beginning(content)}.parquet"
-        # Under the lock of the result: not while another one takes its place, and this folder
-        # along.
+        target = self.draws / f"{cell}_{_hash_beginning(content)}.parquet"
+        # Under the lock of the result, which another result may replace together with this folder.
         with (
             atomic.convert_disk_errors(self.folder),
             lock_result(self.folder),
@@ -197,14 +245,24 @@ class Store:
         ):
             path.write_bytes(content)
 
-    def missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
-        """What a plan still needs beside the chunks that are there, cut at multiples of `size`
-        draws.
+    def list_missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
+        """List the chunks of a plan that are not stored.
+
+        Parameters
+        ----------
+        plan : Plan
+            What is to be computed.
+        size : int
+            Draws at whose multiples chunks are cut.
+
+        Yields
+        ------
+        Chunk
         """
-        held = [chunk for path, chunk in self._named() if _content(path) is not None]
+        stored = [chunk for path, chunk in self._list_chunks() if _read_intact(path) is not None]
         for varied, level in plan.cells:
             absent = np.ones(plan.draws, dtype=bool)
-            for chunk in held:
+            for chunk in stored:
                 if (chunk.varied, chunk.level) == (varied, level):
                     absent[chunk.first : chunk.stop] = False
             numbers = np.flatnonzero(absent)
@@ -213,16 +271,28 @@ class Store:
                 yield Chunk(varied, level, int(run[0]), int(run[-1]) + 1)
 
     def read(self, plan: Plan | None = None) -> pd.DataFrame:
-        """All draws that are there, or those of a plan, ordered by set, level and number; columns
-        `FIELDS`.
+        """Read the stored draws, ordered by set, level and number.
 
-        Raises InputError: A chunk is damaged.
+        Parameters
+        ----------
+        plan : Plan, optional
+            Whose draws; all if not given.
+
+        Returns
+        -------
+        DataFrame
+            Columns `FIELDS`.
+
+        Raises
+        ------
+        InputError
+            A chunk is damaged.
         """
         tables = []
-        for path, _ in self._named():
-            content = _content(path)
+        for path, _ in self._list_chunks():
+            content = _read_intact(path)
             if content is None:
-                message = "is damaged; run the same study again, which makes it again"
+                message = "is damaged; run the same study again, which computes it again"
                 raise InputError(message, source=path, code=Code.MONTE_CARLO)
             tables.append(pq.read_table(pa.BufferReader(content)).replace_schema_metadata())
         if not tables:
@@ -233,10 +303,10 @@ class Store:
             draws = draws[
                 (draws["draw"] < plan.draws) & draws["set"].isin(sets) & draws["level"].isin(levels)
             ]
-        return in_order(draws.drop_duplicates(list(KEYS)), KEYS)
+        return sort_draws(draws.drop_duplicates(list(KEYS)), KEYS)
 
-    def _named(self) -> list[tuple[Path, Chunk]]:
-        """Every file with the name of a chunk, in the order of names."""
+    def _list_chunks(self) -> list[tuple[Path, Chunk]]:
+        """List every file with the name of a chunk, in the order of names."""
         matches = (
             (path, _NAME.fullmatch(path.name)) for path in sorted(self.draws.glob("*.parquet"))
         )
@@ -245,11 +315,12 @@ class Store:
         ]
 
     def _remove_damaged(self) -> list[Path]:
-        damaged = [path for path, _ in self._named() if _content(path) is None]
+        """Remove damaged chunks, and unfinished ones of a run that was killed."""
+        damaged = [path for path, _ in self._list_chunks() if _read_intact(path) is None]
         for path in damaged:
             path.unlink(missing_ok=True)
-        for left in self.draws.glob(f"{atomic.UNFINISHED_PREFIX}*"):  # of a run that was killed
-            shutil.rmtree(left, ignore_errors=True)
+        for unfinished in self.draws.glob(f"{atomic.UNFINISHED_PREFIX}*"):
+            shutil.rmtree(unfinished, ignore_errors=True)
         return damaged
 
 
@@ -259,41 +330,50 @@ class _DamagedError(InputError):
     code = Code.MONTE_CARLO
 
 
-def _beginning(content: bytes) -> str:
+def _hash_beginning(content: bytes) -> str:
+    """Compute the first 16 digits of the SHA-256."""
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def _content(path: Path) -> bytes | None:
-    """A chunk's file; None where it is not as it was written (power failed, a disk is bad, a copy
-    broke off).
-    """
+def _read_intact(path: Path) -> bytes | None:
+    """Read the file of a chunk; None if it is not as it was written (power failure, broken copy)."""
     try:
         content = path.read_bytes()
     except OSError:
         return None
-    return content if path.stem.endswith(f"_{_beginning(content)}") else None
+    return content if path.stem.endswith(f"_{_hash_beginning(content)}") else None
 
 
-def _other_versions(versions: object) -> tuple[str, ...]:
-    """A note where libraries changed since: draws of one seed may then differ in their last digits,
-    no more.
-    """
-    held = versions if isinstance(versions, dict) else {}
+def _note_other_versions(versions: object) -> tuple[str, ...]:
+    """Note libraries that changed since the store was made: draws may differ in the last digits."""
+    before = versions if isinstance(versions, dict) else {}
     now = {name: toml.get_package_version(name) for name in _VERSIONED}
     changed = [
-        f"{n} {held[n]}, now {version}"
+        f"{n} {before[n]}, now {version}"
         for n, version in now.items()
-        if held.get(n, version) != version
+        if before.get(n, version) != version
     ]
     note = (
-        f"draws kept here were begun with {'; '.join(changed)}: old and new ones may differ in "
+        f"the stored draws were computed with {'; '.join(changed)}: old and new draws may differ in "
         "their last digits"
     )
     return (note,) if changed else ()
 
 
-def in_order(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
-    """Rows sorted by these columns, sets as in `Varied`."""
+def sort_draws(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """Sort rows by columns, with sets in the order of `Varied`.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        With a column `set`.
+    keys : sequence of str
+        Columns to sort by.
+
+    Returns
+    -------
+    DataFrame
+    """
     order = {varied.value: varied.key for varied in Varied}
     return frame.sort_values(
         list(keys),
@@ -313,16 +393,16 @@ class MonteCarloStudy:
     draws: pd.DataFrame
     """One row per draw, columns `FIELDS`."""
     statistics: pd.DataFrame
-    """See `statistics.statistics`."""
+    """See `draw_statistics.compute_statistics`."""
     computed: int
-    """Draws that this run computed; the others were there."""
+    """Draws that this run computed; the others were stored."""
     notes: tuple[str, ...] = ()
-    """What a reader should know of the draws that were there."""
+    """Notes on the stored draws."""
 
     @property
     def converged(self) -> bool:
         """Whether every torque of every set and level meets the published criterion."""
-        return bool(unconverged(self.statistics).empty)
+        return bool(select_unconverged(self.statistics).empty)
 
     @property
     def failed(self) -> int:
@@ -342,28 +422,33 @@ def monte_carlo(
     until_converged: bool = False,
     chunk_draws: int = CHUNK_DRAWS,
 ) -> MonteCarloStudy:
-    """Disturb a model thousands of times and collect what becomes of its joint torques.
+    """Disturb a model thousands of times and compute the errors of its joint torques.
 
     Parameters
     ----------
-    case
-        `nominal_case()`, `case_of(calibration)` or `case_from(folder)` of
+    case : MonteCarloCase
+        `make_nominal_case()`, `make_case(calibration)` or `load_case(folder)` of
         `gaitcal.montecarlo.case`.
-    folder
-        Where draws are kept and a later run goes on, and where `montecarlo.csv` goes; None keeps
-        nothing.
-    settings
-        Seed and bounds: what a draw depends on; as published unless given.
-    plan
-        Which sets are disturbed, at which levels, how often; as published unless given.
-    workers
-        Who computes; `LocalProcesses()` unless given.
-    progress
-        Called with the numbers of draws done and to be done.
-    until_converged
-        Raise the number of draws until the published criterion is met (or `MOST_DRAWS` is reached).
-    chunk_draws
+    folder : path, optional
+        Where draws are stored, so that a later run continues, and where `montecarlo.csv` is
+        written; nothing is stored if not given.
+    settings : MonteCarloSettings, optional
+        Seed and bounds: what a draw depends on; as published if not given.
+    plan : Plan, optional
+        Which sets are disturbed, at which levels, how often; as published if not given.
+    workers : Workers, optional
+        What computes the draws; `LocalProcesses()` if not given.
+    progress : callable, optional
+        Called with the number of draws done, and of all that this run computes.
+    until_converged : bool
+        Increase the number of draws until the published criterion is met (or `MOST_DRAWS` is
+        reached).
+    chunk_draws : int
         Draws computed and stored together; the results do not depend on it.
+
+    Returns
+    -------
+    MonteCarloStudy
 
     Raises
     ------
@@ -371,25 +456,21 @@ def monte_carlo(
         The folder holds a study of another model or with other settings, or another process works
         in it.
     """
-    settings, plan, workers = (
-        settings or MonteCarloSettings(),
-        plan or Plan(),
-        workers or LocalProcesses(),
-    )
+    settings, plan = settings or MonteCarloSettings(), plan or Plan()
+    workers = workers or LocalProcesses()
+    progress = progress or (lambda done, todo: None)
     work = partial(run_chunk, case, settings)
     with ExitStack() as stack:
         if folder is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory())
         store = Store(Path(folder))
-        stack.enter_context(alone(store.folder, PURPOSE))
+        stack.enter_context(lock_folder(store.folder, PURPOSE))
         notes, computed = store.open(case, settings), 0
         while True:
-            computed += _compute(
-                store, plan, work, workers, progress or (lambda done, todo: None), chunk_draws
-            )
+            computed += _compute_missing(store, plan, work, workers, progress, chunk_draws)
             draws = store.read(plan)
-            table = statistics(draws)
-            if not until_converged or plan.draws >= MOST_DRAWS or unconverged(table).empty:
+            table = compute_statistics(draws)
+            if not until_converged or plan.draws >= MOST_DRAWS or select_unconverged(table).empty:
                 break
             plan = replace(plan, draws=min(int(STEP * plan.draws) + 1, MOST_DRAWS))
         with atomic.write_atomically(store.folder / "montecarlo.csv") as path:
@@ -405,7 +486,7 @@ def monte_carlo(
     )
 
 
-def _compute(
+def _compute_missing(
     store: Store,
     plan: Plan,
     work: Callable[[Chunk], tuple[Chunk, pa.Table]],
@@ -413,45 +494,55 @@ def _compute(
     progress: DrawProgress,
     size: int,
 ) -> int:
-    """Compute what is missing of a plan, until nothing is; returns the number of draws."""
+    """Compute the draws of a plan that are not stored, and return their number."""
     computed = 0
     for _ in range(TRIES):
-        chunks = list(store.missing(plan, size))
+        chunks = list(store.list_missing(plan, size))
         if not chunks:
             return computed
         done, todo = 0, sum(len(chunk.numbers) for chunk in chunks)
         progress(done, todo)
-        with closing(
-            result for result in workers.run(work, chunks)
-        ) as results:  # interrupted, workers end at once
+        # Closing the generator stops the workers at once if the run is interrupted.
+        with closing(result for result in workers.run(work, chunks)) as results:
             for chunk, draws in results:
                 store.write(chunk, draws)
                 done += len(chunk.numbers)
                 progress(done, todo)
         computed += done
-    raise GaitcalError(
-        "draws that were written are not there when they are read back; is the disk sound?"
-    )
+    raise GaitcalError("draws that were written cannot be read back: check the disk")
 
 
-_kept = threading.local()
+_of_thread = threading.local()
+"""Fingerprint (`key`) and context of the last case of each thread."""
 
 
 @with_one_blas_thread
 def run_chunk(
     case: MonteCarloCase, settings: MonteCarloSettings, chunk: Chunk
 ) -> tuple[Chunk, pa.Table]:
-    """Compute a chunk: its draws, in order, as a table with the columns `FIELDS`.
+    """Compute the draws of a chunk.
 
-    BLAS works with one thread, wherever this runs: more would change the last bits.
+    BLAS uses one thread, wherever this runs: more would change the last bits.
+
+    Parameters
+    ----------
+    case : MonteCarloCase
+        The undisturbed case.
+    settings : MonteCarloSettings
+        Seed and bounds.
+    chunk : Chunk
+        Which draws.
+
+    Returns
+    -------
+    Chunk, pyarrow.Table
+        The chunk, and its draws in order, columns `FIELDS`.
     """
-    key = (case.fingerprint(), settings)
-    if (
-        getattr(_kept, "key", None) != key
-    ):  # made once per thread, and kept until another case comes
-        _kept.key, _kept.context = key, MonteCarloContext(case, settings)
+    key = (case.compute_fingerprint(), settings)
+    if getattr(_of_thread, "key", None) != key:
+        _of_thread.key, _of_thread.context = key, MonteCarloContext(case, settings)
     results: list[DrawResult] = [
-        draw(_kept.context, chunk.varied, chunk.level, number) for number in chunk.numbers
+        draw(_of_thread.context, chunk.varied, chunk.level, number) for number in chunk.numbers
     ]
     values = np.array([result.values for result in results])
     columns = {

@@ -1,11 +1,10 @@
-"""The published study (Reinbolt et al. 2007) as settings: its printed figures, and what its Monte
-Carlo study varies.
+"""Settings and printed figures of the published study (Reinbolt et al. 2007).
 
-Levels are per cent of the bounds; at 100 % joint positions move by up to 10 mm, orientations by up
-to 10 degrees, inertial parameters by up to 10 % of themselves, and marker noise has amplitudes of
+Levels are per cent of the bounds: at 100 % joint positions move by up to 10 mm, orientations by up
+to 10 degrees, inertial parameters by up to 10 % of their values, and marker noise has amplitudes of
 up to 10 mm.
 
-Printed figures are in `published_results.json`, parameters by the names of this project.
+Printed figures are in `published_results.json`, with parameters named as in this project.
 """
 
 import json
@@ -33,7 +32,7 @@ from gaitcal.model.parameters import (
 PUBLISHED_LEVELS = (25, 50, 75, 100)
 PUBLISHED_DRAWS = 5000
 MOST_LEVEL = 1000
-"""Per cent: ten times the published bounds are no perturbation of a model any more."""
+"""Per cent: ten times the published bounds is the largest perturbation of a model."""
 
 
 class Varied(Enum):
@@ -46,12 +45,12 @@ class Varied(Enum):
 
     @property
     def key(self) -> int:
-        """Place of the set in the random stream; never to be changed."""
+        """Index of the set in the random stream; never to be changed."""
         return list(Varied).index(self)
 
     @property
     def title(self) -> str:
-        """As figures and tables call it."""
+        """Title in figures and tables."""
         return {"jp": "JP", "ip": "IP", "both": "JP+IP", "noise": "NP"}[self.value]
 
     @property
@@ -66,40 +65,42 @@ class Varied(Enum):
 
 
 class ReactionFrame(Enum):
-    """Where the ground reactions stay when the model changes: the paper does not say (method,
-    section 8).
+    """Frame in which the ground reactions are constant when the model changes.
+
+    The paper does not give it (method, section 8).
     """
 
     LAB = "lab"
-    """Fixed in the laboratory, as force plates measure them."""
+    """The laboratory, as force plates measure them."""
     FOOT = "foot"
-    """Carried along with the foot frame."""
+    """The foot: they move with it."""
 
 
 class ParameterChoice(Enum):
-    """Which joint parameters vary, the two legs independently; named by how many the published
-    linkage has.
+    """Which joint parameters vary, those of both legs independently.
+
+    The value is the number of them in the published linkage.
     """
 
     LEG = 27
-    """All of each leg."""
+    """All parameters of each leg."""
     GAIT = 17
     """Those of each leg that a gait trial determines."""
     ALL = 98
-    """All, back and arms too."""
+    """All parameters, with back and arms."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joint parameters, in the order of the random stream."""
         if self is ParameterChoice.ALL:
             return JP_NAMES
-        of_leg = list_leg_parameters if self is ParameterChoice.LEG else list_gait_parameters
-        return tuple(name for side in SIDES for name in of_leg(side))
+        list_names = list_leg_parameters if self is ParameterChoice.LEG else list_gait_parameters
+        return tuple(name for side in SIDES for name in list_names(side))
 
 
 @dataclass(frozen=True, kw_only=True)
 class MonteCarloSettings:
-    """Everything that a draw depends on besides the model, its set, its level and its number."""
+    """What a draw depends on, besides the model, its set, its level and its number."""
 
     seed: int = 0
     parameters: ParameterChoice = ParameterChoice.LEG
@@ -108,11 +109,11 @@ class MonteCarloSettings:
     inertial_percent: float = 10.0
     noise_mm: float = 10.0
     refit_tolerance: float = 1e-6
-    """Largest change of a node (m, rad) in the last step; the error left is smaller by the rate of
-    convergence.
+    """Largest change of a control point (m, rad) in the last step; the remaining error is smaller
+    by the rate of convergence.
     """
     refit_most_evaluations: int = 80
-    """Evaluations of the gradient after which a draw counts as failed."""
+    """Evaluations of the gradient after which a draw has failed."""
 
     @property
     def joint_bounds(self) -> Array:
@@ -124,14 +125,20 @@ class MonteCarloSettings:
         kinds = [JOINT_PARAMETERS[JP_INDEX[name]].kind for name in self.parameters.names]
         return np.array([by_kind[kind] * kind.to_si for kind in kinds])
 
-    def as_json(self) -> Mapping[str, float]:
-        """Flat and plain, for the store and for comparison with it."""
+    def convert_to_json(self) -> Mapping[str, float]:
+        """Convert to a flat dictionary of numbers, for the store of draws.
+
+        Returns
+        -------
+        mapping
+            Setting -> number.
+        """
         return asdict(self) | {"parameters": self.parameters.value}
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much to do: each set at each level, `draws` times."""
+    """Number of draws: each set at each level, `draws` times."""
 
     sets: tuple[Varied, ...] = tuple(Varied)
     levels: tuple[int, ...] = PUBLISHED_LEVELS
@@ -141,12 +148,8 @@ class Plan:
     @property
     def cells(self) -> tuple[tuple[Varied, int], ...]:
         """Every set with every level, in the order of tables."""
-        return tuple(
-            (varied, level)
-            for varied in Varied
-            if varied in self.sets
-            for level in sorted(set(self.levels))
-        )
+        levels = sorted(set(self.levels))
+        return tuple((v, level) for v in Varied if v in self.sets for level in levels)
 
     @property
     def total(self) -> int:
@@ -155,57 +158,100 @@ class Plan:
 
 
 PROBLEMS: tuple[str, ...] = ("hip", "knee", "ankle", "full leg")
-"""Columns of Table I: three isolated trials and gait."""
+"""Columns of Table I: three functional trials and gait."""
 SIDE = "l"
-"""The paper's leg is the left one: only then do the signs of Table II fit frames with z to the
-right.
+"""Side of the paper's leg: only of the left leg do the signs of Table II agree with frames with z
+to the right.
 """
 
 
 @cache
-def _content() -> dict[str, Any]:
+def _read_figures() -> dict[str, Any]:
+    """Read the printed figures of the paper."""
     path = files("gaitcal.montecarlo") / "published_results.json"
     content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return content
 
 
-def table_one(row: str, quantity: str) -> dict[str, float | None]:
-    """Problem -> figure, for a row of Table I (`synthetic_with_noise`, ...) and
-    `marker_distance_mm`, `position_mm`, `orientation_deg`.
+def get_table_one(row: str, quantity: str) -> dict[str, float | None]:
+    """Get a row of Table I.
+
+    Parameters
+    ----------
+    row : str
+        `synthetic_with_noise`, ...
+    quantity : str
+        `marker_distance_mm`, `position_mm` or `orientation_deg`.
+
+    Returns
+    -------
+    dict
+        Problem (`PROBLEMS`) -> figure, mm or deg; None if not printed.
     """
-    return dict(zip(PROBLEMS, _content()["table_I"][row][quantity], strict=True))
+    return dict(zip(PROBLEMS, _read_figures()["table_I"][row][quantity], strict=True))
 
 
-def table_two() -> list[Any]:
-    """Table II, 27 rows: name of the joint parameter (left leg), title, unit (mm, deg);
-    single_joint, full_leg: pairs of the difference from the true (synthetic) and from the nominal
-    (experimental) value.
+def get_table_two() -> list[Any]:
+    """Get the 27 rows of Table II.
+
+    Returns
+    -------
+    list of SimpleNamespace
+        `name` of the joint parameter (left leg), `title`, `unit` (mm, deg); `single_joint` and
+        `full_leg`: pairs of the difference from the true (synthetic) and from the nominal
+        (experimental) value.
     """
-    return [SimpleNamespace(**row) for row in _content()["table_II"]]
+    return [SimpleNamespace(**row) for row in _read_figures()["table_II"]]
 
 
-def table_three(row: str) -> list[Any]:
-    """Force N, torque N·m, then inertia kg mm^2, mass kg, mass centre mm; each [mean, sd] for the
-    random seeds.
+def get_table_three(row: str) -> list[Any]:
+    """Get a row of Table III.
+
+    Parameters
+    ----------
+    row : str
+        `synthetic_without_noise`, ...
+
+    Returns
+    -------
+    list
+        Force N, torque N·m, then inertia kg mm^2, mass kg, mass centre mm; each [mean, SD] for the
+        random seeds.
     """
-    figures: list[Any] = _content()["table_III"][row]
+    figures: list[Any] = _read_figures()["table_III"][row]
     return figures
 
 
-def table_four() -> list[Any]:
-    """Table IV, 37 rows: name of the symmetric parameter, title, unit (kg, mm, kg mm^2), note;
-    difference from the true (correct_seed, and random_seeds: mean and SD) or nominal value
-    (experimental). `foot.com.sup` was held.
+def get_table_four() -> list[Any]:
+    """Get the 37 rows of Table IV.
+
+    Returns
+    -------
+    list of SimpleNamespace
+        `name` of the symmetric parameter, `title`, `unit` (kg, mm, kg mm^2), `note`; difference
+        from the true value (`correct_seed`, and `random_seeds`: mean and SD) or from the nominal
+        one (`experimental`). `foot.com.sup` was held.
     """
-    return [SimpleNamespace(**{"note": ""} | row) for row in _content()["table_IV"]]
+    return [SimpleNamespace(**{"note": ""} | row) for row in _read_figures()["table_IV"]]
 
 
-def cpu_seconds(problem: str) -> tuple[float, float]:
-    """Shortest and longest published time, s: `isolated`, `gait` or `inertial` (3.4 GHz Pentium 4)."""
-    shortest, longest = _content()["cpu_s"][problem]
+def get_cpu_seconds(problem: str) -> tuple[float, float]:
+    """Get the shortest and longest published computing time (3.4 GHz Pentium 4).
+
+    Parameters
+    ----------
+    problem : str
+        `isolated`, `gait` or `inertial`.
+
+    Returns
+    -------
+    tuple of float
+        s.
+    """
+    shortest, longest = _read_figures()["cpu_s"][problem]
     return float(shortest), float(longest)
 
 
-def text(name: str) -> Any:
-    """A figure from the prose: see `published_results.json`."""
-    return _content()[name]
+def get_figure(name: str) -> Any:
+    """Get a figure from the text of the paper, by its name in `published_results.json`."""
+    return _read_figures()[name]

@@ -1,10 +1,9 @@
-"""Who computes the chunks: this process, processes of this machine, or a cluster. All give the same
-bits.
+"""Workers that compute tasks: this process, processes of this machine, or a cluster.
 
-Processes and clusters are executors as of `concurrent.futures`, served by one loop
-(`_Executing.run`). Tasks are taken from their iterator as there is room for them, so that memory
-stays bounded. One over which a worker dies is handed in again, a few times: who killed the worker
-is not known.
+All give the same bits. Processes and clusters are executors as of `concurrent.futures`, served by
+one loop (`_Executing.run`). Tasks are taken from their iterator as there is room for them, so that
+memory stays bounded. A task whose worker dies is submitted again, a few times, because its cause is
+unknown.
 """
 
 import os
@@ -28,24 +27,22 @@ from gaitcal.errors import Code, GaitcalError, InputError, UsageError
 from gaitcal.io import atomic, result_folder
 
 TRIES = 3
-"""Processes of this machine that may die over a task before it is given up."""
+"""Times that a process of this machine may die in a task before the task is given up."""
 CLUSTER_TRIES = 6
-"""The same of a cluster, each time after the scheduler's own tries."""
+"""The same of a cluster, each time after the tries of the scheduler."""
 WATCH_S = 1.0
-"""How often a worker process looks whether its parent is still there."""
+"""s, interval in which a worker process checks that its parent is alive."""
 AHEAD = 3
-"""Tasks handed in for each worker thread of a cluster: enough to keep it busy, and bounded."""
+"""Tasks submitted for each worker thread of a cluster: enough to keep it busy, and bounded."""
 WAIT_S = 30
-"""For the scheduler of a cluster, and for its first worker."""
+"""s, longest time to wait for the scheduler of a cluster, and for its first worker."""
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
 class Workers:
-    """Whoever maps a picklable function over tasks: this process, one after the other; others run
-    them elsewhere.
-    """
+    """Maps a picklable function over tasks, in this process; subclasses use other processes."""
 
     def run(
         self,
@@ -53,33 +50,53 @@ class Workers:
         tasks: Iterable[Task],
         lost: Callable[[Task, str], Result] | None = None,
     ) -> Iterator[Result]:
-        """Yield `function(task)` for every task, in any order; without `lost`, one that is given up
-        ends the run.
+        """Compute a function for every task.
+
+        Parameters
+        ----------
+        function : callable
+            Picklable.
+        tasks : iterable
+            Its arguments, taken as there is room for them.
+        lost : callable, optional
+            Called with a task that is given up and the reason; returns its result. Without it, such
+            a task ends the run.
+
+        Yields
+        ------
+        result
+            In any order.
+
+        Raises
+        ------
+        GaitcalError
+            A task is given up.
         """
         return map(function, tasks)
 
 
 @dataclass(frozen=True)
 class _Crew:
-    """An executor, and what it is like."""
+    """An executor and its properties."""
 
     name: str
     executor: Executor
     room: Callable[[], int]
-    """How many tasks it takes at a time."""
+    """Number of tasks that it takes at a time."""
     death: type[Exception]
     """Error of a task whose worker died."""
     tries: int
-    words: Callable[[BaseException], str]
-    """Why a task is given up."""
+    """Times that a task is submitted."""
+    describe: Callable[[BaseException], str]
+    """Describes why a task is given up."""
 
 
 class _Executing(Workers, ABC):
     """Workers behind an executor."""
 
     @abstractmethod
-    def crew(self) -> AbstractContextManager[_Crew]:
-        """The executor, ended with the context whatever it is at."""
+    def start_crew(self) -> AbstractContextManager[_Crew]:
+        """Start the executor; leaving the context ends it, with all its tasks."""
 
     def run(
         self,
@@ -88,16 +105,17 @@ class _Executing(Workers, ABC):
         lost: Callable[[Task, str], Result] | None = None,
     ) -> Iterator[Result]:
         """Yield the results as they are ready; see `Workers`."""
-        with self.crew() as crew:
-            left = ((task, crew.tries) for task in tasks)
+        with self.start_crew() as crew:
+            # Tasks with the number of tries that they have.
+            waiting = ((task, crew.tries) for task in tasks)
             again: list[tuple[Task, int]] = []
             running: dict[Future[Result], tuple[Task, int]] = {}
             while True:
                 for _ in range(crew.room() - len(running)):
-                    given = again.pop() if again else next(left, None)
-                    if given is None:
+                    following = again.pop() if again else next(waiting, None)
+                    if following is None:
                         break
-                    running[crew.executor.submit(function, given[0])] = given
+                    running[crew.executor.submit(function, following[0])] = following
                 if not running:
                     return
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -111,80 +129,82 @@ class _Executing(Workers, ABC):
                         again.append((task, tries - 1))
                     elif lost is None:
                         raise GaitcalError(
-                            f"{crew.name} could not compute a chunk: {crew.words(error)}"
+                            f"{crew.name} could not compute a chunk: {crew.describe(error)}"
                         )
                     else:
-                        yield lost(task, crew.words(error))
+                        yield lost(task, crew.describe(error))
 
 
 @dataclass(frozen=True)
 class LocalProcesses(_Executing):
-    """Processes of this machine, by loky. One that dies stops nobody."""
+    """Processes of this machine, by loky. A process that dies does not stop the others."""
 
     jobs: int = -1
-    """How many; -1: one for every core."""
-    each: int | None = None
+    """Number of processes; -1: one for every core."""
+    tasks_per_process: int | None = None
     """Tasks after which a process is replaced, so that memory does not grow with their number;
     None: never.
     """
-    ages: Callable[[Any], int] = lambda result: 1
-    """As how many tasks a result counts: 0 where it cost no work, `each` where its process has to
-    go at once.
+    count_tasks: Callable[[Any], int] = lambda result: 1
+    """Number of tasks that a result counts for: 0 if it took no work, `tasks_per_process` if its
+    process must be replaced at once.
     """
 
     @contextmanager
-    def crew(self) -> Iterator[_Crew]:
-        """As many processes."""
+    def start_crew(self) -> Iterator[_Crew]:
+        """Start the processes."""
         count = cpu_count() if self.jobs < 0 else self.jobs
-        with _Processes(self.each, self.ages) as processes:
-            yield _Crew("a process", processes, lambda: count, BrokenProcessPool, TRIES, _death)
+        with _Processes(self.tasks_per_process, self.count_tasks) as processes:
+            yield _Crew(
+                "a process", processes, lambda: count, BrokenProcessPool, TRIES, _describe_death
+            )
 
 
 class _Processes(Executor):
-    """A pool of loky for each process: such a pool ends as a whole where a process dies, and the
-    task must be known.
+    """A pool of loky for each process.
+
+    A pool ends as a whole if a process dies; with one process in it, the task is known.
     """
 
-    def __init__(self, each: int | None, ages: Callable[[Any], int]) -> None:
-        self._each, self._ages = each, ages
+    def __init__(self, tasks_per_process: int | None, count_tasks: Callable[[Any], int]) -> None:
+        self._tasks_per_process, self._count_tasks = tasks_per_process, count_tasks
         self._last: dict[ProcessPoolExecutor, tuple[Future[Any], int]] = {}
-        """The last task of every process, and the process's age before it."""
+        """The last task of every process, and the number of its tasks before it."""
 
     def submit(
         self, function: Callable[..., Result], /, *args: Any, **kwargs: Any
     ) -> Future[Result]:
-        """As of `concurrent.futures`, to a process that has ended its last task, or to a new one."""
-        pool, age = None, 0
+        """Submit a task to a process that has ended its last one, or to a new process."""
+        pool, count = None, 0
         for idle, (last, before) in list(self._last.items()):
             if last.done():
                 del self._last[idle]
                 if last.exception() is not None:
                     idle.shutdown(kill_workers=True)
                     continue
-                age = before + self._ages(last.result())
-                if self._each is None or age < self._each:
+                count = before + self._count_tasks(last.result())
+                if self._tasks_per_process is None or count < self._tasks_per_process:
                     pool = idle
                     break
                 idle.shutdown()
         if pool is None:
-            pool, age = ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),)), 0
+            pool, count = ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),)), 0
         try:
             future: Future[Result] = pool.submit(function, *args, **kwargs)
-        except BrokenProcessPool:  # it died while it had nothing to do
+        except BrokenProcessPool:
+            # The process died while it was idle.
             return self.submit(function, *args, **kwargs)
-        self._last[pool] = future, age
+        self._last[pool] = future, count
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes at once, whatever they are at."""
+        """End all processes at once, with their tasks."""
         for pool in self._last:
             pool.shutdown(kill_workers=True)
 
 
-def _death(error: BaseException) -> str:
-    """How a process ended, of loky's words on it; raises what was no death but the function's own
-    error.
-    """
+def _describe_death(error: BaseException) -> str:
+    """Describe how a process ended, from loky's message; raise an error of the function itself."""
     if not isinstance(error, BrokenProcessPool):
         raise error
     code = re.search(r"\{(SIG\w+)\(-?\d+\)\}", str(error))
@@ -192,14 +212,13 @@ def _death(error: BaseException) -> str:
 
 
 def _begin(parent: int) -> None:
-    """In a worker process: Ctrl-C is the parent's to answer, and its end is this one's, whatever is
-    done here then.
-    """
+    """Begin a worker process: the parent handles Ctrl-C, and this process ends with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(parent,), daemon=True).start()
 
 
-def _end_with(parent: int) -> None:
+def _exit_with_parent(parent: int) -> None:
+    """Exit once the parent process has ended."""
     while os.getppid() == parent:
         time.sleep(WATCH_S)
     os._exit(1)
@@ -213,10 +232,13 @@ class DaskCluster(_Executing):
     """For example tcp://10.0.0.1:8786."""
 
     @contextmanager
-    def crew(self) -> Iterator[_Crew]:
-        """All workers that the scheduler has at the time.
+    def start_crew(self) -> Iterator[_Crew]:
+        """Connect to all workers that the scheduler has at the time.
 
-        Raises InputError: No scheduler at the address, or one without workers.
+        Raises
+        ------
+        InputError
+            No scheduler at the address, or one without workers.
         """
         try:
             library = import_module("distributed")
@@ -231,11 +253,9 @@ class DaskCluster(_Executing):
         except (OSError, ValueError) as error:
             message = (
                 f"found '{self.address}': {error}; allowed: the address of a running dask "
-                "scheduler, as "
+                "scheduler, as tcp://host:port"
             )
-            raise InputError(
-                f"{message}tcp://host:port", field="--cluster", code=Code.CLUSTER
-            ) from None
+            raise InputError(message, field="--cluster", code=Code.CLUSTER) from None
         with client:
             try:
                 client.wait_for_workers(1, timeout=WAIT_S)
@@ -243,7 +263,7 @@ class DaskCluster(_Executing):
                 message = f"the scheduler at {self.address} has no workers"
                 raise InputError(message, field="--cluster", code=Code.CLUSTER) from None
 
-            def room() -> int:
+            def count_room() -> int:
                 threads: int = sum(client.nthreads().values())
                 return AHEAD * max(threads, 1)
 
@@ -252,17 +272,36 @@ class DaskCluster(_Executing):
             yield _Crew(
                 "the cluster",
                 executor,
-                room,
+                count_room,
                 death,
                 CLUSTER_TRIES,
                 lambda e: f"error: {type(e).__name__}: {e}",
             )
 
 
-def workers_of(
+def choose_workers(
     jobs: int, cluster: str | None, local: Callable[[int], Workers] = LocalProcesses
 ) -> Workers:
-    """Who computes by the options `--jobs` and `--cluster`; UsageError where these cannot be."""
+    """Choose workers by the options `--jobs` and `--cluster`.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes; -1: one for every core.
+    cluster : str or None
+        Address of a dask scheduler; takes precedence.
+    local : callable
+        Makes the workers of this machine from `jobs`.
+
+    Returns
+    -------
+    Workers
+
+    Raises
+    ------
+    UsageError
+        `jobs` is 0 or below -1.
+    """
     if cluster is not None:
         return DaskCluster(cluster)
     if jobs == 0 or jobs < -1:
@@ -271,9 +310,22 @@ def workers_of(
 
 
 @contextmanager
-def alone(folder: Path, purpose: str, wait_s: float | None = None) -> Iterator[None]:
-    """No other run of this purpose works in the folder meanwhile: it would compute the same a
-    second time.
+def lock_folder(folder: Path, purpose: str, wait_s: float | None = None) -> Iterator[None]:
+    """Lock a folder against other runs of the same purpose, which would compute the same again.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if missing.
+    purpose : str
+        Name of the lock.
+    wait_s : float, optional
+        s, longest time to wait for another run.
+
+    Raises
+    ------
+    InputError
+        Another run works in the folder, or it cannot be written.
     """
     with ExitStack() as stack:
         with atomic.convert_disk_errors(folder):

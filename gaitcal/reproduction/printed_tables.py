@@ -14,12 +14,12 @@ import numpy as np
 from gaitcal.calibration.inertial_calibration import TorqueScale
 from gaitcal.montecarlo.protocol import (
     PROBLEMS,
-    cpu_seconds,
-    table_four,
-    table_one,
-    table_three,
-    table_two,
-    text,
+    get_cpu_seconds,
+    get_figure,
+    get_table_four,
+    get_table_one,
+    get_table_three,
+    get_table_two,
 )
 from gaitcal.reproduction.recovery import (
     NOISELESS_DECAY,
@@ -134,7 +134,7 @@ def table_one_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Table
     """
     rows: list[TableRow] = []
     for key, title, unit, figure in JOINT_FIGURES:
-        for problem, published in table_one("synthetic_without_noise", key).items():
+        for problem, published in get_table_one("synthetic_without_noise", key).items():
             cell, recovery = (
                 TableRow("I", f"synthetic without noise: {title}", problem, unit),
                 clean.joints[problem],
@@ -144,23 +144,23 @@ def table_one_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Table
                     cell.filled(published, ours, f"from absolute zero in {recovery.steps} steps")
                 )
     for key, title, unit, figure in JOINT_FIGURES:
-        for problem, published in table_one("synthetic_with_noise", key).items():
+        for problem, published in get_table_one("synthetic_with_noise", key).items():
             cell = TableRow("I", f"synthetic with noise: {title}", problem, unit)
             values = [v for draw in draws if (v := figure(draw.joints[problem])) is not None]
             if values and published is not None:
                 rows.append(cell.over_draws(published, values, _why(key, problem)))
     cell = TableRow("I", "synthetic with noise: largest marker distance", "any", "mm")
     peaks = [max(r.largest_mm for r in draw.joints.values()) for draw in draws]
-    rows.append(cell.over_draws(float(text("largest_marker_distance_mm")["single"]), peaks))
+    rows.append(cell.over_draws(float(get_figure("largest_marker_distance_mm")["single"]), peaks))
     for printed, row in (
         ("experimental_phase1", "phase 1"),
         ("experimental_anatomical", "anatomical"),
     ):
-        for problem, published in table_one(printed, "marker_distance_mm").items():
+        for problem, published in get_table_one(printed, "marker_distance_mm").items():
             if published is not None:
                 cell = TableRow("I", f"experimental, {row}: marker distance RMS", problem, "mm")
                 rows.append(cell.experiment(published))
-    for problem, fall in zip(PROBLEMS, text("jp_reduction_marker_error_pct"), strict=True):
+    for problem, fall in zip(PROBLEMS, get_figure("jp_reduction_marker_error_pct"), strict=True):
         rows.append(
             TableRow("I", "experimental: fall of marker distance", problem, "%").experiment(fall)
         )
@@ -201,7 +201,7 @@ def table_two_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     columns as printed.
     """
     rows: list[TableRow] = []
-    for printed in table_two():
+    for printed in get_table_two():
         joint = printed.name.split("_")[0]
         isolated = joint if joint in PROBLEMS else "ankle"
         for column, problem, (published, experiment) in (
@@ -223,9 +223,9 @@ def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Tab
     random seeds.
     """
     rows: list[TableRow] = []
-    without = table_three("synthetic_without_noise")
-    correct = table_three("synthetic_with_noise_correct_seed")
-    random = table_three("synthetic_with_noise_random_seeds")
+    without = get_table_three("synthetic_without_noise")
+    correct = get_table_three("synthetic_with_noise_correct_seed")
+    random = get_table_three("synthetic_with_noise_random_seeds")
     passes = (
         f"penalty times {NOISELESS_DECAY} at every re-seed, up to "
         f"{max(r.seeds for r in clean.random)} seeds"
@@ -269,7 +269,7 @@ def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Tab
         ):
             rows.append(
                 TableRow("III", f"experimental, {row}", column, unit).experiment(
-                    table_three(printed)[k]
+                    get_table_three(printed)[k]
                 )
             )
     for (column, _, _), key in zip(RESIDUALS, ("force", "torque"), strict=True):
@@ -278,7 +278,7 @@ def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Tab
             ("third step", "third_step_reduction_pct"),
         ):
             cell = TableRow("III", f"experimental, {stage}: fall of residual", column, "%")
-            rows.append(cell.experiment(text(name)[key]))
+            rows.append(cell.experiment(get_figure(name)[key]))
     cell = TableRow(
         "III", "synthetic with noise, random seeds: bodies that could exist", "solutions", "%"
     )
@@ -289,7 +289,7 @@ def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Tab
 def table_four_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     """Table IV: errors of the 36 parameters with noise, and of `foot superior`, which was held."""
     rows: list[TableRow] = []
-    for p in table_four():
+    for p in get_table_four():
         held = (
             "drawn with the random seeds and held: no variable" if p.name == "foot.com.sup" else ""
         )
@@ -308,7 +308,10 @@ def table_four_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
             TableRow("IV", p.title, "experimental", p.unit).experiment(p.experimental, p.note)
         )
     cell = TableRow("IV", "mass, whole body", "correct seed", "kg")
-    return [*rows, cell.over_draws(text("mass_sum_kg"), [d.correct.total_mass for d in draws])]
+    return [
+        *rows,
+        cell.over_draws(get_figure("mass_sum_kg"), [d.correct.total_mass for d in draws]),
+    ]
 
 
 def discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
@@ -321,11 +324,11 @@ def discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
         for k, (column, unit, figure) in enumerate(RESIDUALS):
             cell, printed = (
                 TableRow("discussion", f"torque divided by {divisor}", column, unit),
-                text("torque_weighting")[key],
+                get_figure("torque_weighting")[key],
             )
             values = [figure(d.scales[scale]) for d in draws]
             rows.append(cell.over_draws(printed[k], values, f"{other}, correct seed"))
-    third, printed = [d.third for d in draws if d.third is not None], text("third_step")
+    third, printed = [d.third for d in draws if d.third is not None], get_figure("third_step")
     for column, unit, pairs, figures in (
         ("residual force RMS", "N", [t.force for t in third], printed["force_N"]),
         ("residual torque RMS", "N*m", [t.torque for t in third], printed["torque_Nm"]),
@@ -345,7 +348,7 @@ def time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
     rows: list[TableRow] = []
     for row, key, times in PHASES:
         seconds = np.array([s for result in results for s in times(result)])
-        shortest, longest = cpu_seconds(key)
+        shortest, longest = get_cpu_seconds(key)
         for column, published, ours in (
             ("shortest", shortest, seconds.min()),
             ("median", None, np.median(seconds)),
@@ -370,6 +373,6 @@ def run_time_rows(laps: Mapping[str, float]) -> list[TableRow]:
 def speed_factor(results: Sequence[SeedResult]) -> float:
     """Smallest ratio over the phases of the shortest published time to our longest."""
     return min(
-        cpu_seconds(key)[0] / max(s for result in results for s in times(result))
+        get_cpu_seconds(key)[0] / max(s for result in results for s in times(result))
         for _, key, times in PHASES
     )

@@ -95,7 +95,7 @@ def reproduce(
     disturbances = None
     if settings.draws:
         disturbances = monte_carlo(
-            case.nominal_case(),
+            case.make_nominal_case(),
             draws_folder / "published" if draws_folder else None,
             settings=protocol.MonteCarloSettings(seed=settings.seed),
             plan=protocol.Plan(draws=settings.draws),

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from distributed import LocalCluster
 
-from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.case import make_nominal_case
 from gaitcal.montecarlo.draw_study import MonteCarloStudy, monte_carlo
 from gaitcal.montecarlo.protocol import Plan
 from gaitcal.montecarlo.workers import DaskCluster
@@ -23,7 +23,10 @@ from gaitcal.montecarlo.workers import DaskCluster
 def run(out: Path, address: str, draws: int) -> MonteCarloStudy:
     """The study of the nominal subject, at the highest level."""
     return monte_carlo(
-        nominal_case(), out, plan=Plan(levels=(100,), draws=draws), workers=DaskCluster(address)
+        make_nominal_case(),
+        out,
+        plan=Plan(levels=(100,), draws=draws),
+        workers=DaskCluster(address),
     )
 
 

@@ -2,14 +2,14 @@
 
 import pytest
 
-from gaitcal.montecarlo.case import MonteCarloCase, nominal_case
+from gaitcal.montecarlo.case import MonteCarloCase, make_nominal_case
 from gaitcal.montecarlo.draw import MonteCarloContext
 from gaitcal.montecarlo.protocol import MonteCarloSettings
 
 
 @pytest.fixture(scope="session")
 def case() -> MonteCarloCase:
-    return nominal_case()
+    return make_nominal_case()
 
 
 @pytest.fixture(scope="session")

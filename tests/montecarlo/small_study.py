@@ -5,7 +5,7 @@ FOLDER.
 import sys
 from pathlib import Path
 
-from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.case import make_nominal_case
 from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.montecarlo.protocol import Plan
 from gaitcal.montecarlo.workers import LocalProcesses
@@ -16,7 +16,11 @@ CHUNK = 2
 
 def main() -> None:
     monte_carlo(
-        nominal_case(), Path(sys.argv[1]), plan=PLAN, workers=LocalProcesses(2), chunk_draws=CHUNK
+        make_nominal_case(),
+        Path(sys.argv[1]),
+        plan=PLAN,
+        workers=LocalProcesses(2),
+        chunk_draws=CHUNK,
     )
 
 

@@ -10,11 +10,12 @@ import pytest
 
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.result import Calibration
-from gaitcal.montecarlo.case import case_from, case_of
+from gaitcal.errors import Code
+from gaitcal.montecarlo.case import load_case, make_case
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.study.study import Study
+from tests.messages import refuses
 from tests.quality.spoilt import gone, with_trial
-from tests.refusal import refusal
 from tests.synthetic_studies import write_synthetic_study
 
 QUICK = '[calibration]\njp = false\nip = "none"\nnodes = 20\n'
@@ -47,9 +48,9 @@ def folder(calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) -
 def test_the_folder_of_a_result_gives_the_case_of_its_calibration(
     calibration: Calibration, folder: Path
 ) -> None:
-    case, read = case_of(calibration), case_from(folder)
+    case, read = make_case(calibration), load_case(folder)
     assert case.name == read.name == "walk"
-    assert read.fingerprint() == case.fingerprint()
+    assert read.compute_fingerprint() == case.compute_fingerprint()
     worn = set(calibration.trial("walk").recording.labels) & set(calibration.model.markers.labels)
     assert LOST in worn
     assert set(case.markers.labels) == worn - {LOST}
@@ -66,8 +67,11 @@ def test_trials_without_ground_reactions_are_refused(
     calibration: Calibration, folder: Path, tmp_path: Path
 ) -> None:
     """And a folder that holds nothing of ours."""
-    for case, result in ((case_of, calibration), (case_from, folder)):
-        assert "--trial: found 'knee_r'; allowed: walk" in refusal(case, result, "knee_r")
+    for case, result in ((make_case, calibration), (load_case, folder)):
+        with refuses(Code.OPTION, "knee_r", "walk", field="--trial"):
+            case(result, "knee_r")
     isolated = replace(calibration, trials=calibration.trials[:1])
-    assert "no gait trial with ground reactions" in refusal(case_of, isolated)
-    assert "found neither model.toml nor study.toml" in refusal(case_from, tmp_path)
+    with refuses(Code.MONTE_CARLO):
+        make_case(isolated)
+    with refuses(Code.NO_RESULT, "model.toml", "study.toml"):
+        load_case(tmp_path)

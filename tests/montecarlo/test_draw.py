@@ -9,20 +9,20 @@ import pytest
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, list_joints_above
 from gaitcal.model.parameters import IP_NAMES, Parameters
-from gaitcal.montecarlo.case import MonteCarloCase, nominal_case
+from gaitcal.montecarlo.case import MonteCarloCase, make_nominal_case
 from gaitcal.montecarlo.draw import (
     COLUMNS,
     LEG_TORQUES,
     Disturbance,
     FootPose,
     MonteCarloContext,
-    carry,
-    disturb,
+    compute_leg_torques,
     draw,
-    leg_torques,
-    marker_column,
+    draw_disturbance,
+    move_wrenches,
+    name_marker_column,
+    name_torque_column,
     refit,
-    torque_column,
 )
 from gaitcal.montecarlo.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, Varied
 from gaitcal.tracking.descent import DescentSettings
@@ -52,7 +52,7 @@ def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(
         coefficients = context.case.coefficients + rng.normal(
             0, 0.02, context.case.coefficients.shape
         )
-        laboratory, _ = leg_torques(
+        laboratory, _ = compute_leg_torques(
             parameters, context.basis, coefficients, context.case.wrench, context.feet
         )
         np.testing.assert_allclose(
@@ -75,7 +75,7 @@ def test_a_carried_wrench_is_constant_in_the_foot() -> None:
 
     wrench, before, after = rng.normal(size=(5, 2, 6)), pose(), pose()
     np.testing.assert_allclose(
-        in_foot(carry(wrench, before, after), after), in_foot(wrench, before), atol=1e-12
+        in_foot(move_wrenches(wrench, before, after), after), in_foot(wrench, before), atol=1e-12
     )
 
 
@@ -86,7 +86,7 @@ def test_moving_the_whole_person_matters_to_wrenches_of_the_laboratory_only(
     case = context.case
     coefficients = case.coefficients.copy()
     coefficients[:, COORDINATES.index("pelvis_tx")] += 0.010
-    laboratory, carried = leg_torques(
+    laboratory, carried = compute_leg_torques(
         case.parameters, context.basis, coefficients, case.wrench, context.feet
     )
     np.testing.assert_allclose(carried, context.torques, rtol=0, atol=TORQUE)
@@ -103,7 +103,10 @@ ERROR = 1e-9
 
 def recorded(values: np.ndarray, frame: ReactionFrame, measure: str) -> np.ndarray:
     return np.array(
-        [values[COLUMNS.index(torque_column(torque, frame, measure))] for torque in LEG_TORQUES]
+        [
+            values[COLUMNS.index(name_torque_column(torque, frame, measure))]
+            for torque in LEG_TORQUES
+        ]
     )
 
 
@@ -111,7 +114,7 @@ def recorded(values: np.ndarray, frame: ReactionFrame, measure: str) -> np.ndarr
 def test_record_of_a_draw_against_whole_body_dynamics(
     context: MonteCarloContext, varied: Varied
 ) -> None:
-    case, change = context.case, disturb(context, varied, 75, 2)
+    case, change = context.case, draw_disturbance(context, varied, 75, 2)
     found = draw(context, varied, 75, 2)
     parameters, data = case.parameters, context.data
     if change.joint is not None:
@@ -159,7 +162,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(
         ("rms", np.sqrt((apart[left] ** 2).mean())),
         ("mean", apart[left].mean()),
     ):
-        assert found.values[COLUMNS.index(marker_column("l", measure))] == pytest.approx(
+        assert found.values[COLUMNS.index(name_marker_column("l", measure))] == pytest.approx(
             wanted, abs=1e-4
         )
     assert found.failure == ""
@@ -174,7 +177,7 @@ def test_only_valid_frames_count(case: MonteCarloCase) -> None:
     valid = np.zeros(len(case.time), dtype=bool)
     valid[60:90] = True
     some = MonteCarloContext(replace(case, valid=valid), MonteCarloSettings())
-    change = disturb(some, Varied.IP, 100, 0)
+    change = draw_disturbance(some, Varied.IP, 100, 0)
     factor = 1 + some.inertial_set.selection @ change.inertial
     parameters = case.parameters.with_inertial(case.parameters.inertial * factor)
     error = (
@@ -220,13 +223,13 @@ def test_other_choices_of_parameters(
 
 @cache
 def context_of(settings: MonteCarloSettings) -> MonteCarloContext:
-    return MonteCarloContext(nominal_case(), settings)
+    return MonteCarloContext(make_nominal_case(), settings)
 
 
 def sample(
     varied: Varied, level: int, number: int, settings: MonteCarloSettings | None = None
 ) -> Disturbance:
-    return disturb(context_of(settings or MonteCarloSettings()), varied, level, number)
+    return draw_disturbance(context_of(settings or MonteCarloSettings()), varied, level, number)
 
 
 def test_each_set_disturbs_what_it_names() -> None:
@@ -279,7 +282,7 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
     higher from afar.
     """
     for number in range(4):
-        change = disturb(context, Varied.JP, level, number)
+        change = draw_disturbance(context, Varied.JP, level, number)
         assert change.joint is not None
         parameters = context.case.parameters.with_joint(
             context.names, context.joint_values + change.joint
@@ -316,7 +319,7 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
 
 
 def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
-    change = disturb(context, Varied.NOISE, 100, 1)
+    change = draw_disturbance(context, Varied.NOISE, 100, 1)
     noisy = context.problem.with_measured(context.data.measured + change.noise)
     body = context.problem.build_body(context.case.parameters)
     found = refit(

@@ -11,20 +11,20 @@ from gaitcal.montecarlo.draw import (
     LEG_TORQUES,
     TORQUES,
     MonteCarloContext,
-    leg_torques,
+    compute_leg_torques,
+    name_torque_column,
     refit,
-    torque_column,
 )
 from gaitcal.montecarlo.draw_statistics import (
     TOLERANCE_PERCENT,
-    expect,
-    left_out,
-    levels_of,
-    linear_agreement,
-    settling,
-    statistics,
-    unconverged,
-    variance_contributions,
+    compute_linear_agreement,
+    compute_statistics,
+    compute_variance_contributions,
+    estimate_expected_errors,
+    list_cells_with_failures,
+    measure_settling,
+    select_levels,
+    select_unconverged,
 )
 from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.montecarlo.protocol import Plan, ReactionFrame, Varied
@@ -71,15 +71,15 @@ def test_distributions() -> None:
     draws = made_up()
     draws.loc[(draws["set"] == "jp") & (draws["draw"] < 3), "failure"] = "did not settle"
     draws.loc[draws["failure"] != "", list(COLUMNS)] = 1e6  # must not enter the distribution
-    table = statistics(draws)
-    row = levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT).iloc[-1]
+    table = compute_statistics(draws)
+    row = select_levels(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT).iloc[-1]
     good = draws[(draws["set"] == "jp") & (draws["level"] == 100) & (draws["failure"] == "")]
     values = good["knee_angle_l.foot.rms"].to_numpy()
     wanted = {"level": 100, "draws": 397, "failed": 3, "average": values.mean()}
     wanted |= {f"p{p}": np.percentile(values, p) for p in (10, 25, 50, 75, 90)}
     assert {name: row[name] for name in wanted} == pytest.approx(wanted)
-    signed = levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT, "mean").iloc[-1]
-    sizes = levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT, "abs_mean").iloc[-1]
+    signed = select_levels(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT, "mean").iloc[-1]
+    sizes = select_levels(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT, "abs_mean").iloc[-1]
     assert abs(signed["average"]) < 0.2 * sizes["average"]
     assert sizes["average"] == pytest.approx(good["knee_angle_l.foot.mean"].abs().mean())
     assert len(table) == 4 * 3 * (2 * len(LEG_TORQUES) * 3 + 4)
@@ -88,7 +88,7 @@ def test_distributions() -> None:
 def test_settling_is_the_published_criterion() -> None:
     rng = np.random.default_rng(9)
     values = rng.uniform(0.5, 1.5, 1000)
-    found = settling(values)
+    found = measure_settling(values)
     runs = [
         np.array([f(values[:n]) for n in range(900, 1001)])
         for f in (np.mean, lambda v: np.std(v) / np.mean(v))
@@ -97,14 +97,14 @@ def test_settling_is_the_published_criterion() -> None:
     assert found == pytest.approx(tuple(expected))
     assert max(found) <= TOLERANCE_PERCENT
     drifting = np.concatenate([values, 3.0 + values[:100]])
-    assert max(settling(drifting)) > TOLERANCE_PERCENT
-    assert np.isnan(settling(values[:10])).all()
-    assert settling(np.zeros(100)) == (0.0, 0.0)
+    assert max(measure_settling(drifting)) > TOLERANCE_PERCENT
+    assert np.isnan(measure_settling(values[:10])).all()
+    assert measure_settling(np.zeros(100)) == (0.0, 0.0)
 
 
 def test_expectation_from_a_marker_distance() -> None:
-    table = statistics(made_up())
-    jp, noise = expect(table, 4.5)
+    table = compute_statistics(made_up())
+    jp, noise = estimate_expected_errors(table, 4.5)
     assert (jp.varied, noise.varied, jp.beyond) == (Varied.JP, Varied.NOISE, False)
     assert (jp.level, noise.level) == pytest.approx((4.5 / 0.12, 4.5 / 0.06), rel=0.02)
     knee = jp.torques[(jp.torques["torque"] == "knee_angle_l") & (jp.torques["grf"] == "lab")].iloc[
@@ -112,12 +112,12 @@ def test_expectation_from_a_marker_distance() -> None:
     ]
     assert knee["average"] == pytest.approx(0.01 * jp.level, rel=0.02)
     assert knee["p10"] < knee["p50"] < knee["p90"]
-    far_jp, far_noise = expect(table, 9.0)
+    far_jp, far_noise = estimate_expected_errors(table, 9.0)
     assert (far_jp.beyond, far_noise.beyond, far_noise.level) == (False, True, 100.0)
-    assert expect(table, 0.0)[0].level == 0.0
+    assert estimate_expected_errors(table, 0.0)[0].level == 0.0
     (below, _), first = (
-        expect(table, 1.5),
-        levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.LAB).iloc[0],
+        estimate_expected_errors(table, 1.5),
+        select_levels(table, Varied.JP, "knee_angle_l", ReactionFrame.LAB).iloc[0],
     )
     knee = below.torques[
         (below.torques["torque"] == "knee_angle_l") & (below.torques["grf"] == "lab")
@@ -126,7 +126,7 @@ def test_expectation_from_a_marker_distance() -> None:
     assert knee["average"] == pytest.approx(
         first["average"] * below.level / first["level"]
     )  # a line from nothing
-    assert expect(statistics(made_up(sets=("ip",))), 4.0) == ()
+    assert estimate_expected_errors(compute_statistics(made_up(sets=("ip",))), 4.0) == ()
 
 
 @pytest.fixture(scope="module")
@@ -141,20 +141,20 @@ def draws(case: MonteCarloCase) -> pd.DataFrame:
 def test_small_disturbances_are_linear(
     context: MonteCarloContext, draws: pd.DataFrame, frame: ReactionFrame
 ) -> None:
-    assert linear_agreement(context, draws, (Varied.BOTH, 1), frame).min() > 0.999
-    assert linear_agreement(context, draws, (Varied.IP, 10), frame).min() > 0.99
+    assert compute_linear_agreement(context, draws, (Varied.BOTH, 1), frame).min() > 0.999
+    assert compute_linear_agreement(context, draws, (Varied.IP, 10), frame).min() > 0.99
 
 
 def test_contributions_sum_to_the_variance_of_the_draws(
     context: MonteCarloContext, draws: pd.DataFrame
 ) -> None:
-    table = variance_contributions(context)
+    table = compute_variance_contributions(context)
     shares = table.groupby(["torque", "grf"])["share"].sum()
     np.testing.assert_allclose(shares, 100.0)
     squares = (table["rms"] ** 2).groupby([table["torque"], table["grf"]]).sum()
     of = draws[(draws["set"] == "both") & (draws["level"] == 25)]
     for frame in ReactionFrame:
-        found = of[[torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
+        found = of[[name_torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
         ratio = (found**2).mean(axis=0) / (
             0.25**2 * np.array([squares[torque, frame.value] for torque in LEG_TORQUES])
         )
@@ -166,7 +166,7 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
     """Nearly all of the knee's adduction error is told to come from the knee axis in the frontal
     plane: try it.
     """
-    table = variance_contributions(context)
+    table = compute_variance_contributions(context)
     rows = table[(table["torque"] == "knee_adduction_l") & (table["grf"] == "lab")].set_index(
         "parameter"
     )
@@ -180,7 +180,9 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
         body = context.problem.build_body(parameters)
         found = refit(context.problem, body, case.coefficients, context.settings)
         torques.append(
-            leg_torques(parameters, context.basis, found.coefficients, case.wrench, context.feet)[0]
+            compute_leg_torques(
+                parameters, context.basis, found.coefficients, case.wrench, context.feet
+            )[0]
         )
     slope = (torques[0] - torques[1])[:, LEG_TORQUES.index("knee_adduction_l")] / (2 * step)
     alone = (
@@ -194,12 +196,12 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
 
 
 def test_boxes_are_the_percentiles() -> None:
-    table = statistics(made_up(draws=60))
+    table = compute_statistics(made_up(draws=60))
     figure = draw_boxplots(table, ReactionFrame.FOOT)
     axes = np.array(figure.axes).reshape(len(TORQUES) + 1, 4)
     titles = "joint parameters (JP), inertial parameters (IP), JP and IP, marker noise (NP)"
     assert ", ".join(a.get_title() for a in axes[0]) == titles
-    row = levels_of(table, Varied.NOISE, "knee_adduction_l", ReactionFrame.FOOT).iloc[1]
+    row = select_levels(table, Varied.NOISE, "knee_adduction_l", ReactionFrame.FOOT).iloc[1]
     cell = axes[TORQUES.index("knee_adduction"), 3]
     lines = [line.get_ydata() for line in cell.lines]
     heights = {round(float(y), 9) for data in lines for y in np.ravel(data)}
@@ -212,7 +214,7 @@ def test_boxes_are_the_percentiles() -> None:
 
 
 def test_contributions_are_written_into_the_cells(context: MonteCarloContext) -> None:
-    contributions = variance_contributions(context)
+    contributions = compute_variance_contributions(context)
     figure = draw_contributions(contributions)
     rows = [t.get_text() for t in figure.axes[0].get_yticklabels()]
     assert len(rows) == len(list_leg_parameters("r")) + 2
@@ -234,10 +236,10 @@ def test_contributions_are_written_into_the_cells(context: MonteCarloContext) ->
 
 def test_unconverged_looks_at_every_torque() -> None:
     draws = made_up(1000)
-    assert unconverged(statistics(draws)).empty
+    assert select_unconverged(compute_statistics(draws)).empty
     late = (draws["set"] == "both") & (draws["level"] == 50) & (draws["draw"] > 950)
     draws.loc[late, "ankle_angle_r.foot.rms"] *= 4
-    found = unconverged(statistics(draws))
+    found = select_unconverged(compute_statistics(draws))
     assert found[["set", "level", "quantity", "grf"]].to_numpy().tolist() == [
         ["both", 50, "ankle_angle_r", "foot"]
     ]
@@ -245,10 +247,10 @@ def test_unconverged_looks_at_every_torque() -> None:
 
 def test_draws_left_out_are_counted_by_cell() -> None:
     draws = made_up(10)
-    assert left_out(statistics(draws)).empty
+    assert list_cells_with_failures(compute_statistics(draws)).empty
     draws.loc[(draws["set"] == "jp") & (draws["level"] == 50) & (draws["draw"] < 3), "failure"] = (
         "did not settle"
     )
-    assert left_out(statistics(draws)).to_dict("records") == [
+    assert list_cells_with_failures(compute_statistics(draws)).to_dict("records") == [
         {"set": "jp", "level": 50, "draws": 7, "failed": 3}
     ]

@@ -14,11 +14,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.errors import Code, InputError
 from gaitcal.io import result_folder
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw_study import PURPOSE, MonteCarloStudy, Store, monte_carlo
 from gaitcal.montecarlo.protocol import MonteCarloSettings, ParameterChoice, Plan, Varied
-from gaitcal.montecarlo.workers import LocalProcesses, Workers, alone
+from gaitcal.montecarlo.workers import LocalProcesses, Workers, lock_folder
+from tests.messages import check_text, refuses
 from tests.montecarlo.worker_tasks import killed_always, killed_once, process, square
 from tests.refusal import refusal
 
@@ -125,7 +127,8 @@ def test_other_settings_are_refused(
     plan = replace(QUICK, draws=1)
     monte_carlo(case, tmp_path, plan=plan, workers=HERE)
     settings = replace(MonteCarloSettings(), **change)
-    assert told in refusal(monte_carlo, case, tmp_path, settings=settings, plan=plan, workers=HERE)
+    with refuses(Code.MONTE_CARLO, told):
+        monte_carlo(case, tmp_path, settings=settings, plan=plan, workers=HERE)
 
 
 def test_another_model_is_refused(case: MonteCarloCase, tmp_path: Path) -> None:
@@ -142,13 +145,13 @@ def test_another_model_is_refused(case: MonteCarloCase, tmp_path: Path) -> None:
         ),
         "other joint parameters;": replace(case, parameters=moved),
     }
-    for told, other in others.items():
-        assert f"made with {told} ask" in refusal(
-            monte_carlo, other, tmp_path, plan=plan, workers=HERE
-        )
+    for difference, other in others.items():
+        with refuses(Code.MONTE_CARLO, difference) as caught:
+            monte_carlo(other, tmp_path, plan=plan, workers=HERE)
+        assert str(caught.value).count("other ") == 1
     (tmp_path / "settings.json").unlink()
-    said = refusal(monte_carlo, case, tmp_path, plan=plan, workers=HERE)
-    assert "found draws without the settings" in said
+    with refuses(Code.MONTE_CARLO, "settings.json"):
+        monte_carlo(case, tmp_path, plan=plan, workers=HERE)
 
 
 def test_failed_draws_are_kept_and_counted(case: MonteCarloCase, tmp_path: Path) -> None:
@@ -203,12 +206,11 @@ def test_a_damaged_chunk_is_named_and_made_again(
 ) -> None:
     path = sorted((tmp_path / "draws").iterdir())[1]
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
-    assert f"{path.name}: is damaged; run the same study again" in refusal(Store(tmp_path).read)
+    with pytest.raises(InputError) as caught:
+        Store(tmp_path).read()
+    assert caught.value.code is Code.MONTE_CARLO and f"{path}: " in str(caught.value)
     again = study(case, tmp_path)
-    assert (again.notes, again.computed) == (
-        (f"{path.name}: was damaged; its draws are made again",),
-        2,
-    )
+    assert again.computed == 2 and len(again.notes) == 1 and path.name in again.notes[0]
     same(again.draws, whole.draws)
     assert study(case, tmp_path).notes == ()
 
@@ -221,25 +223,20 @@ def test_damaged_settings_cost_no_draw(
     sound = path.read_bytes()
     path.write_bytes(DAMAGE[damage](sound))
     again = study(case, tmp_path)
-    assert again.computed == 0 and "settings.json was damaged" in again.notes[0]
+    assert again.computed == 0
+    check_text(again.notes, "settings.json")
     assert path.read_bytes() == sound
     path.write_bytes(DAMAGE[damage](sound))
-    said = refusal(
-        monte_carlo,
-        case,
-        tmp_path,
-        settings=MonteCarloSettings(seed=1),
-        plan=FEW,
-        workers=Workers(),
-    )
-    assert "settings.json: " in said and "remove the folder" in said
+    other = MonteCarloSettings(seed=1)
+    with refuses(Code.MONTE_CARLO, source=path):
+        monte_carlo(case, tmp_path, settings=other, plan=FEW, workers=Workers())
 
 
 def test_one_study_at_a_time(
     case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(result_folder, "LOCK_WAIT_S", 0.1)
-    with alone(tmp_path / "store", PURPOSE), ThreadPoolExecutor(1) as other:
+    with lock_folder(tmp_path / "store", PURPOSE), ThreadPoolExecutor(1) as other:
         told = other.submit(refusal, study, case, tmp_path / "store").result()
     assert "is being written by another process" in told
     assert list(tmp_path.iterdir()) == []
@@ -290,7 +287,9 @@ def test_who_kills_every_process_is_given_up_and_the_others_go_on() -> None:
 
 def test_processes_are_replaced_unless_what_they_did_cost_no_work() -> None:
     for ages, processes in ((lambda result: 1, 3), (lambda result: 0, 1)):
-        found = list(LocalProcesses(1, each=2, ages=ages).run(process, range(6), no_loss))
+        found = list(
+            LocalProcesses(1, tasks_per_process=2, count_tasks=ages).run(process, range(6), no_loss)
+        )
         assert len(set(found)) == processes
 
 

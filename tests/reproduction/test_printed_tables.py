@@ -33,10 +33,10 @@ from gaitcal.montecarlo.protocol import (
     PROBLEMS,
     MonteCarloSettings,
     Plan,
-    table_four,
-    table_one,
-    table_three,
-    table_two,
+    get_table_four,
+    get_table_one,
+    get_table_three,
+    get_table_two,
 )
 from gaitcal.reproduction import reproduce
 from gaitcal.reproduction.claims import ClaimOutcome
@@ -129,7 +129,7 @@ def test_tables_one_and_two(clean: SeedResult, draws: list[SeedResult]) -> None:
     values = [d.joints["hip"].position_mm for d in draws]
     assert (hip.published, hip.ours) == (0.55, pytest.approx(sum(values) / 2))
     second = table_two_rows(draws)
-    assert len(second) == 4 * len(table_two())
+    assert len(second) == 4 * len(get_table_two())
     row = next(
         r
         for r in second
@@ -164,7 +164,7 @@ def test_tables_three_and_four(clean: SeedResult, draws: list[SeedResult]) -> No
         sum(r.errors.mass for d in draws for r in d.random) / (2 * FEW_SEEDS)
     )
     fourth = table_four_rows(draws)
-    assert len(fourth) == 4 * len(table_four()) + 1
+    assert len(fourth) == 4 * len(get_table_four()) + 1
     trunk = next(
         r for r in fourth if r.row == "mass, head and trunk" and r.column == "correct seed"
     )
@@ -388,7 +388,7 @@ def test_falling_penalty_keeps_the_fixed_points(equations: RootEquations) -> Non
 def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> None:
     which, truth = make_symmetric_set(), true_model().parameters.inertial
     s = which.selection[
-        :, [which.names.index(row.name) for row in table_four() if row.name != "foot.com.sup"]
+        :, [which.names.index(row.name) for row in get_table_four() if row.name != "foot.com.sup"]
     ]
     blocks = np.einsum(
         "rsd,sdk->rsk",
@@ -457,13 +457,15 @@ ROUNDING = 0.01
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_table_two_gives_table_one(problem: str) -> None:
     joints = {"hip": ("hip",), "knee": ("knee",), "ankle": ("talocrural", "subtalar")}
-    rows = [r for r in table_two() if problem == "full leg" or r.name.startswith(joints[problem])]
+    rows = [
+        r for r in get_table_two() if problem == "full leg" or r.name.startswith(joints[problem])
+    ]
     errors = np.array([(r.full_leg if problem == "full leg" else r.single_joint)[0] for r in rows])
     position, orientation = joint_rms(errors, [r.name for r in rows])
     assert position == pytest.approx(
-        table_one("synthetic_with_noise", "position_mm")[problem], abs=ROUNDING
+        get_table_one("synthetic_with_noise", "position_mm")[problem], abs=ROUNDING
     )
-    expected = table_one("synthetic_with_noise", "orientation_deg")[problem]
+    expected = get_table_one("synthetic_with_noise", "orientation_deg")[problem]
     assert (orientation is None) == (expected is None)
     if expected is not None:
         assert orientation == pytest.approx(expected, abs=ROUNDING)
@@ -471,7 +473,7 @@ def test_table_two_gives_table_one(problem: str) -> None:
 
 def test_table_four_gives_table_three() -> None:
     which, truth = make_symmetric_set(), read_published_parameters().inertial
-    printed = {r.name: r.correct_seed for r in table_four()}
+    printed = {r.name: r.correct_seed for r in get_table_four()}
     assert printed.keys() <= {*which.names, "foot.com.sup"}
     found = truth + IP_TO_SI * (
         which.selection @ np.array([printed.get(name, 0.0) for name in which.names])
@@ -479,7 +481,7 @@ def test_table_four_gives_table_three() -> None:
     errors = inertial_rms(found, truth)
     segments = {name.split(".")[0] for name in printed}  # the mean is taken over these alone
     share = np.sqrt(np.mean([get_segment(s).name in segments for s in MASSIVE_SEGMENTS]))
-    _, _, inertia, mass, centre = table_three("synthetic_with_noise_correct_seed")
+    _, _, inertia, mass, centre = get_table_three("synthetic_with_noise_correct_seed")
     assert errors.inertia == pytest.approx(share * inertia, rel=2e-3)
     assert errors.mass == pytest.approx(share * mass, abs=ROUNDING)
     assert errors.centre == pytest.approx(share * centre, abs=0.02)

@@ -73,11 +73,11 @@ def draw_boxplots(
         for column, varied in enumerate(sets):
             _draw_boxes(
                 axes[row, column],
-                draw_statistics.levels_of(table, varied, quantity, reactions, measure),
+                draw_statistics.select_levels(table, varied, quantity, reactions, measure),
                 SET_COLOURS[varied],
             )
         _scale(axes[row], measure)
-        title = draw.TORQUE_WORDS.get(quantity[:-2])
+        title = draw.TORQUE_LABELS.get(quantity[:-2])
         unit = "marker\ndistance, mm" if title is None else title.replace(" ", "\n", 1) + ",\n%BW·H"
         axes[row, 0].set_ylabel(unit, fontsize=NORMAL, color=INK)
         axes[row, 0].yaxis.set_label_coords(-0.55 / 1.65, 0.5)
@@ -171,7 +171,7 @@ def draw_contributions(contributions: pd.DataFrame, side: str = "l") -> "Figure"
                 panel.text(
                     j, i, f"{value:.0f}", ha="center", va="center", fontsize=SMALL, color=ink
                 )
-        titles = [draw.TORQUE_WORDS[t].replace(" ", "\n") for t in draw.TORQUES]
+        titles = [draw.TORQUE_LABELS[t].replace(" ", "\n") for t in draw.TORQUES]
         panel.set_xticks(range(len(draw.TORQUES)), titles, fontsize=SMALL, rotation=90)
         panel.set_title(FRAME_WORDS[frame], fontsize=NORMAL, color=INK)
         panel.tick_params(length=0)
@@ -193,7 +193,7 @@ def draw_contributions(contributions: pd.DataFrame, side: str = "l") -> "Figure"
 
 def _collect_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
     """Collect `variance_shares` in one table, with parameters as `hip: pelvis ant`."""
-    of_leg, groups = draw_statistics.variance_shares(contributions, frame, side)
+    of_leg, groups = draw_statistics.compute_variance_shares(contributions, frame, side)
     return pd.concat(
         [of_leg.rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups]
     )

@@ -12,8 +12,8 @@ import pandas as pd
 
 from gaitcal.gait.moments import SIDE_WORDS, capitalise, describe_parameter
 from gaitcal.model.linkage import SIDES
-from gaitcal.montecarlo.draw import TORQUE_WORDS, TORQUES
-from gaitcal.montecarlo.draw_statistics import expect, variance_shares
+from gaitcal.montecarlo.draw import TORQUE_LABELS, TORQUES
+from gaitcal.montecarlo.draw_statistics import compute_variance_shares, estimate_expected_errors
 from gaitcal.montecarlo.draw_study import MonteCarloStudy
 from gaitcal.montecarlo.protocol import ReactionFrame, Varied
 from gaitcal.report.page.key_figures import KNEE_ADDUCTION
@@ -100,7 +100,9 @@ def collect_expected_errors(
     causes = (
         {}
         if marker_rms is None
-        else {cause.varied: cause for cause in expect(statistics, marker_rms, side)}
+        else {
+            cause.varied: cause for cause in estimate_expected_errors(statistics, marker_rms, side)
+        }
     )
     of_cause = {
         (varied, row["torque"], row["grf"]): _make_expected_error(
@@ -223,12 +225,12 @@ def _rank_sources(study: MonteCarloStudy, marker_rms: float | None) -> list[Bloc
         return []
     out = [make_text(meaning)]
     if first := lists.pop(KNEE_ADDUCTION, None):
-        title = f"Expected error of your {TORQUE_WORDS[KNEE_ADDUCTION]} moment, RMS over the trial"
+        title = f"Expected error of your {TORQUE_LABELS[KNEE_ADDUCTION]} moment, RMS over the trial"
         out += [make_heading(title, 4), *first]
     others = [
         b
         for name, blocks in lists.items()
-        for b in (make_heading(capitalise(TORQUE_WORDS[name]), 4), *blocks)
+        for b in (make_heading(capitalise(TORQUE_LABELS[name]), 4), *blocks)
     ]
     return [*out, fold_blocks("Expected error of the other moments", others)]
 
@@ -267,14 +269,14 @@ def _build_source_table(
 
 def _build_contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
     """Build the shares of the main parameters in the variance of the knee adduction moment."""
-    of_leg, groups = variance_shares(contributions, FIXED, side)
+    of_leg, groups = compute_variance_shares(contributions, FIXED, side)
     shares = pd.concat([of_leg.rename(index=describe_parameter), groups])[
         f"{KNEE_ADDUCTION}_{side}"
     ]
     first = shares.sort_values(ascending=False, kind="stable").head(MOST_PARAMETERS)
     return [
         make_heading(
-            f"Which parameter matters for the {SIDE_WORDS[side]} {TORQUE_WORDS[KNEE_ADDUCTION]} "
+            f"Which parameter matters for the {SIDE_WORDS[side]} {TORQUE_LABELS[KNEE_ADDUCTION]} "
             "moment",
             4,
         ),

@@ -40,7 +40,7 @@ from gaitcal.model.parameters import (
     list_isolated_parameters,
     make_symmetric_set,
 )
-from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.case import make_nominal_case
 from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.montecarlo.protocol import Plan
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
@@ -466,7 +466,7 @@ def section_calibrate_walk() -> list[Figure]:
 
 def section_montecarlo() -> list[Figure]:
     """Draws of the Monte Carlo study: every set at its highest level, nothing kept on disk."""
-    case = nominal_case()
+    case = make_nominal_case()
 
     def of(name: str, workers: Workers, more: str = "") -> Figure:
         def note(seconds: float) -> str:

@@ -8,9 +8,13 @@ import pandas as pd
 import pytest
 
 from gaitcal.model.linkage import LEGS, list_joint_coordinates
-from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.case import make_nominal_case
 from gaitcal.montecarlo.draw import LEG_TORQUES
-from gaitcal.montecarlo.draw_statistics import expect, levels_of, statistics
+from gaitcal.montecarlo.draw_statistics import (
+    compute_statistics,
+    estimate_expected_errors,
+    select_levels,
+)
 from gaitcal.montecarlo.draw_study import MonteCarloStudy
 from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.report.page.monte_carlo_sections import (
@@ -30,11 +34,11 @@ RMS = 1.5
 
 def study_of(draws: pd.DataFrame) -> MonteCarloStudy:
     return MonteCarloStudy(
-        case=nominal_case(),
+        case=make_nominal_case(),
         settings=MonteCarloSettings(),
         plan=Plan(draws=30),
         draws=draws,
-        statistics=statistics(draws),
+        statistics=compute_statistics(draws),
         computed=30,
     )
 
@@ -72,7 +76,7 @@ def test_expected_errors_are_ranked_and_those_of_the_statistics(study: MonteCarl
     found = collect_expected_errors(study.statistics, RMS, "r")["knee_adduction_r"]
     assert [e.average for e in found] == sorted((e.average for e in found), reverse=True)
     assert {e.varied for e in found} == {Varied.JP, Varied.IP, Varied.NOISE}
-    for cause in expect(study.statistics, RMS, "r"):
+    for cause in estimate_expected_errors(study.statistics, RMS, "r"):
         (ours,) = (e for e in found if e.varied is cause.varied)
         of = cause.torques[
             (cause.torques["torque"] == "knee_adduction_r") & (cause.torques["grf"] == "lab")
@@ -82,7 +86,9 @@ def test_expected_errors_are_ranked_and_those_of_the_statistics(study: MonteCarl
         )
         assert ours.level == cause.level
     (inertial,) = (e for e in found if e.varied is Varied.IP)
-    last = levels_of(study.statistics, Varied.IP, "knee_adduction_r", ReactionFrame.LAB).iloc[-1]
+    last = select_levels(study.statistics, Varied.IP, "knee_adduction_r", ReactionFrame.LAB).iloc[
+        -1
+    ]
     assert (inertial.level, inertial.average) == (last["level"], last["average"])
 
 
