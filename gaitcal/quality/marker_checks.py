@@ -431,7 +431,10 @@ def _check_rare_markers(
     rare = {g.label: g for g in markers if g.visible_share < HALF}
     common = used - set(rare)
     kept = Counter(
-        segment for segment in trial.templates for m in trial.list_weighted_markers(segment) if m in common
+        segment
+        for segment in trial.templates
+        for m in trial.list_weighted_markers(segment)
+        if m in common
     )
     harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
     harmful = [m for m in harmful if kept[trial.marker_set.segment_of[m]] < FEWEST_MARKERS]
