@@ -695,8 +695,8 @@ def _count_markers(trial: TrialEvidence) -> dict[str, Array]:
     )
     out: dict[str, Array] = {}
     for segment in checked:
-        columns = [trial.place[m] for m in trial.list_weighted_markers(segment)]
-        out[segment] = trial.seen[:, columns].sum(axis=1)
+        columns = [trial.column[m] for m in trial.list_weighted_markers(segment)]
+        out[segment] = trial.visible[:, columns].sum(axis=1)
     return out
 
 
