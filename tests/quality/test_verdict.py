@@ -94,7 +94,7 @@ def test_what_concerns_one_leg_leaves_the_other_alone() -> None:
     assert (
         both.refused == ("walk",)
         and both.judgement is DOUBTFUL
-        and both.refused_legs("walk") == ("r", "l")
+        and both.list_refused_legs("walk") == ("r", "l")
     )
     assert judge(both_legs("walk"), ("walk",)).judgement is REFUSED
     of_the_model = judge([found(Severity.ERROR, "static", leg="l")], WALKS)
@@ -262,7 +262,7 @@ def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> No
     lost = found(Severity.ERROR, "walk", "one marker alone follows foot_l", "l", topic="one marker")
     bounds = found(Severity.ERROR, "walk", "no leg bends so", "l", topic=BOUNDS)
     assert remove_consequences([lost, bounds, DISAGREE, CONTRADICTED]) == (lost,)
-    assert judge(remove_consequences([lost, DISAGREE]), ("walk",)).refused_legs("walk") == ("l",)
+    assert judge(remove_consequences([lost, DISAGREE]), ("walk",)).list_refused_legs("walk") == ("l",)
     for elsewhere in (
         replace(bounds, leg="r"),
         replace(bounds, where="walk2"),
