@@ -1,30 +1,32 @@
 """`gaitcal figures`: what a result folder holds, drawn for a paper."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
 import pandas as pd
 
 from gaitcal.cli import export_commands, options
 from gaitcal.cli.console import Console
 from gaitcal.errors import Code, InputError, UsageError, nearest
-from gaitcal.gait import conventions, cycles, moments, normal_bands
+from gaitcal.gait import conventions, cycles, moments
 from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.normal_bands import Norm, read_normal_bands
 from gaitcal.io import result_folder, snapshot
-from gaitcal.model.subject_model import Subject
+from gaitcal.quality.verdict import Judgement, Verdict
 from gaitcal.report.figures.chart import FORMATS, Chart, write_charts
 from gaitcal.report.figures.journal_figures import (
-    HealthyBands,
     Strides,
     build_moment_arm_charts,
     build_paper_charts,
 )
-from gaitcal.report.page.page_data import PAGE_DATA, average_toe_offs, read_page_data
-from gaitcal.results.cycle_tables import CYCLES, read_cycles
-from gaitcal.results.summary import SUMMARY
+from gaitcal.results.cycle_tables import CYCLES
+from gaitcal.results.normal_curves import build_norm_tables
+from gaitcal.results.result_tables import read_result_tables
+from gaitcal.results.stride_files import PEAKS
+from gaitcal.results.stride_uses import STRIDES, average_toe_offs
+from gaitcal.results.summary import SUMMARY, parse_verdict
 
 FOLDER = "figures"
 MILLIMETRES: Final = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
@@ -57,10 +59,10 @@ def draw_figures(
     if not result.is_dir():
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    names = [name for name in (PAGE_DATA, SUMMARY, CYCLES) if (result / name).exists()]
+    names = [n for n in (SUMMARY, CYCLES, STRIDES, PEAKS) if (result / n).exists()]
     with console.working() as step:
         step("reading the result")
-        (strides, page_data), read = snapshot.read_whole(
+        (strides, verdict), read = snapshot.read_whole(
             result, names, lambda: _strides(result, normal)
         )
         charts = build_paper_charts(strides, signs, wide) if signs else []
@@ -77,9 +79,8 @@ def draw_figures(
             read.require_unchanged()
     for remark in read.remarks:
         console.line(f"warning: {remark}")
-    verdict = page_data["verdict"]
-    if verdict["judgement"] != "trustworthy":
-        console.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
+    if verdict.judgement is not Judgement.TRUSTWORTHY:
+        console.line(f"warning: the result is {verdict.judgement.value}. {verdict.sentence}")
     for file in files:
         console.line(f"wrote {folder / file.name}")
 
@@ -157,62 +158,21 @@ def _width(text: str) -> float:
     return width
 
 
-def _sheet(folder: Path) -> dict[str, Any]:
-    """Of the folder, or, of further trials that have none, of the result that they lie in."""
-    if (folder / PAGE_DATA).exists():
-        return read_page_data(folder / PAGE_DATA)
-    around = folder.resolve().parent / PAGE_DATA
-    if (folder / CYCLES).exists() and around.exists():
-        return {**read_page_data(around), "trials": []}
-    message = f"has no {PAGE_DATA}; calibrate again, or name a result folder"
-    raise InputError(message, source=folder, code=Code.NO_RESULT)
-
-
-def _subject(page_data: Mapping[str, Any]) -> Subject:
-    person = page_data["person"]
-    return Subject(
-        name=person["name"],
-        mass=person["mass"],
-        height=person["height"],
-        sex=person["sex"],
-        session=person["session"],
-    )
-
-
-def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
-    """Bands of the file the user names, else those the result was made with."""
+def _strides(folder: Path, normal: Path | None) -> tuple[Strides, Verdict]:
+    """Strides of a result and the verdict on it; bands of the file that the user names, else those
+    the result was made with.
+    """
+    tables = read_result_tables(folder)
+    subject, norm = tables.model.subject, tables.norm
     if normal is not None:
-        subject = _subject(page_data)
-        bands = normal_bands.read_normal_bands(normal)
-        return {
-            name: {side: band.for_person(subject, side) for side in "rl"}
-            for name, band in bands.items()
-        }
-    endings = {
-        kind.words: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
-    }
-    return {
-        f"{band['base']}{endings.get(band['kind'], '')}": {
-            side: (
-                np.array(band[side][0], dtype=np.float64),
-                np.array(band[side][1], dtype=np.float64),
-            )
-            for side in "rl"
-        }
-        for band in page_data["bands"]
-    }
-
-
-def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
-    page_data = _sheet(folder)
-    if not (folder / CYCLES).exists():
-        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
+        norm = build_norm_tables(Norm(bands=read_normal_bands(normal)), subject)
+    strides = _of_one_activity(pd.DataFrame(tables.strides.cycles), folder)
     return Strides(
-        table=ensemble(_of_one_activity(read_cycles(folder), folder)),
-        subject=_subject(page_data),
-        offs=average_toe_offs(page_data["trials"]),
-        healthy=_healthy(page_data, normal),
-    ), page_data
+        table=ensemble(strides),
+        subject=subject,
+        offs=average_toe_offs(tables.strides.uses),
+        healthy={name: curve.sides for name, curve in norm.curves.items()},
+    ), parse_verdict(tables.summary)
 
 
 def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
