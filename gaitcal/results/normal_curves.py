@@ -4,7 +4,7 @@ They have the units and signs of `cycles.csv` for strides of each side, and are 
 curves of the page, the PDF and the figures.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -12,14 +12,15 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, InputError
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.normal_bands import Norm
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.results.table_files import Column, read_csv, write_csv
+from gaitcal.results.summary import get_table
+from gaitcal.results.table_files import read_rows, write_csv
 
 NORMAL_CURVES: Final = "normal_curves.csv"
+NORMAL_CURVES_COLUMNS: Final = ("variable", "side", "percent", "mean", "sd", "source")
 NORMAL_CURVES_HEADER: Final = (
     "mean and SD of healthy people over the stride, for a body of this mass and height; variables, "
     "units and signs",
@@ -81,21 +82,17 @@ def build_norm_tables(norm: Norm, subject: Subject) -> NormTables:
 
 def write_normal_curves(norm: NormTables, folder: Path) -> None:
     """Write `normal_curves.csv`; nothing if there are no curves."""
-    blocks = [
-        (name, side, curve.source, *curve.sides[side])
+    rows = [
+        (name, side, percent, mean[percent], sd[percent], curve.source)
         for name, curve in norm.curves.items()
-        for side in SIDES
+        for side, (mean, sd) in curve.sides.items()
+        for percent in range(POINTS)
     ]
-    if not blocks:
+    if not rows:
         return
-    names, sides, sources, means, sds = zip(*blocks, strict=True)
-    table: dict[str, Column] = {
-        "variable": np.repeat(names, POINTS).tolist(),
-        "side": np.repeat(sides, POINTS).tolist(),
-        "percent": np.tile(np.arange(POINTS), len(blocks)),
-        "mean": np.concatenate(means),
-        "sd": np.concatenate(sds),
-        "source": np.repeat(sources, POINTS).tolist(),
+    columns = zip(*rows, strict=True)
+    table = {
+        name: list(column) for name, column in zip(NORMAL_CURVES_COLUMNS, columns, strict=True)
     }
     write_csv(table, folder / NORMAL_CURVES, NORMAL_CURVES_HEADER)
 
@@ -120,24 +117,29 @@ def read_norm_tables(folder: Path, summary: Mapping[str, Any]) -> NormTables:
     InputError
         The file is damaged.
     """
-    stored, path = summary.get("norm") or {}, folder / NORMAL_CURVES
-    curves: dict[str, NormalCurve] = {}
-    try:
-        rows = read_csv(path)[0].replace("", "nan") if path.exists() else None
-        for name, of_name in () if rows is None else rows.groupby("variable", sort=False):
-            sides = {}
-            for side, of_side in of_name.groupby("side", sort=False):
-                mean, sd = (of_side[column].to_numpy(np.float64) for column in ("mean", "sd"))
-                sides[str(side)] = mean, sd
-            source = of_name["source"].iloc[0].replace("nan", "")
-            curves[str(name)] = NormalCurve(source=source, sides=sides)
-        steps = {name: (mean, sd) for name, (mean, sd) in stored.get("steps", {}).items()}
-    except (OSError, UnicodeError, ValueError, KeyError) as error:
-        message = f"cannot be read as normative curves: {error}"
-        raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from None
+    stored, path = get_table(summary, "norm"), folder / NORMAL_CURVES
+    curves = read_rows(path, NORMAL_CURVES_COLUMNS, _parse_curves) if path.exists() else {}
     return NormTables(
         curves=curves,
-        steps=steps,
+        steps={name: tuple(figures) for name, figures in stored.get("steps", {}).items()},
         words=str(stored.get("words", "")),
         remark=str(stored.get("remark", "")),
     )
+
+
+def _parse_curves(rows: Iterable[Mapping[str, str]]) -> dict[str, NormalCurve]:
+    """Parse the rows of `normal_curves.csv`, variable by variable and side by side."""
+    values: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    sources: dict[str, str] = {}
+    for row in rows:
+        numbers = float(row["mean"] or "nan"), float(row["sd"] or "nan")
+        values.setdefault((row["variable"], row["side"]), []).append(numbers)
+        sources[row["variable"]] = row["source"]
+    out = {}
+    for name, source in sources.items():
+        sides = {}
+        for side in SIDES:
+            mean, sd = np.array(values[name, side]).T
+            sides[side] = mean, sd
+        out[name] = NormalCurve(source=source, sides=sides)
+    return out

@@ -4,7 +4,7 @@ One object for the files of the folder, the page, the PDF and the figures, none 
 file of another. Tables of each trial over time are in `trial_tables.py`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -31,9 +31,15 @@ from gaitcal.results.normal_curves import (
 )
 from gaitcal.results.saved_result import MODEL
 from gaitcal.results.stride_tables import StrideTables, build_stride_tables
-from gaitcal.results.stride_uses import STRIDE_COLUMNS, STRIDES, parse_uses
+from gaitcal.results.stride_uses import read_uses
 from gaitcal.results.summary import SUMMARY, get_table, summarise_calibration
-from gaitcal.results.table_files import Column, convert_to_columns, format_json, read_csv, write_csv
+from gaitcal.results.table_files import (
+    Column,
+    convert_to_columns,
+    format_json,
+    read_rows,
+    write_csv,
+)
 
 PARAMETERS: Final = "parameters.csv"
 
@@ -134,24 +140,14 @@ def read_result_tables(folder: Path) -> ResultTables:
     if not manifest or not (around / MODEL).exists():
         message = f"is no result of 'gaitcal calibrate': found no {MANIFEST} and {MODEL} in it"
         raise InputError(message, source=folder, code=Code.NO_RESULT)
-    if not (folder / STRIDES).exists():
-        again = "calibrate again" if around is folder else "run its trials again"
-        message = f"has no {STRIDES}, as earlier versions wrote results; {again}"
-        raise InputError(message, source=folder, code=Code.NO_RESULT)
-    model = load_model(around / MODEL)
+    model, uses = load_model(around / MODEL), read_uses(folder)
     cycles = cycle_tables.read_cycles(folder)
-    uses = _read_rows(folder / STRIDES, STRIDE_COLUMNS)
-    peaks = _read_rows(folder / stride_files.PEAKS, PEAK_COLUMNS)
-    try:
-        strides = StrideTables(
-            subject=model.subject,
-            cycles={name: cycles[name].to_numpy() for name in CYCLE_COLUMNS},
-            uses=parse_uses(uses),
-            peaks=parse_peaks(peaks),
-        )
-    except (KeyError, ValueError) as error:
-        message = f"{STRIDES} or {stride_files.PEAKS} is damaged: {error}; calibrate again"
-        raise InputError(message, source=folder, code=Code.DAMAGED_RESULT) from None
+    strides = StrideTables(
+        subject=model.subject,
+        cycles={name: cycles[name].to_numpy() for name in CYCLE_COLUMNS},
+        uses=uses,
+        peaks=read_rows(folder / stride_files.PEAKS, PEAK_COLUMNS, parse_peaks),
+    )
     of_result = summary if around is folder else read_json_object(around / SUMMARY)
     return ResultTables(
         model=model,
@@ -162,16 +158,6 @@ def read_result_tables(folder: Path) -> ResultTables:
         norm=read_norm_tables(around, of_result),
         scores=_parse_scores(summary),
     )
-
-
-def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Read the rows of a table as text."""
-    try:
-        table, _ = read_csv(path)
-        return [dict(zip(columns, row, strict=True)) for row in table[[*columns]].to_numpy()]
-    except (OSError, UnicodeError, ValueError, KeyError) as error:
-        message = f"cannot be read: {error}; calibrate again"
-        raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from None
 
 
 def _read_parameters(path: Path) -> dict[str, Column]:

@@ -8,17 +8,19 @@ its foot is on the ground without a plate, or on a plate that does not carry all
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from gaitcal.analysis.result import TrialResult
+from gaitcal.errors import Code, InputError
 from gaitcal.gait import cycles
 from gaitcal.gait.moments import SIDE_WORDS, listed
 from gaitcal.gait.strides import strides_of, turns
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.results.table_files import Column
+from gaitcal.results.table_files import Column, read_rows
 
 STRIDES: Final = "strides.csv"
 STRIDE_COLUMNS: Final = (
@@ -204,38 +206,47 @@ def build_use_columns(subject: Subject, uses: Iterable[StrideUse]) -> dict[str, 
     return columns
 
 
-def parse_uses(rows: Iterable[Mapping[str, Any]]) -> tuple[StrideUse, ...]:
-    """Parse the rows of `strides.csv`.
+def parse_uses(rows: Iterable[Mapping[str, str]]) -> tuple[StrideUse, ...]:
+    """Parse the rows of `strides.csv`, column -> text; raise ValueError for a wrong number."""
+    return tuple(
+        StrideUse(
+            trial=row["trial"],
+            activity=row["activity"],
+            side=row["side"],
+            number=int(row["stride"]),
+            cycle=cycles.GaitCycle(
+                float(row["start"]),
+                float(row["stop"]),
+                float(row["toe_off"]) if row["toe_off"] else None,
+            ),
+            plate=row["plate"],
+            turns=row["turns"] == "1",
+            reason=row["reason"],
+            repeats=row["repetition"] == "1",
+        )
+        for row in rows
+    )
+
+
+def read_uses(folder: Path) -> tuple[StrideUse, ...]:
+    """Read `strides.csv` of a result, or of its folder of further trials.
 
     Parameters
     ----------
-    rows
-        Column -> text, of each row.
+    folder
+        Contains the file.
 
     Returns
     -------
     tuple of StrideUse
-        The strides, in the order of the rows.
+        All complete strides and repetitions.
 
     Raises
     ------
-    KeyError, ValueError
-        A column is missing, or a cell is not a number where one belongs.
+    InputError
+        The file is damaged, or missing, as in results of earlier versions.
     """
-    out = []
-    for row in rows:
-        toe_off = float(row["toe_off"]) if row["toe_off"] else None
-        out.append(
-            StrideUse(
-                trial=row["trial"],
-                activity=row["activity"],
-                side=row["side"],
-                number=int(row["stride"]),
-                cycle=cycles.GaitCycle(float(row["start"]), float(row["stop"]), toe_off),
-                plate=row["plate"],
-                turns=row["turns"] == "1",
-                reason=row["reason"],
-                repeats=row["repetition"] == "1",
-            )
-        )
-    return tuple(out)
+    if not (folder / STRIDES).exists():
+        message = f"has no {STRIDES}, as earlier versions wrote results; calibrate again"
+        raise InputError(message, source=folder, code=Code.NO_RESULT)
+    return read_rows(folder / STRIDES, STRIDE_COLUMNS, parse_uses)

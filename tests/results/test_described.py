@@ -15,7 +15,7 @@ from gaitcal.io.result_folder import MANIFEST, ResultKind, list_files, read_json
 from gaitcal.reproduction.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
 from gaitcal.results.session_comparison import CURVE_COLUMNS
 from gaitcal.results.session_difference import COLUMNS as DIFFERENCE_COLUMNS
-from gaitcal.results.stride_files import SPATIOTEMPORAL_COLUMNS
+from gaitcal.results.stride_tables import SPATIOTEMPORAL_COLUMNS
 from scripts.tools.documentation.tables import FILES, SUMMARY, TABLES, column_of, file_of
 from tests.kept import kept_result
 
