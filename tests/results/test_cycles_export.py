@@ -39,10 +39,8 @@ from tests.messages import check_text, refuses
 from tests.synthetic_studies import write_synthetic_study
 
 ROUNDED = 2e-6
-TIMES = 2e-3
-"""Relative: events of the summary are rounded to 0.1 ms, which moves strides by a hundredth of a
-percent.
-"""
+TIMES = 2e-5
+"""Relative: times of `strides.csv` are rounded to a microsecond."""
 MASS = 69.4
 
 
