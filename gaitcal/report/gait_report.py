@@ -181,7 +181,7 @@ def build_report_content(
             for a in activities
             if not a.walks
         ),
-        norm=norm.words,
+        norm=norm.label,
         norm_remark=remark,
         profile=scores,
         joints=tuple(_build_joint_rows(parameters)),

@@ -45,7 +45,7 @@ class NormTables:
     curves: Mapping[str, NormalCurve] = field(default_factory=dict)  # Variable of `cycles.csv` ->
     steps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Measure of `spatiotemporal.csv` -> mean and SD, in its unit."""
-    words: str = ""  # Who they are: for legends
+    label: str = ""  # Who they are: for legends
     remark: str = ""  # Why these, or why none: a sentence
 
 
@@ -77,7 +77,7 @@ def build_norm_tables(norm: Norm, subject: Subject) -> NormTables:
     steps = {
         name: (round(mean, DIGITS), round(sd, DIGITS)) for name, (mean, sd) in norm.steps.items()
     }
-    return NormTables(curves=curves, steps=steps, words=norm.words, remark=norm.remark)
+    return NormTables(curves=curves, steps=steps, label=norm.words, remark=norm.remark)
 
 
 def write_normal_curves(norm: NormTables, folder: Path) -> None:
@@ -122,7 +122,7 @@ def read_norm_tables(folder: Path, summary: Mapping[str, Any]) -> NormTables:
     return NormTables(
         curves=curves,
         steps={name: tuple(figures) for name, figures in stored.get("steps", {}).items()},
-        words=str(stored.get("words", "")),
+        label=str(stored.get("words", "")),
         remark=str(stored.get("remark", "")),
     )
 

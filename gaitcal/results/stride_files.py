@@ -152,7 +152,7 @@ def write_profile(folder: Path, norm: NormTables, scores: Sequence[profile_score
         for name, field in (("score", "score"), ("se", "error"), ("norm", "norm"))
     }
     table["strides"] = np.array([s.strides for s in scores])
-    table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
+    table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.label}"))
 
 
 def summarise_profile(
@@ -173,7 +173,7 @@ def summarise_profile(
         `norm`, and `gait_profile` if there are scores.
     """
     known_norm: dict[str, table_files.Json] = {
-        "words": norm.words,
+        "words": norm.label,
         "remark": norm.remark,
         "steps": {name: list(figures) for name, figures in norm.steps.items()},
     }

@@ -256,8 +256,8 @@ def build_clinician_blocks(
         trial.joint is None and trial.activity == cycles.WALKING for trial in calibration.trials
     )
     bands = (
-        f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.words}. "
-        if norm.words
+        f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.label}. "
+        if norm.label
         else ""
     )
     out: list[Block] = []

@@ -214,7 +214,7 @@ def build_person_page_data(
         ],
         "bands": bands,
         "norm": {
-            "words": norm.words,
+            "words": norm.label,
             "remark": norm.remark,
             "steps": FREE_WORDS if norm.steps else "",
         },
