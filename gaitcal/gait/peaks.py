@@ -377,38 +377,3 @@ def peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
         for m in means
     ]
     return {name: [row[k] for row in rows] for k, name in enumerate(PEAK_COLUMNS)}
-
-
-def parse_peaks(rows: Iterable[Mapping[str, str]]) -> tuple[PeakMean, ...]:
-    """Parse the rows of `peaks.csv`.
-
-    Parameters
-    ----------
-    rows
-        `PEAK_COLUMNS` as text, of each row.
-
-    Returns
-    -------
-    tuple of PeakMean
-        In the order of the rows.
-
-    Raises
-    ------
-    KeyError, ValueError
-        A peak is unknown, or a cell is not a number where one belongs.
-    """
-    known = PEAKS | PHASE_PEAKS
-    out = []
-    for row in rows:
-        numbers = {name: float(row[name] or "nan") for name in ("mean", "sd", "se", "percent")}
-        out.append(
-            PeakMean(
-                activity=row["activity"],
-                peak=known[row["peak"]],
-                side=row["side"],
-                n=int(row["n"]),
-                strides=int(row["strides"]),
-                **numbers,
-            )
-        )
-    return tuple(out)

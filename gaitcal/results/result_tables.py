@@ -4,7 +4,7 @@ One object for the files of the folder, the page, the PDF and the figures, none 
 file of another. Tables of each trial over time are in `trial_tables.py`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +16,7 @@ from gaitcal.analysis.result import Calibration
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.normal_bands import Norm
-from gaitcal.gait.peaks import PEAK_COLUMNS, parse_peaks
+from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS, PHASE_PEAKS, PeakMean
 from gaitcal.gait.profile_score import Score, profile_scores
 from gaitcal.io.result_folder import MANIFEST, read_json_object
 from gaitcal.model.model_file import load_model
@@ -146,7 +146,7 @@ def read_result_tables(folder: Path) -> ResultTables:
         subject=model.subject,
         cycles={name: cycles[name].to_numpy() for name in CYCLE_COLUMNS},
         uses=uses,
-        peaks=read_rows(folder / stride_files.PEAKS, PEAK_COLUMNS, parse_peaks),
+        peaks=read_rows(folder / stride_files.PEAKS, PEAK_COLUMNS, _parse_peaks),
     )
     of_result = summary if around is folder else read_json_object(around / SUMMARY)
     return ResultTables(
@@ -157,6 +157,25 @@ def read_result_tables(folder: Path) -> ResultTables:
         parameters=_read_parameters(folder / PARAMETERS),
         norm=read_norm_tables(around, of_result),
         scores=_parse_scores(summary),
+    )
+
+
+def _parse_peaks(rows: Iterable[Mapping[str, str]]) -> tuple[PeakMean, ...]:
+    """Parse the rows of `peaks.csv`, column -> text."""
+    known = PEAKS | PHASE_PEAKS
+    return tuple(
+        PeakMean(
+            activity=row["activity"],
+            peak=known[row["peak"]],
+            side=row["side"],
+            n=int(row["n"]),
+            strides=int(row["strides"]),
+            mean=float(row["mean"]),
+            sd=float(row["sd"] or "nan"),
+            se=float(row["se"] or "nan"),
+            percent=float(row["percent"] or "nan"),
+        )
+        for row in rows
     )
 
 
