@@ -44,7 +44,7 @@ from .report.session_report import compare_results as compare_results
 from .results.cycle_tables import cycles as cycles
 from .results.cycle_tables import cycles_to_xarray as cycles_to_xarray
 from .results.cycle_tables import read_cycles as read_cycles
-from .results.stride_files import spatiotemporal as spatiotemporal
+from .results.stride_tables import spatiotemporal as spatiotemporal
 from .study.study import Study as Study
 from .synthetic.subject import synthesize as synthesize
 from .tracking.motion import Motion as Motion

@@ -1,30 +1,32 @@
 """Command `figures`: draw the variables of a result folder for a paper."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
 import pandas as pd
 
 from gaitcal.cli import export_commands, options
 from gaitcal.cli.console import Console
 from gaitcal.errors import Code, InputError, UsageError, nearest
-from gaitcal.gait import conventions, cycles, moments, normal_bands
+from gaitcal.gait import conventions, cycles, moments
 from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.normal_bands import Norm, read_normal_bands
 from gaitcal.io import result_folder, snapshot
-from gaitcal.model.subject_model import Subject
+from gaitcal.quality.verdict import Judgement, Verdict
 from gaitcal.report.figures.chart import FORMATS, Chart, write_charts
 from gaitcal.report.figures.journal_figures import (
-    HealthyBands,
     Strides,
     build_moment_arm_charts,
     build_paper_charts,
 )
-from gaitcal.report.page.page_data import PAGE_DATA, average_toe_offs, read_page_data
-from gaitcal.results.cycle_tables import CYCLES, read_cycles
-from gaitcal.results.summary import SUMMARY
+from gaitcal.results.cycle_tables import CYCLES
+from gaitcal.results.normal_curves import build_norm_tables
+from gaitcal.results.result_tables import read_result_tables
+from gaitcal.results.stride_files import PEAKS
+from gaitcal.results.stride_uses import STRIDES, average_toe_offs
+from gaitcal.results.summary import SUMMARY, parse_verdict
 
 FOLDER = "figures"
 MILLIMETRES: Final = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
@@ -62,10 +64,10 @@ def draw_figures(
     if not result.is_dir():
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    names = [name for name in (PAGE_DATA, SUMMARY, CYCLES) if (result / name).exists()]
+    names = [n for n in (SUMMARY, CYCLES, STRIDES, PEAKS) if (result / n).exists()]
     with console.show_progress() as step:
         step("reading the result")
-        (strides, page_data), read = snapshot.read_whole(
+        (strides, verdict), read = snapshot.read_whole(
             result, names, lambda: _read_strides(result, normal)
         )
         charts = build_paper_charts(strides, signs, width_mm) if signs else []
@@ -82,9 +84,8 @@ def draw_figures(
             read.require_unchanged()
     for remark in read.remarks:
         console.print_line(f"warning: {remark}")
-    verdict = page_data["verdict"]
-    if verdict["judgement"] != "trustworthy":
-        console.print_line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
+    if verdict.judgement is not Judgement.TRUSTWORTHY:
+        console.print_line(f"warning: the result is {verdict.judgement.value}. {verdict.sentence}")
     for file in files:
         console.print_line(f"wrote {folder / file.name}")
 
@@ -178,64 +179,21 @@ def _parse_width(text: str) -> float:
     return width
 
 
-def _read_page_data_of(folder: Path) -> dict[str, Any]:
-    """Read page data of the folder; of further trials without any, those of the result around."""
-    if (folder / PAGE_DATA).exists():
-        return read_page_data(folder / PAGE_DATA)
-    result_file = folder.resolve().parent / PAGE_DATA
-    if (folder / CYCLES).exists() and result_file.exists():
-        return {**read_page_data(result_file), "trials": []}
-    message = f"has no {PAGE_DATA}; calibrate again, or give a result folder"
-    raise InputError(message, source=folder, code=Code.NO_RESULT)
-
-
-def _get_subject(page_data: Mapping[str, Any]) -> Subject:
-    """Get the subject of page data."""
-    person = page_data["person"]
-    return Subject(
-        name=person["name"],
-        mass=person["mass"],
-        height=person["height"],
-        sex=person["sex"],
-        session=person["session"],
-    )
-
-
-def _collect_bands(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
-    """Collect normal bands: those of the given file, else those of the result."""
+def _read_strides(folder: Path, normal: Path | None) -> tuple[Strides, Verdict]:
+    """Strides of a result and the verdict on it; bands of the file that the user names, else those
+    the result was made with.
+    """
+    tables = read_result_tables(folder)
+    subject, norm = tables.model.subject, tables.norm
     if normal is not None:
-        subject = _get_subject(page_data)
-        bands = normal_bands.read_normal_bands(normal)
-        return {
-            name: {side: band.scale_to_person(subject, side) for side in "rl"}
-            for name, band in bands.items()
-        }
-    endings = {
-        kind.label: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
-    }
-    return {
-        f"{band['base']}{endings.get(band['kind'], '')}": {
-            side: (
-                np.array(band[side][0], dtype=np.float64),
-                np.array(band[side][1], dtype=np.float64),
-            )
-            for side in "rl"
-        }
-        for band in page_data["bands"]
-    }
-
-
-def _read_strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
-    """Read the mean strides of one activity with subject and normal bands, and the page data."""
-    page_data = _read_page_data_of(folder)
-    if not (folder / CYCLES).exists():
-        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
+        norm = build_norm_tables(Norm(bands=read_normal_bands(normal)), subject)
+    strides = _select_activity(pd.DataFrame(tables.strides.cycles), folder)
     return Strides(
-        table=ensemble(_select_activity(read_cycles(folder), folder)),
-        subject=_get_subject(page_data),
-        offs=average_toe_offs(page_data["trials"]),
-        healthy=_collect_bands(page_data, normal),
-    ), page_data
+        table=ensemble(strides),
+        subject=subject,
+        offs=average_toe_offs(tables.strides.uses),
+        healthy={name: curve.sides for name, curve in norm.curves.items()},
+    ), parse_verdict(tables.summary)
 
 
 def _select_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:

@@ -36,6 +36,7 @@ from gaitcal.io.result_folder import MANIFEST, compute_sha256, read_json_object
 from gaitcal.model.linkage import SIDES
 from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, run_found_study
 from gaitcal.quality.verdict import Judgement
+from gaitcal.report.page.plain_data import GAP
 from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
 from gaitcal.results.summary import SUMMARY
 from gaitcal.results.table_files import read_csv
@@ -294,7 +295,6 @@ _LEGS: Final = tuple(zip(SIDES, ("right", "left"), strict=True))
 COLUMNS: Final = _columns()
 NAMES: Final = tuple(column.name for column in COLUMNS)
 EVERY: Final = 2  # % of the stride between two points of a curve
-GAP: Final = -32768
 STEPS: Final = {CurveKind.ANGLE: 0.01, CurveKind.MOMENT: 0.0005, CurveKind.POWER: 0.002}
 """What one of the whole numbers is: deg, N m/kg, W/kg."""
 VARIABLES: Final = (

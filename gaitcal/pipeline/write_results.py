@@ -10,34 +10,23 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.analysis.parameter_table import list_parameter_rows
 from gaitcal.analysis.result import Calibration, Loads, TrialResult
 from gaitcal.export import other_formats
 from gaitcal.export.opensim import osim_writer
 from gaitcal.gait.normal_bands import Bands, Norm, make_user_norm, select_norm
-from gaitcal.gait.profile_score import compute_profile_scores
 from gaitcal.io import opensim_files, toml
-from gaitcal.io.result_folder import MANIFEST, ResultKind, write_result_folder
+from gaitcal.io.result_folder import ResultKind, write_result_folder
 from gaitcal.model import model_file, parameters
 from gaitcal.model.marker_set import format_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.page.page_data import build_calibration_page_data
 from gaitcal.report.page.page_folder import write_page
 from gaitcal.report.page.scene import build_scene
-from gaitcal.results import saved_result, stride_files, trial_tables
-from gaitcal.results.summary import (
-    summarise_calibration,
-    summarise_subject,
-    write_kinetics,
-    write_truth,
-)
-from gaitcal.results.table_files import (
-    Json,
-    convert_to_columns,
-    format_json,
-    format_refused_lines,
-    write_csv,
-)
+from gaitcal.results import saved_result, trial_tables
+from gaitcal.results.result_tables import build_result_tables, write_result_tables
+from gaitcal.results.stride_tables import compute_mean_speed, summarise_means
+from gaitcal.results.summary import summarise_subject, write_kinetics, write_truth
+from gaitcal.results.table_files import Json, format_refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
@@ -83,34 +72,18 @@ def write_results(
     with write_result_folder(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
-        write_csv(convert_to_columns(list_parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / saved_result.MARKER_SET).write_text(format_marker_set(marker_set), encoding="utf-8")
-        strides = stride_files.write_stride_files(
-            out, calibration.model, calibration.trials, calibration.relative_to
+        tables = build_result_tables(
+            calibration,
+            _choose_norm(calibration, normal, settings),
+            build_manifest(calibration, settings),
         )
-        norm = _choose_norm(calibration, normal, settings)
-        # normative curves are of anatomical angles, not of angles relative to the static posture
-        scores = (
-            compute_profile_scores(strides, norm.bands, calibration.model.subject)
-            if not calibration.relative_to
-            else ()
-        )
-        content = build_manifest(calibration, settings)
-        (out / MANIFEST).write_text(format_json(content), encoding="utf-8")
-        write_page(
-            out,
-            build_scene(calibration),
-            build_calibration_page_data(calibration, norm, content, scores),
-        )
-        stride_files.write_profile(out, norm, scores)
+        write_result_tables(tables, out)
+        write_page(out, build_scene(calibration), build_calibration_page_data(calibration, tables))
         write_truth(calibration.truth, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        content_of_summary = summarise_calibration(calibration) | stride_files.summarise_profile(
-            norm, scores
-        )
-        (out / "summary.json").write_text(format_json(content_of_summary), encoding="utf-8")
         saved_result.save_uncertainty(calibration.uncertainty, out / saved_result.UNCERTAINTY)
         _write_models(calibration.model, out)
         _save_splines(calibration.trials, out / "splines.npz")
@@ -126,9 +99,7 @@ def _choose_norm(
         return make_user_norm(normal, str((settings or {}).get("normal", "")), subject)
     if calibration.relative_to:
         return Norm(remark="No normative data: joint angles are relative to the static posture.")
-    return select_norm(
-        subject, stride_files.compute_mean_speed(stride_files.summarise_means(calibration.trials))
-    )
+    return select_norm(subject, compute_mean_speed(summarise_means(calibration.trials)))
 
 
 def build_manifest(

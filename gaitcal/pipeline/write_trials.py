@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from gaitcal.analysis.result import TrialResult
 from gaitcal.errors import Code, InputError
@@ -12,19 +12,10 @@ from gaitcal.export.opensim.osim_writer import encode_name
 from gaitcal.io import atomic, result_folder, toml
 from gaitcal.pipeline.write_results import write_trial
 from gaitcal.quality.verdict import Verdict
-from gaitcal.report.page.page_data import PAGE_DATA, build_further_page_data, read_page_data
-from gaitcal.report.page.page_folder import SCENE, read_page, write_page
-from gaitcal.report.page.page_html import (
-    PageContent,
-    add_doubts,
-    merge_page_data,
-    prepend_trials,
-    select_trials,
-)
-from gaitcal.report.page.provenance import Origin
-from gaitcal.report.page.scene import build_person_scene, build_trial_scene
+from gaitcal.report.page.page_folder import read_earlier_page, write_further_page
 from gaitcal.results.saved_result import AGAIN, MODEL, OTHER_MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, read_earlier_strides, write_stride_files
+from gaitcal.results.stride_tables import build_stride_tables
 from gaitcal.results.summary import (
     SUMMARY,
     get_entries,
@@ -34,116 +25,7 @@ from gaitcal.results.summary import (
 )
 from gaitcal.results.table_files import Json, format_json
 
-
-def write_further_page(
-    out: Path,
-    trials: Sequence[TrialResult],
-    saved: SavedResult,
-    verdict: Verdict,
-    earlier: PageContent | None,
-) -> None:
-    """Write scene, page data and page of these trials, after those of `earlier`.
-
-    Normative data and the description of the model come from the page of the result, if readable.
-
-    Parameters
-    ----------
-    out
-        Folder to write to.
-    trials
-        The new trials.
-    saved
-        Result with the model.
-    verdict
-        On the new trials.
-    earlier
-        Page of the trials of earlier runs that are kept.
-    """
-    scene = build_person_scene(
-        saved.model,
-        tuple(
-            build_trial_scene(
-                saved.model,
-                t.name,
-                t.role.value,
-                t.body,
-                t.recording,
-                None if t.loads is None else t.loads.reactions,
-            )
-            for t in trials
-        ),
-        saved.uncertainty.standard_errors,
-    )
-    origin = Origin(_load_result_page(saved.files.folder), edited=bool(saved.files.remarks))
-    bands = origin.data.get("bands")
-    page_data: Mapping[str, Any] = {
-        **build_further_page_data(saved.model, trials, verdict, saved.relative_to, origin),
-        "bands": bands if isinstance(bands, list) else [],
-    }
-    if earlier is not None and earlier.data is not None:
-        joined = prepend_trials(scene, earlier.scene)
-        if joined is not None:
-            scene, page_data = joined, merge_page_data(earlier.data, page_data)
-    write_page(out, scene, page_data)
-
-
-def read_earlier_page(
-    folder: Path, hashes: Mapping[str, str], kept: Iterable[str], stale: Iterable[str]
-) -> tuple[PageContent | None, tuple[str, ...]]:
-    """Read the page of the trials `kept` of an earlier run, with warnings on those left out.
-
-    Parameters
-    ----------
-    folder
-        Folder of further trials.
-    hashes
-        File -> SHA-256 when it was written.
-    kept
-        Names of the trials that are kept.
-    stale
-        Those of them that were analysed with another model.
-
-    Returns
-    -------
-    PageContent or None
-        None if there is no readable page.
-    tuple of str
-        Warnings.
-    """
-    names = tuple(kept)
-    if not names:
-        return None, ()
-    fault = _describe_page_damage(folder, hashes)
-    shown = None
-    if not fault:
-        try:
-            shown = read_page(folder)
-        except InputError:
-            fault = f"{SCENE} and {PAGE_DATA} cannot be read"
-    if shown is None or shown.data is None:
-        return None, tuple(f"{name}: {fault}: the page omits this trial; {AGAIN}" for name in names)
-    doubts = [(name, OTHER_MODEL, AGAIN) for name in stale]
-    return PageContent(shown.scene, add_doubts(select_trials(shown.data, names), doubts)), ()
-
-
-def _describe_page_damage(folder: Path, hashes: Mapping[str, str]) -> str:
-    """Describe why an earlier page cannot be read; empty if it can."""
-    for name in (SCENE, PAGE_DATA):
-        if result_folder.compute_sha256(folder / name) != hashes.get(name):
-            return f"{name} is damaged, or was edited: not as gaitcal wrote it"
-    return ""
-
-
-def _load_result_page(result: Path) -> Mapping[str, Any]:
-    """Load the page data of the calibration; empty if they cannot be read."""
-    try:
-        return read_page_data(result / PAGE_DATA)
-    except InputError:
-        return {}
-
-
-RUN_AGAIN = f"; {AGAIN}"
-"""End of warnings on earlier trials. A later run drops them and makes them again if needed."""
+RUN_AGAIN = f"; {AGAIN}"  # How warnings on stale trials end: a later run makes them anew, or not
 
 
 def write_trials(
@@ -206,13 +88,12 @@ def write_trials(
         # Trials of earlier runs stay, except those that are written again.
         kept = _drop_names(get_table(summary, "trials"), names)
         old_model = [name for name in kept if digests.get(name) != digest]
+        tables = build_stride_tables(model, trials, relative_to)
         page, page_warnings = read_earlier_page(folder, earlier, kept, old_model)
         stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in old_model)
         stale += (*_warn_of_damaged_files(folder, earlier, kept), *page_warnings)
-        write_stride_files(
-            out, model, trials, relative_to, read_earlier_strides(folder, earlier, kept)
-        )
-        write_further_page(out, trials, saved, verdict, page)
+        write_stride_files(out, tables, read_earlier_strides(folder, earlier, kept))
+        write_further_page(out, trials, tables, saved, verdict, page)
         # Warnings on stale trials are written anew.
         earlier_warnings = (
             w for w in _select_lines(kept, summary, "warnings") if not w.endswith(RUN_AGAIN)
@@ -228,6 +109,7 @@ def write_trials(
                 *(note for t in trials for note in t.notes),
             ],
             "warnings": [*earlier_warnings, *stale, *(reason.line for reason in verdict.reasons)],
+            **({"forced": True} if verdict.forced or summary.get("forced") else {}),
         }
         (out / SUMMARY).write_text(format_json(new_summary), encoding="utf-8")
         new_manifest: dict[str, Json] = {
@@ -274,9 +156,9 @@ def _warn_of_damaged_files(
         if (stem := Path(file).stem) in owners
         and result_folder.compute_sha256(folder / file) != digest
     ) + tuple(
-        f"{trial}: {file} is damaged, or was edited: its rows of this trial are left out{RUN_AGAIN}"
+        f"{trial}: {file} is missing, damaged or edited: its rows of this trial are left out{RUN_AGAIN}"
         for file in STRIDE_FILES
-        if file in earlier and result_folder.compute_sha256(folder / file) != earlier[file]
+        if earlier and result_folder.compute_sha256(folder / file) != earlier.get(file, "")
         for trial in kept
     )
 

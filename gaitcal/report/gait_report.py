@@ -4,7 +4,7 @@ Curves are means over straight strides of all walks with the standard error of `
 clinical signs (`gait/conventions.py`). Comments come from a file of the clinic.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.gait import conventions, peaks, profile_score
+from gaitcal.gait import conventions, peaks
 from gaitcal.gait.cycles import (
     GROUND_REACTION,
     POINTS,
@@ -25,45 +25,33 @@ from gaitcal.gait.cycles import (
 )
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, describe_joint, describe_parameter, format_count
-from gaitcal.gait.normal_bands import (
-    BAND_SIGNS,
-    FREE_LABEL,
-    Bands,
-    Norm,
-    NormalBand,
-    make_user_norm,
-    select_norm,
-)
+from gaitcal.gait.normal_bands import FREE_LABEL, Bands, make_user_norm
+from gaitcal.gait.profile_score import compute_profile_scores
 from gaitcal.gait.strides import TURNING
-from gaitcal.io.result_folder import MANIFEST, read_json_object
 from gaitcal.io.toml import read_toml
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 from gaitcal.quality.verdict import SENTENCES, Judgement
 from gaitcal.report.figures.document import COMMENT_SECTIONS, ReportContent
-from gaitcal.report.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
-from gaitcal.report.page.key_figures import (
-    WIDE_LIMITS,
+from gaitcal.report.figures.report_sheets import LEAST, CurvePanel, Sheet
+from gaitcal.report.page.key_figures import WIDE_LIMITS
+from gaitcal.results import cycles_export
+from gaitcal.results.normal_curves import NormalCurve, NormTables, build_norm_tables
+from gaitcal.results.result_tables import ResultTables, read_result_tables
+from gaitcal.results.shown_labels import PAPER_UNITS, SHOWN_MEASURES, list_person_facts
+from gaitcal.results.stride_tables import StrideTables
+from gaitcal.results.stride_uses import (
     StrideUse,
+    average_toe_offs,
     list_reasons,
     summarise_usable_strides,
 )
-from gaitcal.report.page.page_data import (
-    PAGE_DATA,
-    SHOWN_MEASURES,
-    average_page_peaks,
-    average_toe_offs,
-    list_person_facts,
-    read_page_data,
-)
-from gaitcal.results import cycle_tables, cycles_export, saved_result, stride_files
-from gaitcal.results.summary import SUMMARY, get_entries, get_table
+from gaitcal.results.summary import get_entries, get_table
 
 CLINICAL: Final = conventions.Convention(
     signs=conventions.Signs.CLINICAL, unit=conventions.MomentUnit.NM_PER_KG
 )
 HINGE: Final = "{} is not available: the knee is a hinge in this model."
-CLINICAL_SIGNS: Final = BAND_SIGNS["clinical"]
 KINEMATICS: Final = (
     *(
         "pelvis_tilt",
@@ -122,7 +110,7 @@ def read_report_content(
     folder
         A result of `gaitcal calibrate`.
     named
-        Normative data and their name; None: those of the result, else the built-in ones.
+        Normative data and their name; None: those of the result.
     comments
         Section -> text (`read_comments`).
 
@@ -136,22 +124,46 @@ def read_report_content(
     InputError
         The folder is not a result, or is damaged.
     """
-    page = read_page_data(folder / PAGE_DATA)
-    model, _, _ = saved_result.load_result_model(folder)
-    summary, manifest = read_json_object(folder / SUMMARY), read_json_object(folder / MANIFEST)
-    cycles = cycle_tables.read_cycles(folder)
-    strides = cycles_export.convert_strides(cycles, CLINICAL, model)
-    parameters = pd.read_csv(folder / "parameters.csv", comment="#")
-    norm = _choose_norm(page, named, model.subject, summary, manifest)
+    tables = read_result_tables(folder)
+    return build_report_content(tables, named, comments, folder.resolve().name)
+
+
+def build_report_content(
+    tables: ResultTables, named: tuple[Bands, str] | None, comments: Mapping[str, str], folder: str
+) -> ReportContent:
+    """Build the content of the report from the tables of a result.
+
+    Parameters
+    ----------
+    tables
+        Built from a calibration, or read from its folder.
+    named
+        Normative data and their name; None: those of the result.
+    comments
+        Section -> text (`read_comments`).
+    folder
+        Name of the folder with all numbers.
+
+    Returns
+    -------
+    ReportContent
+        Text, tables and curves.
+    """
+    subject, summary, manifest = tables.model.subject, tables.summary, tables.manifest
+    cycles = pd.DataFrame(tables.strides.cycles)
+    strides = cycles_export.convert_strides(cycles, CLINICAL, tables.model)
+    parameters = pd.DataFrame(tables.parameters)
     relative = get_table(manifest, "settings").get("angles") == "relative"
-    remark = " ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else "")))
-    uses = _collect_stride_uses(page)
-    activities = tuple(_group_activities(summary, page))
+    norm, scores = tables.norm, () if relative else tables.scores
+    if named is not None:
+        norm = build_norm_tables(make_user_norm(*named, subject), subject)
+        scores = (
+            () if relative else compute_profile_scores(tables.strides.cycles, named[0], subject)
+        )
+    remark = " ".join(filter(None, (norm.remark, RELATIVE if relative and norm.curves else "")))
+    activities = tuple(_group_activities(tables))
     return ReportContent(
-        person=(
-            *list_person_facts(model.subject),
-            ("Marker set", str(manifest.get("marker_set", ""))),
-        ),
+        person=(*list_person_facts(subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
         sentence="Reasons, the most severe first:"
         if get_entries(summary, "reasons")
@@ -159,30 +171,25 @@ def read_report_content(
         reasons=_format_reasons(summary),
         fit=tuple(_format_fit(summary)),
         walked=any(a.walks for a in activities),
-        walks=tuple(_build_walk_rows(summary, uses)),
+        walks=tuple(_build_walk_rows(summary, tables.strides)),
         steps=tuple(_build_step_rows(summary, norm.steps)),
         steps_norm=f"norm: {FREE_LABEL}, mean ± SD" if norm.steps else "",
-        sheets=tuple(_build_sheets(strides, norm, model.subject, activities, uses, remark)),
+        sheets=tuple(_build_sheets(strides, norm, subject, activities, remark)),
         peaks=tuple(
             (
                 f"Peaks of {a.name}, mean ± standard error over {a.one}s",
-                tuple(_build_peak_rows(page, a.name, model.subject)),
+                tuple(_build_peak_rows(tables.strides.peaks, a.name, subject)),
             )
             for a in activities
             if not a.walks
         ),
         norm=norm.label,
         norm_remark=remark,
-        profile=profile_score.compute_profile_scores(
-            {n: cycles[n].to_numpy() for n in cycles}, norm.bands, model.subject
-        )
-        if norm.bands and not relative
-        else (),
+        profile=scores,
         joints=tuple(_build_joint_rows(parameters)),
         undetermined=_list_undetermined(parameters),
         comments=comments,
-        footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in "
-        f"{folder.resolve().name}",
+        footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in {folder}",
     )
 
 
@@ -273,7 +280,7 @@ class _Activity:
     name: str
     trials: tuple[str, ...]
     repeats: bool
-    toe_off: Mapping[str, float]  # Side -> %, mean over straight strides
+    uses: tuple[StrideUse, ...]  # Its strides or repetitions
 
     @property
     def walks(self) -> bool:
@@ -286,29 +293,27 @@ class _Activity:
         return "repetition" if self.repeats else "stride"
 
 
-def _group_activities(
-    summary: Mapping[str, object], page: Mapping[str, Any]
-) -> Iterator[_Activity]:
+def _group_activities(tables: ResultTables) -> Iterator[_Activity]:
     """Group the whole-body trials by activity, walking first."""
-    by_name: dict[str, list[Any]] = {}
-    for trial in sorted(page["trials"], key=lambda trial: trial["activity"] != WALKING):
-        if get_table(get_table(summary, "trials"), trial["name"]).get("role") != "joint":
-            by_name.setdefault(trial["activity"], []).append(trial)
-    for name, trials in by_name.items():
+    by_name: dict[str, dict[str, Any]] = {}
+    for name, trial in get_table(tables.summary, "trials").items():
+        if "activity" in trial:
+            by_name.setdefault(trial["activity"], {})[name] = trial
+    for activity in sorted(by_name, key=lambda name: name != WALKING):
+        trials = by_name[activity]
         yield _Activity(
-            name,
-            tuple(t["name"] for t in trials),
-            any(t["repeats"] for t in trials),
-            average_toe_offs(trials),
+            activity,
+            tuple(trials),
+            any("repetitions" in trial for trial in trials.values()),
+            tuple(use for name in trials for use in tables.strides.get_uses(name)),
         )
 
 
 def _build_sheets(
     strides: pd.DataFrame,
-    norm: Norm,
+    norm: NormTables,
     subject: Subject,
     activities: Sequence[_Activity],
-    uses: Mapping[str, Sequence[StrideUse]],
     remark: str,
 ) -> Iterator[Sheet]:
     """Build kinematics and kinetics of the first activity, and the legs of each other one."""
@@ -317,7 +322,7 @@ def _build_sheets(
         "Both only while "
         "the foot is entirely on a plate."
     )
-    for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, toe_off={}),)):
+    for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, uses=()),)):
         whose = "straight strides of all walks" if a.walks else f"strides of {a.name}"
         note = (
             f"Joint angles over the stride, mean over {whose}. Pelvis angles are relative to the "
@@ -325,7 +330,6 @@ def _build_sheets(
         )
         if a.repeats:
             note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
-        uses_of_trials = {name: uses[name] for name in a.trials}
         full_sheets = (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics))
         for title, variables, text in (
             full_sheets if k == 0 else (("Legs", LEGS, f"{note} {kinetics}"),)
@@ -336,23 +340,23 @@ def _build_sheets(
                     _build_panels(
                         strides[strides["activity"] == a.name],
                         variables,
-                        norm.bands if a.walks else {},
+                        norm.curves if a.walks else {},
                         subject,
                     )
                 ),
                 note=f"{text} {remark}" if a.walks and remark else text,
-                without=_explain_missing_curves(uses_of_trials, of_moments=variables is KINETICS),
+                without=_explain_missing_curves(a.trials, a.uses, of_moments=variables is KINETICS),
                 comment=title.lower() if k == 0 else "",
                 thin="thin: repetitions" if a.repeats else "thin: strides, vertical: toe-off",
-                toe_off=a.toe_off,
+                toe_off=average_toe_offs(a.uses),
             )
 
 
 def _build_peak_rows(
-    page: Mapping[str, Any], activity: str, subject: Subject
+    means: Iterable[peaks.PeakMean], activity: str, subject: Subject
 ) -> Iterator[tuple[str, ...]]:
     """Build the rows of peaks by phase of one activity, in clinical signs and by body mass."""
-    found = [mean for mean in average_page_peaks(page["trials"]) if mean.activity == activity]
+    found = [mean for mean in means if mean.activity == activity]
     present = {mean.peak.phase for mean in found}
     phases = [phase for phase in peaks.PHASES if phase in present]
     yield ("peak", "unit", "leg", *phases)
@@ -364,7 +368,7 @@ def _build_peak_rows(
         digits = 1 if kind is CurveKind.ANGLE else 2
         bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
         title = m.peak.make_title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
-        rows.setdefault((title, UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = (
+        rows.setdefault((title, PAPER_UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = (
             f"{value:.{digits}f}{bar}"
         )
     order = list(dict.fromkeys(title for title, _, _ in rows))
@@ -373,27 +377,8 @@ def _build_peak_rows(
         yield (*head, *(cells.get(phase, "–") for phase in phases))
 
 
-def _collect_stride_uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
-    """Collect the complete strides or repetitions of each whole-body trial."""
-    uses: dict[str, list[StrideUse]] = {}
-    for trial in page["trials"]:
-        uses[trial["name"]] = [
-            StrideUse(
-                side=stride["side"],
-                number=stride["number"],
-                plate=stride["plate"],
-                whole=not stride["reason"],
-                turns=stride["turns"],
-                reason=stride["reason"],
-                repeats=trial["repeats"],
-            )
-            for stride in trial["strides"]
-        ]
-    return uses
-
-
 def _build_walk_rows(
-    summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]]
+    summary: Mapping[str, object], strides: StrideTables
 ) -> Iterator[tuple[str, ...]]:
     yield (
         "trial",
@@ -403,11 +388,11 @@ def _build_walk_rows(
         "strides or repetitions usable for moments",
         "why others are not",
     )
-    for name, of_walk in uses.items():
-        if get_table(get_table(summary, "trials"), name).get("role") == "joint":
+    for name, trial in get_table(summary, "trials").items():
+        if "activity" not in trial:
             continue
         for side in linkage.SIDES:
-            of_leg = [use for use in of_walk if use.side == side]
+            of_leg = [use for use in strides.get_uses(name) if use.side == side]
             turning = sum(use.turns for use in of_leg)
             turning_text = (
                 f"{format_count(turning, 'stride')} turning: not in means" if turning else ""
@@ -415,7 +400,7 @@ def _build_walk_rows(
             yield (
                 name,
                 SIDE_WORDS[side],
-                str(get_table(get_table(summary, "trials"), name).get(f"verdict_{side}", "")),
+                str(trial.get(f"verdict_{side}", "")),
                 ", ".join(dict.fromkeys(use.plate for use in of_leg if use.plate)),
                 f"{sum(use.whole for use in of_leg)} of {len(of_leg)}",
                 "; ".join(filter(None, (list_reasons(of_leg), turning_text)))
@@ -425,18 +410,17 @@ def _build_walk_rows(
 
 
 def _explain_missing_curves(
-    uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = False
+    trials: Sequence[str], uses: Sequence[StrideUse], *, of_moments: bool = False
 ) -> str:
-    """Explain why a sheet has no curves."""
-    every = [use for of_walk in uses.values() for use in of_walk]
-    if not uses:
+    """Explain why a sheet of some trials has no curves."""
+    if not trials:
         return "No curves: the study has functional (single-joint) trials only; see result.html."
-    if not every:
+    if not uses:
         return "No curves: there is no complete stride or repetition."
-    if all(use.turns for use in every):
+    if all(use.turns for use in uses):
         return "No curves: every stride turns, and means include straight strides only."
     return (
-        f"No curves. {summarise_usable_strides(every)}"
+        f"No curves. {summarise_usable_strides(uses)}"
         if of_moments
         else "No curves: no angle of a straight stride is known."
     )
@@ -481,7 +465,10 @@ def _format_average(of_side: Mapping[str, object], digits: int) -> str:
 
 
 def _build_panels(
-    strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject
+    strides: pd.DataFrame,
+    variables: Sequence[str],
+    normal: Mapping[str, NormalCurve],
+    subject: Subject,
 ) -> Iterator[CurvePanel | str]:
     straight = strides[~(strides["turn"].abs() > TURNING)]
     means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
@@ -515,17 +502,16 @@ def _build_panels(
                     if known
                     else np.full(POINTS, np.nan)
                 )
-        band = bands.get(variable)
         norm = None
-        if band is not None:
+        if variable in normal:
             average, sd = (
                 CLINICAL.convert_values(variable, part, "r", subject)
-                for part in band.scale_to_person(subject)
+                for part in normal[variable].sides["r"]
             )
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
             title=CLINICAL.make_title(variable),
-            unit=UNITS[kind],
+            unit=PAPER_UNITS[kind],
             senses=CLINICAL.describe_senses(variable, "r"),
             strides=curves,
             mean=mean,
@@ -533,45 +519,6 @@ def _build_panels(
             norm=norm,
             least=LEAST[kind],
         )
-
-
-def _choose_norm(
-    page: Mapping[str, Any],
-    named: tuple[Bands, str] | None,
-    subject: Subject,
-    summary: Mapping[str, object],
-    manifest: Mapping[str, object],
-) -> Norm:
-    """Choose normative data: of the user, else of the result, else built-in."""
-    if named is not None:
-        return make_user_norm(*named, subject)
-    made_with, stored = (
-        str(get_table(manifest, "settings").get("normal", "")),
-        get_table(summary, "norm"),
-    )
-    if stored and not stored.get("words"):
-        return Norm(remark=str(stored.get("remark", "")))
-    if not made_with:
-        return select_norm(
-            subject, stride_files.compute_mean_speed(get_table(summary, "spatiotemporal"))
-        )
-    bands = {}
-    for band in page["bands"]:
-        kind = next(kind for kind in CurveKind if kind.label == band["kind"])
-        name = band["base"] + kind.ending
-        average, sd = (np.array(part, dtype=np.float64) for part in band["r"])
-        known = np.isfinite(average)
-        average = CLINICAL_SIGNS.convert_values(name, average, "r", subject)
-        bands[name] = NormalBand(
-            variable=name,
-            unit=kind.unit,
-            signs=CLINICAL_SIGNS,
-            percent=np.flatnonzero(known).astype(np.float64),
-            mean=average[known],
-            sd=sd[known],
-            source=band["source"],
-        )
-    return make_user_norm(bands, made_with, subject)
 
 
 def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
@@ -583,7 +530,7 @@ def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
         for kind in ("joint position", "joint orientation"):
             of_kind = rows[rows["kind"] == kind]
             change = np.linalg.norm(of_kind["fitted"] - of_kind["nominal"])
-            error = of_kind["standard_error"].max()
+            error = of_kind["standard_error"].astype(float).max()
             cells += (
                 [f"{change:.1f}", f"{error:.1f}" if np.isfinite(error) else "–"]
                 if len(of_kind)
@@ -593,7 +540,7 @@ def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
 
 
 def _list_undetermined(table: pd.DataFrame) -> tuple[str, ...]:
-    rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
+    rows = table[(table["status"] == "unidentifiable") & (table["joint"].fillna("") != "")]
     lines = []
     for joint, rows_of_joint in rows.groupby("joint", sort=False):
         names = "; ".join(map(describe_parameter, rows_of_joint["name"]))

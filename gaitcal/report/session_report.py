@@ -29,11 +29,12 @@ from gaitcal.report.figures.comparison_sheets import (
     build_paper_panels,
     render_comparison_page,
 )
-from gaitcal.report.page.page_data import SHOWN_MEASURES, list_person_facts
 from gaitcal.results import cycles_export, session_difference, stride_files, stride_sets
 from gaitcal.results.cycle_tables import CYCLES, read_cycles
 from gaitcal.results.saved_result import MODEL, UNCERTAINTY, load_settings, load_uncertainty
 from gaitcal.results.session_comparison import CURVE_HEADER, SessionComparison, compare_sessions
+from gaitcal.results.shown_labels import SHOWN_MEASURES, list_person_facts
+from gaitcal.results.stride_tables import SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import SUMMARY, get_entries, get_table
 from gaitcal.results.table_files import Json, format_json, read_csv, write_csv
 from gaitcal.runtime import with_one_blas_thread
@@ -357,7 +358,7 @@ def _read_measures(folder: Path) -> pd.DataFrame:
     source = folder / stride_files.SPATIOTEMPORAL
     try:
         table, _ = read_csv(source)
-        if missing := [name for name in stride_files.SPATIOTEMPORAL_COLUMNS if name not in table]:
+        if missing := [name for name in SPATIOTEMPORAL_COLUMNS if name not in table]:
             message = f"is no table of measures: found no column {', '.join(missing)}"
             raise InputError(message, source=source, code=Code.DAMAGED_RESULT)
         numbers = {

@@ -1,4 +1,4 @@
-"""Build, write and read `cycles.csv`: every complete stride over 0 to 100 %, in long form.
+"""Build and read `cycles.csv`: every complete stride over 0 to 100 %, in long form.
 
 The comment lines above its header begin with the verdict on the numbers.
 """
@@ -29,13 +29,9 @@ from gaitcal.gait.strides import TURNING, get_pelvis_angles, is_turning, list_st
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results.table_files import Column, Table, format_refused_lines, read_csv, write_csv
+from gaitcal.results.table_files import Column, read_csv
 from gaitcal.results.trial_curves import Curve, build_curves, find_joint
-from gaitcal.results.trial_tables import (
-    express_foot_in_stride,
-    express_pelvis_in_stride,
-    format_relative_header,
-)
+from gaitcal.results.trial_tables import express_foot_in_stride, express_pelvis_in_stride
 from gaitcal.runtime import with_one_blas_thread
 
 if TYPE_CHECKING:
@@ -88,53 +84,6 @@ CYCLE_HEADER = (
 CYCLES = "cycles.csv"
 DIGITS = 6
 TURN_DIGITS = 1
-
-
-def write_cycles(
-    path: Path,
-    model: SubjectModel,
-    trials: Sequence[TrialResult],
-    relative_to: Mapping[str, float] | None = None,
-    earlier: pd.DataFrame | None = None,
-    earlier_lines: Iterable[str] = (),
-) -> Table:
-    """Write `cycles.csv`: the rows of earlier trials as text, then those of `trials`.
-
-    Parameters
-    ----------
-    path
-        The file.
-    model
-        The calibrated subject.
-    trials
-        Trials with strides; single-joint ones have none.
-    relative_to
-        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
-    earlier
-        Rows of earlier trials, as text.
-    earlier_lines
-        Comment lines about these trials.
-
-    Returns
-    -------
-    Table
-        What was written: columns by name, or a data frame if there are earlier rows.
-    """
-    refused = (
-        f"{t.name}: {line}" for t in trials if t.joint is None for line in format_refused_lines(t)
-    )
-    relative = () if relative_to is None else format_relative_header(relative_to)
-    table: Table = build_cycle_columns(model, trials, relative_to)
-    if earlier is not None and not earlier.empty:
-        import pandas as pd
-
-        table = (
-            pd.concat([earlier, pd.DataFrame(table)], ignore_index=True)
-            if len(table["value"])
-            else earlier
-        )
-    write_csv(table, path, (*earlier_lines, *refused, *CYCLE_HEADER, *relative))
-    return table
 
 
 @with_one_blas_thread
@@ -195,24 +144,23 @@ def build_cycle_table(
     """Return `build_cycle_columns` as a data frame."""
     import pandas as pd
 
-    return pd.DataFrame(build_cycle_columns(model, trials, relative_to))
+    curves = {t.name: build_curves(model, t, relative_to, None) for t in trials}
+    return pd.DataFrame(build_cycle_columns(model.subject, trials, curves))
 
 
 def build_cycle_columns(
-    model: SubjectModel,
-    trials: Sequence[TrialResult],
-    relative_to: Mapping[str, float] | None = None,
+    subject: Subject, trials: Sequence[TrialResult], curves: Mapping[str, Sequence[Curve]]
 ) -> dict[str, Column]:
     """Build the columns of `cycles.csv`: every variable of every complete stride.
 
     Parameters
     ----------
-    model
-        The calibrated subject.
+    subject
+        Gives person and session.
     trials
         Trials with strides; single-joint ones have none.
-    relative_to
-        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+    curves
+        Trial -> its curves (`build_curves`).
 
     Returns
     -------
@@ -222,15 +170,14 @@ def build_cycle_columns(
     parts = []
     for trial in trials:
         if trial.joint is None:
-            curves = build_curves(model, trial, relative_to, None)
             for side, cycles in list_strides(trial.events).items():
-                shown = _select_curves(curves, side)
+                shown = _select_curves(curves[trial.name], side)
                 measured = {s.number: s for s in trial.strides if s.side == side}
                 for number, cycle in enumerate(cycles, start=1):
                     stride = measured.get(number)
                     of_stride = _express_along_line(trial, side, cycle, stride, shown)
                     parts.append(
-                        _build_rows(model.subject, trial, side, number, cycle, of_stride, stride)
+                        _build_rows(subject, trial, side, number, cycle, of_stride, stride)
                     )
     columns = {}
     for name in CYCLE_COLUMNS:

@@ -21,22 +21,13 @@ from gaitcal.dynamics.ground_reactions import get_leg
 from gaitcal.dynamics.joint_kinetics import MomentFrame, name_vector_column
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.cycles import (
-    POINTS,
-    CurveKind,
-    FootEvents,
-    GaitCycle,
-    find_gait_cycles,
-    get_curve_kind,
-    normalise,
-)
-from gaitcal.io import labels, result_folder, toml
+from gaitcal.gait.cycles import POINTS, CurveKind, GaitCycle, get_curve_kind, normalise
+from gaitcal.io import result_folder, toml
 from gaitcal.io.snapshot import Snapshot, read_whole
-from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results import saved_result
 from gaitcal.results.cycle_tables import CYCLES, DIGITS
-from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, get_entries, get_table, read_vectors
+from gaitcal.results.stride_uses import STRIDES, read_uses
+from gaitcal.results.summary import VECTOR_FOLDER, get_entries, get_table, read_vectors
 from gaitcal.results.table_files import VERDICT, Json, format_json, read_csv, write_csv
 from gaitcal.results.trial_tables import select_free_components
 
@@ -125,8 +116,9 @@ def write_cycles_export(
 def _read_whole(
     folder: Path, frame: MomentFrame, model: SubjectModel
 ) -> tuple[_StrideTables, Snapshot]:
-    names = [CYCLES, SUMMARY]
+    names = [CYCLES]
     if frame is not MomentFrame.COORDINATES:
+        names += [STRIDES]
         names += sorted(
             path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv")
         )
@@ -158,27 +150,13 @@ def list_stale_trials(folder: Path, digest: str | None) -> tuple[str, ...]:
 
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _StrideTables:
     table, comments = read_csv(folder / CYCLES)
-    trials = get_table(result_folder.read_json_object(folder / SUMMARY), "trials")
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
-    for name in dict.fromkeys(table["trial"]):
-        events = saved_result.parse_events(get_table(trials, name))
-        right, left = (
-            FootEvents(
-                np.array(labels.select_event_times(events, side, labels.FootMoment.STRIKE)),
-                np.array(labels.select_event_times(events, side, labels.FootMoment.OFF)),
-            )
-            for side in SIDES
-        )
-        strides |= {
-            (name, "r"): find_gait_cycles(right, left),
-            (name, "l"): find_gait_cycles(left, right),
-        }
-        repeats = tuple(
-            GaitCycle(c["start"], c["stop"], None)
-            for c in get_entries(get_table(trials, name), "repetitions")
-        )
-        strides |= {(name, side): repeats for side in SIDES if repeats}
+    for use in () if frame is MomentFrame.COORDINATES else read_uses(folder):
+        key = use.trial, use.side
+        strides[key] = (*strides.get(key, ()), use.cycle)
+    names = list(dict.fromkeys(table["trial"]))
+    for name in names:
         of_trial = None if frame is MomentFrame.COORDINATES else read_vectors(folder, name)
         if of_trial is not None:
             vectors[name] = of_trial
@@ -192,7 +170,7 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _StrideTable
             )
             raise InputError(message, source=folder, code=Code.DAMAGED_RESULT)
     # keep comment lines on verdicts and relative angles, not those on the former convention
-    kept_starts = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
+    kept_starts = (*(f"{name}: {VERDICT}" for name in names), *RELATIVE)
     kept = tuple(line for line in comments if line.startswith(kept_starts))
     return _StrideTables(model, table, kept, strides, vectors)
 
@@ -244,7 +222,7 @@ def _build_vector_rows(found: _StrideTables, frame: MomentFrame) -> list[pd.Data
         if table is None or of_trial.empty:
             continue
         if len(cycles) != of_trial["stride"].nunique():
-            message = f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again"
+            message = f"{CYCLES} and {STRIDES} differ in the strides of '{trial}'; calibrate again"
             raise InputError(message, code=Code.DAMAGED_RESULT)
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
         names = [

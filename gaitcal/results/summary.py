@@ -20,10 +20,17 @@ from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import get_moment
 from gaitcal.io.result_folder import read_json_object
-from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
+from gaitcal.model.linkage import (
+    COORDINATES,
+    LOWER_BODY,
+    REACTIONS,
+    SEGMENTS,
+    SIDES,
+    is_translation,
+)
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.quality.verdict import Judgement, Verdict, has_effect_on_joints
-from gaitcal.results.stride_files import summarise_means
+from gaitcal.quality.verdict import Judgement, Verdict, WalkVerdict, has_effect_on_joints
+from gaitcal.results.stride_tables import summarise_means
 from gaitcal.results.table_files import Json, convert_to_columns, format_refused_lines, write_csv
 from gaitcal.results.trial_tables import (
     POWER_HEADER,
@@ -277,7 +284,7 @@ def summarise_trial(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
         **_summarise_markers(trial),
     }
     if trial.joint is None:
-        out |= _summarise_events(trial)
+        out |= {"activity": trial.activity, **_summarise_events(trial)}
     if trial.loads is not None:
         out |= _summarise_loads(trial, trial.loads)
     return out
@@ -564,6 +571,38 @@ def summarise_walk(verdict: Verdict, walk: str) -> dict[str, Json]:
         f"verdict_{side}": judgement.value for side, judgement in trial.legs.items()
     }
     return {"verdict": trial.judgement.value} | legs
+
+
+def parse_verdict(summary: Mapping[str, object]) -> Verdict:
+    """Parse the verdict in `summary.json`, without its reasons.
+
+    Parameters
+    ----------
+    summary
+        Of a calibration, or of further trials, which are refused or trustworthy together if all of
+        them are, and else doubtful.
+
+    Returns
+    -------
+    Verdict
+        With the verdict on each walk; without reasons.
+    """
+    trials = {
+        name: WalkVerdict(
+            judgement=Judgement(trial["verdict"]),
+            legs={s: Judgement(trial[f"verdict_{s}"]) for s in SIDES if f"verdict_{s}" in trial},
+        )
+        for name, trial in get_table(summary, "trials").items()
+        if "verdict" in trial
+    }
+    found = {trial.judgement for trial in trials.values()} or {Judgement.TRUSTWORTHY}
+    together = found.pop() if len(found) == 1 else Judgement.DOUBTFUL
+    return Verdict(
+        judgement=Judgement(summary.get("verdict", together)),
+        reasons=(),
+        trials=trials,
+        forced=bool(summary.get("forced")),
+    )
 
 
 def require_not_refused(folder: Path) -> None:

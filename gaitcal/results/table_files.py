@@ -6,14 +6,15 @@ Comment lines above a CSV header give the verdict on its numbers.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.analysis.result import TrialResult
+from gaitcal.errors import Code, InputError
 from gaitcal.gait import moments
 from gaitcal.io.text_file import format_number_cells
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 Column: TypeAlias = (
     NDArray[Any] | list[Any]
 )  # Values of one column; None or NaN where there is none
+Content = TypeVar("Content")
 Table: TypeAlias = "Mapping[str, Column] | pd.DataFrame"  # Columns by name, or a data frame
 _BLOCK: Final = 50_000  # Rows that are text in memory at once
 _QUOTE: Final = '"'
@@ -164,6 +166,37 @@ def read_csv(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
         path, skiprows=len(comments), dtype=str, keep_default_na=False, encoding="utf-8"
     )
     return table, tuple(comments)
+
+
+def read_rows(
+    path: Path, columns: Sequence[str], parse: Callable[[Iterable[Mapping[str, str]]], Content]
+) -> Content:
+    """Read a table of a result row by row.
+
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Those that it must have.
+    parse
+        Called with column -> text of each row; raises KeyError or ValueError for a wrong cell.
+
+    Returns
+    -------
+    Content
+        What `parse` returns.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged.
+    """
+    try:
+        return parse(read_csv(path)[0][[*columns]].to_dict("records"))
+    except (OSError, UnicodeError, ValueError, KeyError) as error:
+        message = f"cannot be read: {error}; calibrate again"
+        raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from None
 
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"

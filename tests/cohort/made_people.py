@@ -17,9 +17,10 @@ from gaitcal.cohort.cohort_page import PAGE
 from gaitcal.cohort.cohort_people import CohortPerson
 from gaitcal.cohort.learn_priors import PARTS
 from gaitcal.cohort.learning import PartEvidence, PersonEvidence
-from gaitcal.cohort.one_person import GAP, SHAPE, CommonSettings
+from gaitcal.cohort.one_person import SHAPE, CommonSettings
 from gaitcal.cohort.outcome import STRIDES, Outcome, Outcomes, keep, state_file
 from gaitcal.cohort.run_cohort import mark, write_tables
+from gaitcal.report.page.plain_data import GAP
 from gaitcal.study.cohort_prior import Person
 
 Array = NDArray[np.float64]

@@ -21,7 +21,6 @@ from gaitcal.cohort.cohort_page import MEASURES, NO_STRIDE
 from gaitcal.cohort.cohort_people import people_in
 from gaitcal.cohort.one_person import (
     EVERY,
-    GAP,
     NAMES,
     SHAPE,
     STEPS,
@@ -35,6 +34,7 @@ from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import CurveKind
 from gaitcal.gait.normal_bands import find_bands_file, read_normal_bands
 from gaitcal.io.result_folder import read_listed_hashes
+from gaitcal.report.page.plain_data import GAP
 from gaitcal.results.table_files import write_csv
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.commands import run

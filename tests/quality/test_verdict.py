@@ -262,7 +262,9 @@ def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> No
     lost = found(Severity.ERROR, "walk", "one marker alone follows foot_l", "l", topic="one marker")
     bounds = found(Severity.ERROR, "walk", "no leg bends so", "l", topic=BOUNDS)
     assert remove_consequences([lost, bounds, DISAGREE, CONTRADICTED]) == (lost,)
-    assert judge(remove_consequences([lost, DISAGREE]), ("walk",)).list_refused_legs("walk") == ("l",)
+    assert judge(remove_consequences([lost, DISAGREE]), ("walk",)).list_refused_legs("walk") == (
+        "l",
+    )
     for elsewhere in (
         replace(bounds, leg="r"),
         replace(bounds, where="walk2"),

@@ -35,6 +35,7 @@ from gaitcal.report.session_report import (
 from gaitcal.results.saved_result import MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.stride_sets import Common
+from gaitcal.results.stride_tables import build_stride_tables
 from gaitcal.results.summary import SUMMARY, summarise_calibration
 from gaitcal.results.table_files import format_json, read_csv
 from gaitcal.study.settings import CalibrationSettings
@@ -53,7 +54,7 @@ def write_result(calibration: Calibration, folder: Path) -> None:
         )
         save_model(calibration.model, out / MODEL)
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
-        write_stride_files(out, calibration.model, calibration.trials)
+        write_stride_files(out, build_stride_tables(calibration.model, calibration.trials))
 
 
 @pytest.fixture

@@ -39,15 +39,16 @@ from gaitcal.results.cycle_tables import (
     cycles,
     cycles_to_xarray,
     read_cycles,
-    write_cycles,
 )
 from gaitcal.results.saved_result import _read_static_angles
 from gaitcal.results.stride_files import (
+    NO_STRIDES,
     SPATIOTEMPORAL,
     STRIDE_FILES,
     read_earlier_strides,
     write_stride_files,
 )
+from gaitcal.results.stride_tables import build_stride_tables
 from gaitcal.results.summary import STATIC_ANGLES, summarise_calibration
 from gaitcal.results.table_files import read_csv, write_csv
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
@@ -127,7 +128,7 @@ def test_what_was_written_is_read_back_also_by_pandas_alone(
 ) -> None:
     """A person called `001` stays one, in whatever folder; another file is told in a line."""
     model = replace(whole.model, subject=replace(whole.model.subject, name="001"))
-    write_cycles(tmp_path / "cycles.csv", model, whole.trials)
+    write_stride_files(tmp_path, build_stride_tables(model, whole.trials))
     found, table = read_cycles(tmp_path), build_cycle_table(model, whole.trials)
     pd.testing.assert_frame_equal(
         found.astype({"person": str}), table.astype({"person": str}), check_dtype=False
@@ -247,15 +248,16 @@ def test_the_file_says_first_which_trials_are_refused_and_keeps_what_was_there(
     whole: Calibration, tmp_path: Path
 ) -> None:
     walk = whole.trial("walk")
-    write_cycles(
-        tmp_path / "first.csv", whole.model, [walk.exclude_legs(("r",))], {"hip_flexion_r": 0.1}
-    )
-    rows, lines = read_csv(tmp_path / "first.csv")
+    refused = [walk.exclude_legs(("r",))]
+    tables = build_stride_tables(whole.model, refused, {"hip_flexion_r": 0.1})
+    write_stride_files(tmp_path, tables)
+    rows, lines = read_csv(tmp_path / CYCLES)
     check_text(lines[0])
     check_text(lines[-2])
     later = [replace(walk, name="later")]
-    write_cycles(tmp_path / "both.csv", whole.model, later, None, rows, lines[:1])
-    both, comments = read_csv(tmp_path / "both.csv")
+    earlier = {**NO_STRIDES, CYCLES: (rows, lines[:1])}
+    write_stride_files(tmp_path, build_stride_tables(whole.model, later), earlier)
+    both, comments = read_csv(tmp_path / CYCLES)
     assert comments == (lines[0], *CYCLE_HEADER)
     pd.testing.assert_frame_equal(both[both["trial"] == "walk"], rows)
     assert (both["trial"] == "later").sum() == len(build_cycle_table(whole.model, later))
@@ -270,7 +272,9 @@ def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Ca
     turned = replace(trial, strides=tuple(lines))
     table, sheet = (
         build_cycle_table(whole.model, [turned]),
-        build_trial_page_data(whole.model, turned, verdict=None),
+        build_trial_page_data(
+            whole.model, turned, build_stride_tables(whole.model, [turned]), verdict=None
+        ),
     )
     compared = 0
     for stride in sheet["strides"]:
@@ -290,7 +294,7 @@ def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Ca
 
 @pytest.fixture
 def folder(whole: Calibration, tmp_path: Path) -> Path:
-    write_stride_files(tmp_path, whole.model, whole.trials)
+    write_stride_files(tmp_path, build_stride_tables(whole.model, whole.trials))
     return tmp_path
 
 
@@ -310,7 +314,7 @@ def test_no_name_of_a_person_costs_numbers(whole: Calibration, tmp_path: Path, p
     model = replace(
         whole.model, subject=replace(whole.model.subject, name=person, session="day #2")
     )
-    write_cycles(tmp_path / CYCLES, model, whole.trials)
+    write_stride_files(tmp_path, build_stride_tables(model, whole.trials))
     expected = cycles(replace(whole, model=model))
     pd.testing.assert_frame_equal(
         read_cycles(tmp_path).astype({"person": object}),
@@ -353,7 +357,7 @@ def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(
     whole: Calibration, tmp_path: Path
 ) -> None:
     model, walk = whole.model, replace(whole.trial("walk"), name="se")
-    write_stride_files(tmp_path, model, [walk.exclude_legs(("r",))])
+    write_stride_files(tmp_path, build_stride_tables(model, [walk.exclude_legs(("r",))]))
     hashes = {name: str(compute_sha256(tmp_path / name)) for name in STRIDE_FILES}
     found = read_earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
     assert [len(found["cycles.csv"][1]), len(found["spatiotemporal.csv"][1])] == [1, 1]

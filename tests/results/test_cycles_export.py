@@ -15,6 +15,7 @@ from gaitcal.gait.cycles import EventSource, GaitCycle, GaitEvent, normalise
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait.peaks import PHASE_PEAKS, PeakMean, make_peak_columns
 from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.labels import FootMoment
 from gaitcal.report.figures.document import LEAST_SHEET, ReportContent, _build_report, write_pdf
@@ -28,6 +29,8 @@ from gaitcal.report.gait_report import (
 )
 from gaitcal.results.cycle_tables import read_cycles
 from gaitcal.results.saved_result import load_result_model
+from gaitcal.results.stride_uses import STRIDES
+from gaitcal.results.table_files import read_csv, write_csv
 from tests.commands import edited
 from tests.commands import tried as run
 from tests.fake_result import HOSTILE
@@ -36,10 +39,8 @@ from tests.messages import check_text, refuses
 from tests.synthetic_studies import write_synthetic_study
 
 ROUNDED = 2e-6
-TIMES = 2e-3
-"""Relative: events of the summary are rounded to 0.1 ms, which moves strides by a hundredth of a
-percent.
-"""
+TIMES = 2e-5
+"""Relative: times of `strides.csv` are rounded to a microsecond."""
 MASS = 69.4
 
 
@@ -373,10 +374,10 @@ def test_other_comments_are_refused(text: str, told: str, tmp_path: Path) -> Non
 
 
 def test_strides_count_on_paper_as_on_the_page(changed: Path) -> None:
-    with edited(changed, "page.json") as page:
-        right, left = next(trial["strides"] for trial in page["trials"] if trial["strides"])
-        right |= {"side": "r", "plate": "7", "reason": "", "turns": False}
-        left |= {"side": "l", "plate": "", "reason": "foot beside the plate", "turns": True}
+    rows, comments = read_csv(changed / STRIDES)
+    rows = rows.assign(side=["r", "l"], plate=["7", ""], turns=["0", "1"])
+    rows["reason"] = ["", "foot beside the plate"]
+    write_csv(rows, changed / STRIDES, comments)
     rows = read_report_content(changed, None, {}).walks[1:]
     assert [row[1] for row in rows] == ["right", "left"]
     assert [row[3:] for row in rows] == [
@@ -413,16 +414,24 @@ def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:
     cycles.write_text(
         re.sub(",gait,(stance|swing|)$", ",squat,rising", cycles.read_text(), flags=re.MULTILINE)
     )
-    with edited(changed, "page.json") as page, edited(changed, "summary.json") as summary:
-        for trial in page["trials"]:
-            trial |= {"activity": "squat", "repeats": True}
-            for stride in trial["strides"]:
-                stride["peaks"] = {"in_rising_knee_extension_moment": [-40.0, 2.0, 1.0, 70.0]}
-        page["trials"].append(
-            {**page["trials"][0], "name": "hop", "activity": "hop", "strides": []}
-        )
+    strides, comments = read_csv(changed / STRIDES)
+    write_csv(strides.assign(activity="squat", repetition="1"), changed / STRIDES, comments)
+    peak = PeakMean(
+        activity="squat",
+        peak=PHASE_PEAKS["in_rising_knee_extension_moment"],
+        side="r",
+        n=1,
+        strides=1,
+        mean=-40.0,
+        sd=np.nan,
+        se=2.0,
+        percent=70.0,
+    )
+    write_csv(make_peak_columns([peak, replace(peak, side="l")]), changed / "peaks.csv")
+    with edited(changed, "summary.json") as summary:
         for trial in summary["trials"].values():
-            trial["role"] = "motion"
+            trial |= {"role": "motion", "activity": "squat", "repetitions": [{}]}
+        summary["trials"]["hop"] = {**trial, "activity": "hop"}
     content = read_report_content(changed, None, {})
     assert not content.walked
     check_text(content.title)
@@ -447,14 +456,13 @@ def test_without_a_stride_a_sentence_stands_in_place_of_sheets(
     lines = (changed / "cycles.csv").read_text().splitlines(keepends=True)
     head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
     (changed / "cycles.csv").write_text("".join(lines[: head + 1]))
-    with edited(changed, "page.json") as page:
-        for trial in page["trials"]:
-            trial["strides"] = []
+    strides, comments = read_csv(changed / STRIDES)
+    write_csv(strides.iloc[:0], changed / STRIDES, comments)
     content = read_report_content(changed, None, {"kinetics": "kept"})
     assert {sheet.without for sheet in content.sheets} == {
         "No curves: there is no complete stride or repetition."
     }
-    assert "result.html" in _explain_missing_curves({})  # isolated trials alone
+    assert "result.html" in _explain_missing_curves((), ())  # isolated trials alone
     printed = [part.text for part in _build_report(content, 500.0, 700.0) if hasattr(part, "text")]
     assert printed.count(content.sheets[0].without) == 2 and "kept" in printed
     assert write_pdf(content, tmp_path / "two.pdf") == 2

@@ -13,9 +13,11 @@ from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io.result_folder import MANIFEST, ResultKind, list_files, read_json_object
 from gaitcal.reproduction.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
+from gaitcal.results.normal_curves import NORMAL_CURVES_COLUMNS
 from gaitcal.results.session_comparison import CURVE_COLUMNS
 from gaitcal.results.session_difference import COLUMNS as DIFFERENCE_COLUMNS
-from gaitcal.results.stride_files import SPATIOTEMPORAL_COLUMNS
+from gaitcal.results.stride_tables import SPATIOTEMPORAL_COLUMNS
+from gaitcal.results.stride_uses import STRIDE_COLUMNS
 from scripts.tools.documentation.tables import FILES, SUMMARY, TABLES, column_of, file_of
 from tests.kept import kept_result
 
@@ -92,6 +94,8 @@ def test_a_written_result_has_no_file_or_column_without_a_word(kept: Path, tmp_p
         ("ensemble", ENSEMBLE_COLUMNS),
         ("peaks", PEAK_COLUMNS),
         ("spatiotemporal", SPATIOTEMPORAL_COLUMNS),
+        ("strides", STRIDE_COLUMNS),
+        ("normal_curves", NORMAL_CURVES_COLUMNS),
         ("differences", DIFFERENCE_COLUMNS),
         ("curve_differences", CURVE_COLUMNS),
         ("failures", FAILURE_COLUMNS),

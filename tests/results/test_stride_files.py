@@ -23,11 +23,14 @@ from gaitcal.results.cycle_tables import CYCLES
 from gaitcal.results.stride_files import (
     ENSEMBLE,
     SPATIOTEMPORAL,
-    SPATIOTEMPORAL_COLUMNS,
     STRIDE_FILES,
     read_earlier_strides,
-    spatiotemporal,
     write_stride_files,
+)
+from gaitcal.results.stride_tables import (
+    SPATIOTEMPORAL_COLUMNS,
+    build_stride_tables,
+    spatiotemporal,
 )
 from gaitcal.results.summary import summarise_calibration, summarise_trial
 from gaitcal.study.study_trial import Role
@@ -109,7 +112,7 @@ def test_turning_strides_are_named_above_the_mean_curves(
     turning = replace(
         walk, strides=tuple(replace(s, turn=-70.0 if s.number == 1 else 2.0) for s in walk.strides)
     )
-    write_stride_files(tmp_path, whole.model, [turning])
+    write_stride_files(tmp_path, build_stride_tables(whole.model, [turning]))
     assert (tmp_path / ENSEMBLE).read_text(encoding="utf-8").splitlines()[0] == (
         "# left out, strides that turn by more than 15 deg (trial, side, stride): walk r 1, walk l "
         "1"
@@ -121,9 +124,10 @@ def test_further_trials_join_those_that_are_there(whole: Calibration, tmp_path: 
     walk = whole.trial("walk")
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir(), second.mkdir()
-    write_stride_files(first, whole.model, [walk.exclude_legs(("r",))])
+    write_stride_files(first, build_stride_tables(whole.model, [walk.exclude_legs(("r",))]))
     earlier = read_earlier_strides(first, hashes(first), ["walk"])
-    write_stride_files(second, whole.model, [replace(walk, name="later")], None, earlier)
+    later = build_stride_tables(whole.model, [replace(walk, name="later")])
+    write_stride_files(second, later, earlier)
     for file in STRIDE_FILES:
         text = (second / file).read_text(encoding="utf-8")
         assert text.startswith("# walk: verdict: the right leg is refused")
@@ -138,7 +142,7 @@ def test_further_trials_join_those_that_are_there(whole: Calibration, tmp_path: 
 
 
 def test_of_a_damaged_table_no_row_is_kept(whole: Calibration, tmp_path: Path) -> None:
-    write_stride_files(tmp_path, whole.model, whole.trials)
+    write_stride_files(tmp_path, build_stride_tables(whole.model, whole.trials))
     as_written = hashes(tmp_path)
     (tmp_path / CYCLES).write_text("damaged", encoding="utf-8")
     found = read_earlier_strides(tmp_path, as_written, ["walk"])
@@ -151,7 +155,7 @@ def test_of_a_damaged_table_no_row_is_kept(whole: Calibration, tmp_path: Path) -
 
 def test_a_result_without_walks_has_tables_without_rows(tmp_path: Path) -> None:
     still = fake_calibration(gait=False)
-    write_stride_files(tmp_path, still.model, still.trials)
+    write_stride_files(tmp_path, build_stride_tables(still.model, still.trials))
     for file in (*STRIDE_FILES, ENSEMBLE):
         assert pd.read_csv(tmp_path / file, comment="#").empty
 

@@ -35,6 +35,7 @@ from gaitcal.report.figures.chart import (
 )
 from gaitcal.results.session_comparison import SessionComparison
 from gaitcal.results.session_difference import Difference, format_numbers, name_figure
+from gaitcal.results.shown_labels import PAPER_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -184,7 +185,7 @@ def _draw_panel(
     kind = get_curve_kind(variable)
     before, after, band = convert_curves(comparison, convention, curve)
     positive, title = convention.describe_senses(variable, side)[0], convention.make_title(variable)
-    format_axes(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
+    format_axes(axes, ylabel=f"{PAPER_UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
     axes.fill_between(
@@ -250,7 +251,7 @@ def build_paper_panels(
         kind = get_curve_kind(variable)
         yield report_sheets.CurvePanel(
             title=convention.make_title(variable),
-            unit=report_sheets.UNITS[kind],
+            unit=PAPER_UNITS[kind],
             senses=convention.describe_senses(variable, "r"),
             strides={side: (before,) for side, (before, _, _) in converted.items()},
             mean={side: after for side, (_, after, _) in converted.items()},

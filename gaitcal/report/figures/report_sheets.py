@@ -29,19 +29,13 @@ INK, FAINT, GRID, NORM = (
     HexColor(colour) for colour in (chart.INK, chart.FAINT, chart.GRID, "#d9d9d9")
 )
 SHEET_COLUMNS, SHEET_ROWS = 3, 4
-UNITS: Final = {
-    CurveKind.ANGLE: "deg",
-    CurveKind.MOMENT: "N·m/kg",
-    CurveKind.POWER: "W/kg",
-    CurveKind.FORCE: "N/kg",
-}
 LEAST: Final = {
     CurveKind.ANGLE: 20.0,
     CurveKind.MOMENT: 0.4,
     CurveKind.POWER: 1.0,
     CurveKind.FORCE: 2.0,
 }
-"""Smallest range of a vertical axis, in these units, so that nothing small looks dramatic."""
+"""Smallest range of a vertical axis, in the units of a printed report, so that nothing small looks dramatic."""
 SANS, BOLD = "ReportSans", "ReportSans-Bold"
 
 

@@ -1,12 +1,6 @@
-"""Preset Clinician: three lines on top of the page, valid strides, and how to read the page.
+"""Preset Clinician: three lines on top of the page, and how to read the page."""
 
-A stride is valid if the moments of its leg are valid throughout. A frame of a leg is not valid if
-its foot is on the ground without a plate, or on a plate that does not carry all of it
-(`dynamics/ground_reactions.py`). The reason of an invalid stride is that of most of its frames.
-"""
-
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,7 +14,7 @@ from gaitcal.dynamics.expected_residual import (
     ResidualMagnitudes,
     compute_residual_limits,
 )
-from gaitcal.gait import cycles, normal_bands
+from gaitcal.gait import cycles
 from gaitcal.gait.moments import (
     SIDE_WORDS,
     MomentSummary,
@@ -31,7 +25,7 @@ from gaitcal.gait.moments import (
 )
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
 from gaitcal.gait.profile_score import BOTH, Score, make_score_title
-from gaitcal.gait.strides import Layout, is_turning, list_strides, make_layout
+from gaitcal.gait.strides import Layout, list_strides, make_layout
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import Judgement
@@ -47,115 +41,9 @@ from gaitcal.report.page.plain_data import (
     make_text_column,
     replace_control_characters,
 )
-
-REFUSED = "the verdict refuses this leg"
-NO_PLATES = "no force plates"
-BESIDE = "foot beside the plate"
-PART = "part of the stance beside the plate"
-SEATED = "on a seat"
-NOT_WHOLLY = "foot not wholly on a plate of its own"
-ENDS = "at the end of the recording"
-UNSEEN = "the leg lacks visible markers"
-# s: frames this near to an end of a trial are lost with the ends of its splines and filters
-NEAR_END = 0.3
-
-
-@dataclass(frozen=True, kw_only=True)
-class StrideUse:
-    """One complete stride."""
-
-    side: str
-    number: int
-    plate: str  # Names of the plates that carry the foot in it; empty: none
-    whole: bool  # Moments of the leg are valid throughout
-    turns: bool  # Whether it turns and is therefore not in means
-    reason: str  # Why it is not whole; empty where it is
-    repeats: bool = False  # It is no stride, but a repetition of another activity
-
-
-def collect_stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
-    """Collect every complete stride, right ones first; none of a functional trial."""
-    if trial.joint is not None:
-        return ()
-    turning_strides = {(s.side, s.number) for s in trial.strides if is_turning(s.turn)}
-    out = []
-    for foot, side in enumerate(SIDES):
-        for count, cycle in enumerate(list_strides(trial.events)[side], start=1):
-            plate, reason = _check_stride(trial, foot, side, cycle)
-            turning = (side, count) in turning_strides
-            out.append(
-                StrideUse(
-                    side=side,
-                    number=count,
-                    plate=plate,
-                    whole=not reason,
-                    turns=turning,
-                    reason=reason,
-                    repeats=bool(trial.events.repeats),
-                )
-            )
-    return tuple(out)
-
-
-def summarise_usable_strides(uses: Iterable[StrideUse]) -> str:
-    """Summarise the strides with valid moments.
-
-    `Usable for moments: 1 of 4 right, 2 of 4 left strides; others: foot beside the plate.`
-    """
-    if not (uses := tuple(uses)):
-        return "No complete stride."
-    counts = []
-    for side in SIDES:
-        is_usable = [use.whole for use in uses if use.side == side]
-        counts.append(f"{sum(is_usable)} of {len(is_usable)} {SIDE_WORDS[side]}")
-    kinds = {use.repeats for use in uses}
-    nouns = [
-        noun for repeats, noun in ((False, "strides"), (True, "repetitions")) if repeats in kinds
-    ]
-    reasons = list_reasons(uses)
-    others = f"; others: {reasons}" if reasons else ""
-    return f"Usable for moments: {', '.join(counts)} {' and '.join(nouns)}{others}."
-
-
-def list_reasons(uses: Iterable[StrideUse]) -> str:
-    """List the reasons of invalid strides, the most frequent first."""
-    reasons = Counter(use.reason for use in uses if not use.whole)
-    return format_list([reason for reason, _ in reasons.most_common()])
-
-
-def _check_stride(
-    trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle
-) -> tuple[str, str]:
-    """Return the plates of one stride, and the reason if it is not valid."""
-    if trial.loads is None:
-        return "", NO_PLATES
-    time, found = trial.body.time, trial.loads.reactions
-    inside = (time >= cycle.start) & (time <= cycle.stop)
-    stance = inside & (time < (cycle.toe_off or cycle.stop))
-    plates = dict.fromkeys(
-        name for name, carried, frames in found.steps if carried == foot and stance[frames].any()
-    )
-    plate_names = ", ".join(plates)
-    lost = inside & ~found.valid_legs[:, foot]
-    if side in trial.refused_legs:
-        return plate_names, REFUSED
-    if not lost.any():
-        return plate_names, ""
-    loaded, resting = found.loaded[:, foot], found.resting[:, foot]
-    near_end = (time < time[0] + NEAR_END) | (time > time[-1] - NEAR_END)
-    if trial.events.repeats and not (lost & ~near_end).any():
-        return plate_names, ENDS
-    beside_plate = PART if (loaded & stance).any() else BESIDE
-    seated = lost & (np.False_ if found.seated is None else found.seated)
-    kinds = {
-        SEATED: seated,
-        beside_plate: lost & resting & ~loaded & ~seated,
-        NOT_WHOLLY: lost & loaded & ~seated,
-    }
-    remaining = lost & ~loaded & ~resting & ~seated
-    kinds |= {ENDS: remaining & near_end, UNSEEN: remaining & ~near_end}
-    return plate_names, max(kinds, key=lambda kind: int(np.count_nonzero(kinds[kind])))
-
+from gaitcal.results.normal_curves import NormTables
+from gaitcal.results.stride_tables import StrideTables
+from gaitcal.results.stride_uses import summarise_usable_strides
 
 KNEE_ADDUCTION = "knee_adduction"
 """The moment reported in full; external adduction is the opposite of the internal moment."""
@@ -185,10 +73,10 @@ Line = dict[str, str]  # `tone`: `good`, `look`, `poor` or `plain`; `text`
 
 @dataclass(frozen=True, kw_only=True)
 class GaitNumbers:
-    """Numbers of one whole-body trial; only its layout without valid torques."""
+    """Numbers of one whole-body trial; only its make_layout without valid torques."""
 
     trial: TrialResult
-    layout: Layout
+    make_layout: Layout
     numbers: tuple[MomentSummary, ...] = ()
     stages: tuple[ResidualMagnitudes, ...] = ()
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
@@ -205,7 +93,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     loads = trial.loads
     drawn = make_layout(trial.body, loads.reactions if loads else None, trial.events)
     if loads is None or not loads.reactions.has_torques:
-        return GaitNumbers(trial=trial, layout=drawn)
+        return GaitNumbers(trial=trial, make_layout=drawn)
     limits = None
     if loads.residuals:
         limits = compute_residual_limits(
@@ -213,7 +101,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
         )
     return GaitNumbers(
         trial=trial,
-        layout=drawn,
+        make_layout=drawn,
         numbers=summarise_moments(model, drawn, loads.final, loads.nominal, loads.errors),
         stages=loads.residuals,
         limits=limits,
@@ -252,24 +140,18 @@ def _find_largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
     )
 
 
-def build_top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list[Line]:
-    """Build the three lines on top of the page: verdict, agreement, valid moments.
-
-    `peaks`: of the straight strides (`gait/peaks.py`), moments in N·m.
-    """
+def build_top_lines(calibration: Calibration, tables: StrideTables) -> list[Line]:
+    """Build the three lines on top of the page: verdict, agreement, valid moments."""
     model, trials = calibration.model, calibration.trials
-    return [_describe_verdict(calibration), *build_further_lines(model, trials, peaks)]
+    return [_describe_verdict(calibration), *build_further_lines(model, trials, tables)]
 
 
 def build_further_lines(
-    model: SubjectModel, trials: Sequence[TrialResult], peaks: Sequence[PeakMean]
+    model: SubjectModel, trials: Sequence[TrialResult], tables: StrideTables
 ) -> list[Line]:
     """Build the lines on agreement and valid moments of further trials."""
     walks = collect_walks(model, trials)
-    return [
-        _describe_agreement(trials, walks),
-        _describe_valid_moments(model.subject.mass, walks, peaks),
-    ]
+    return [_describe_agreement(trials, walks), _describe_valid_moments(walks, tables)]
 
 
 def _describe_verdict(calibration: Calibration) -> Line:
@@ -328,10 +210,8 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
     }
 
 
-def _describe_valid_moments(
-    mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMean]
-) -> Line:
-    """Describe strides with valid moments, and the peak knee adduction moments; `mass`: kg."""
+def _describe_valid_moments(walks: Sequence[GaitNumbers], tables: StrideTables) -> Line:
+    """Describe strides with valid moments, and the peak knee adduction moments."""
     if not walks:
         return {"tone": "plain", "text": "No walk: joint parameters only."}
     loaded = [walk for walk in walks if walk.numbers]
@@ -344,9 +224,10 @@ def _describe_valid_moments(
         )
         return {"tone": "plain", "text": f"Angles only, no moments: {why}."}
     text = summarise_usable_strides(
-        [use for walk in loaded for use in collect_stride_uses(walk.trial)]
+        [use for walk in loaded for use in tables.get_uses(walk.trial.name)]
     )
-    if both := ", ".join(_format_peak(peak, mass) for peak in peaks if peak.peak is ADDUCTION_PEAK):
+    found = [peak for peak in tables.peaks if peak.peak is ADDUCTION_PEAK]
+    if both := ", ".join(_format_peak(peak, tables.subject.mass) for peak in found):
         text += (
             " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all "
             "straight strides: "
@@ -368,7 +249,7 @@ def _format_peak(peak: PeakMean, mass: float) -> str:
 
 
 def build_clinician_blocks(
-    calibration: Calibration, norm: normal_bands.Norm, scores: Sequence[Score] = ()
+    calibration: Calibration, norm: NormTables, scores: Sequence[Score] = ()
 ) -> list[Block]:
     """Build the blocks of the whole result: how to read the page, normative data, scores."""
     if all(trial.joint is not None for trial in calibration.trials):

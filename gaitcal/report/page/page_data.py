@@ -25,10 +25,10 @@ from gaitcal.errors import Code, InputError
 from gaitcal.explanations import Bullets, Paragraph, load_explanation, split_parts
 from gaitcal.gait import moments, peaks, profile_score, spatiotemporal
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
-from gaitcal.gait.cycles import CurveKind, GaitCycle, get_coordinate, get_curve_kind
-from gaitcal.gait.normal_bands import FREE_LABEL, Norm
+from gaitcal.gait.cycles import CurveKind, get_coordinate, get_curve_kind
+from gaitcal.gait.normal_bands import FREE_LABEL
 from gaitcal.io.toml import get_package_version
-from gaitcal.model import anthropometry, coordinates, linkage
+from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict
 from gaitcal.report.page import (
@@ -39,54 +39,21 @@ from gaitcal.report.page import (
     trial_data,
     trust_sections,
 )
+from gaitcal.results.normal_curves import NO_NORM, NormTables
+from gaitcal.results.result_tables import ResultTables, build_result_tables
+from gaitcal.results.shown_labels import PAGE_UNITS, SHOWN_MEASURES, list_person_facts
+from gaitcal.results.stride_tables import StrideTables
 
 PAGE_DATA: Final = "page.json"
 FORMAT: Final = 3
 MOST_LETTERS: Final = (
     7_000_000  # Packed curves of all trials of a page together, of the 25 MB that it may have
 )
-SHOWN_MEASURES: Final = {
-    "speed": ("Walking speed", 2),
-    "cadence": ("Cadence", 1),
-    "stride_length": ("Stride length", 3),
-    "stride_time": ("Stride time", 3),
-    "step_length": ("Step length", 3),
-    "step_width": ("Step width", 3),
-    "step_time": ("Step time", 3),
-    "stance_percent": ("Stance", 1),
-    "swing_percent": ("Swing", 1),
-    "double_support_percent": ("Double support", 1),
-    "single_support_percent": ("Single support", 1),
-}
-"""Measure -> its words and decimals in the table of steps and phases; `spatiotemporal.csv` has all
-of them.
-"""
-UNITS: Final = {
-    "Nm": (("°", 1, 1.0, ""), ("N·m", 1, 1.0, ""), ("W", 0, 1.0, ""), ("N", 0, 1.0, "")),
-    "Nm/kg": (
-        ("°", 1, 1.0, ""),
-        ("N·m/kg", 2, 1.0, "mass"),
-        ("W/kg", 2, 1.0, "mass"),
-        ("N/kg", 2, 1.0, "mass"),
-    ),
-    "%BWH": (
-        ("°", 1, 1.0, ""),
-        ("%BW·H", 2, 100.0, "bwh"),
-        ("W/kg", 2, 1.0, "mass"),
-        ("%BW", 1, 100.0, "weight"),
-    ),
-}
-"""Unit of moments on the page -> of each `Kind` words, digits, a factor, and by what of the person
-it is divided.
-"""
 _NO_BACKTICKS: Final = str.maketrans("", "", "`")
 
 
 def build_calibration_page_data(
-    calibration: Calibration,
-    norm: Norm | None = None,
-    manifest: Mapping[str, object] | None = None,
-    scores: Sequence[profile_score.Score] = (),
+    calibration: Calibration, tables: ResultTables | None = None
 ) -> dict[str, Any]:
     """Build the page data of a calibration.
 
@@ -94,46 +61,44 @@ def build_calibration_page_data(
     ----------
     calibration
         A finished calibration.
-    norm
-        Normative data behind angles, moments and powers.
-    manifest
-        Versions, settings and input hashes.
-    scores
-        Gait Variable Scores and Gait Profile Scores.
+    tables
+        Its tables; None: built here, without normative data.
 
     Returns
     -------
     dict
         The content of `page.json`.
     """
-    truth = calibration.truth
+    tables = tables or build_result_tables(calibration)
+    truth, norm, scores = calibration.truth, tables.norm, tables.scores
     trials = [
         trial_data.build_trial_page_data(
             calibration.model,
             trial,
+            tables.strides,
             verdict=calibration.verdict.trials.get(trial.name),
-            relative_to=calibration.relative_to,
+            relative=calibration.relative_to is not None,
             truth=None if truth is None else truth.get_curves(trial.name),
         )
         for trial in calibration.trials
     ]
     return {
         **build_person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": key_figures.build_top_lines(calibration, average_page_peaks(trials)),
+        "lines": key_figures.build_top_lines(calibration, tables.strides),
         "trials": trials,
-        "sections": build_result_sections(calibration, norm, manifest, scores),
+        "sections": build_result_sections(calibration, norm, tables.manifest, scores),
     }
 
 
 def build_result_sections(
     calibration: Calibration,
-    norm: Norm | None = None,
+    norm: NormTables = NO_NORM,
     manifest: Mapping[str, object] | None = None,
     scores: Sequence[profile_score.Score] = (),
 ) -> plain_data.Sections:
     """Build the sections of the whole result; those of one trial are stored with the trial."""
     sections = {
-        "clinician": key_figures.build_clinician_blocks(calibration, norm or Norm(), scores),
+        "clinician": key_figures.build_clinician_blocks(calibration, norm, scores),
         "fit": trust_sections.build_fit_blocks(calibration),
         "joints": joint_sections.build_joint_blocks(calibration),
         "trust": trust_sections.build_trust_blocks(calibration),
@@ -145,8 +110,9 @@ def build_result_sections(
 def build_further_page_data(
     model: SubjectModel,
     trials: Sequence[TrialResult],
+    tables: StrideTables,
     verdict: Verdict,
-    relative_to: Mapping[str, float] | None = None,
+    norm: NormTables = NO_NORM,
     origin: provenance.Origin | None = None,
 ) -> dict[str, Any]:
     """Build the page data of further trials of a calibrated subject.
@@ -157,10 +123,12 @@ def build_further_page_data(
         The calibrated subject.
     trials
         The further trials.
+    tables
+        Their curves and strides.
     verdict
         On these trials.
-    relative_to
-        Coordinate -> rad in the static posture, subtracted from the joint angles; None: anatomical.
+    norm
+        Normative data of the calibration, whose curves are drawn.
     origin
         The calibration; None if unknown.
 
@@ -172,7 +140,11 @@ def build_further_page_data(
     of_trials = []
     for trial in trials:
         data = trial_data.build_trial_page_data(
-            model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to
+            model,
+            trial,
+            tables,
+            verdict=verdict.trials.get(trial.name),
+            relative=bool(tables.relative_lines),
         )
         of_trials.append(
             {
@@ -183,12 +155,12 @@ def build_further_page_data(
                 },
             }
         )
-    person = build_person_page_data(model.subject, verdict)
+    person = build_person_page_data(model.subject, verdict, NormTables(curves=norm.curves))
     return {
         **person,
         "lines": [
             format_verdict_line(person["verdict"]),
-            *key_figures.build_further_lines(model, trials, average_page_peaks(of_trials)),
+            *key_figures.build_further_lines(model, trials, tables),
         ],
         "trials": of_trials,
         "sections": {} if origin is None else provenance.build_further_sections(origin),
@@ -198,20 +170,19 @@ def build_further_page_data(
 def build_person_page_data(
     subject: Subject,
     verdict: Verdict,
-    norm: Norm | None = None,
+    norm: NormTables = NO_NORM,
     scores: Sequence[profile_score.Score] = (),
 ) -> dict[str, Any]:
     """Build the page data that belong to no single trial; bands in the units of the curves."""
-    bands, norm = [], norm or Norm()
-    for name, band in norm.bands.items():
+    bands = []
+    for name, curve in norm.curves.items():
         entry: dict[str, Any] = {
             "base": get_coordinate(name),
             "kind": get_curve_kind(name).label,
-            "source": band.source,
+            "source": curve.source,
         }
-        for side in linkage.SIDES:
-            mean, sd = band.scale_to_person(subject, side)
-            entry[side] = [list(map(plain_data.round_number, part)) for part in (mean, sd)]
+        for side, parts in curve.sides.items():
+            entry[side] = [list(map(plain_data.round_number, part)) for part in parts]
         bands.append(entry)
     return {
         "format": FORMAT,
@@ -264,38 +235,6 @@ def build_person_page_data(
 def round_score(value: float) -> float | None:
     """Round a score to a hundredth of a degree; None if unknown."""
     return round(value, 2) if math.isfinite(value) else None
-
-
-def list_person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
-    """List label and value of what is known of subject and session, as page and report show it.
-
-    Missing age, sex and date are listed as missing, and so is the use of the adults' mass table.
-    """
-    record = subject.record
-    age = "not given" if subject.age is None else f"{subject.age:.1f} years"
-    adults = anthropometry.is_probably_child(subject)
-    facts = (
-        ("Name or code", subject.name),
-        (
-            "Session",
-            ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session))))
-            or "date not recorded",
-        ),
-        ("Sex", subject.sex or "not given"),
-        ("Age", f"{age}, born {record.birth_date}" if record.birth_date else age),
-        ("Diagnosis", record.diagnosis),
-        ("Affected side", record.affected_side),
-        ("Aids", record.aids),
-        ("Body mass", f"{subject.mass:.1f} kg"),
-        (
-            "Height",
-            f"{subject.height:.3f} m"
-            + (f" ± {subject.height_error:.2f} m" if subject.height_error else ""),
-        ),
-        ("Segment masses", "adults' table: age not given" if adults else ""),
-        ("Laboratory", record.laboratory),
-    )
-    return tuple((label, value) for label, value in facts if value)
 
 
 def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
@@ -406,53 +345,29 @@ def build_conventions() -> dict[str, Any]:
             f"{name}/{kind.label}": describe(convention, name, kind) for name, kind in every
         }
     units: dict[str, dict[str, Any]] = {}
-    for unit, kinds in UNITS.items():
+    for unit, kinds in PAGE_UNITS.items():
         units[unit] = {}
-        for kind, values in zip(CurveKind, kinds, strict=True):
+        for kind, values in kinds.items():
             keys = ("words", "digits", "times", "per")
             units[unit][kind.label] = dict(zip(keys, values, strict=True))
     return {"joints": list_coordinate_rows(), "signs": by_signs, "units": units}
 
 
-def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
-    """Average the peaks over straight strides or repetitions of trials of a page."""
-    return peaks.average_peaks(
+def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Build the rows of the table of peaks of each activity, over its straight strides."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    means = peaks.average_peaks(
         (
             trial["activity"],
             trial["name"],
             s["side"],
             {name: np.array(values, dtype=np.float64) for name, values in s["peaks"].items()},
         )
-        for trial in trials
+        for trial in data["trials"]
         for s in trial["strides"]
         if not s["turns"]
     )
-
-
-def average_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Average the end of stance over straight strides of trials of a page.
-
-    Parameters
-    ----------
-    trials
-        Page data of trials.
-
-    Returns
-    -------
-    dict
-        Side -> % of the stride.
-    """
-    found: dict[str, list[float]] = {side: [] for side in linkage.SIDES}
-    for s in (s for trial in trials for s in trial["strides"] if not s["turns"]):
-        if (stance := GaitCycle(s["start"], s["stop"], s["off"]).stance) is not None:
-            found[s["side"]].append(stance)
-    return {side: float(np.mean(percents)) for side, percents in found.items() if percents}
-
-
-def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Build the rows of the table of peaks of each activity, over its straight strides."""
-    rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for mean in average_page_peaks(data["trials"]):
+    for mean in means:
         peak = mean.peak
         row = {
             "activity": mean.activity,

@@ -1,26 +1,49 @@
-"""Write and read the files of a page in a result folder, with the pages of further trials."""
+"""Write and read the files of a page in a result folder, with the pages of further trials.
 
-from collections.abc import Mapping
+No other module reads `page.json`: a page is drawn again from it, joined with that of other trials,
+or supplemented. All other reports take the tables of `results/result_tables.py`.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from gaitcal.analysis.result import TrialResult
 from gaitcal.errors import Code, InputError
 from gaitcal.io import snapshot
-from gaitcal.io.result_folder import compute_sha256
-from gaitcal.report.page.page_data import PAGE_DATA, read_page_data, write_page_data
+from gaitcal.io.result_folder import compute_sha256, read_json_object
+from gaitcal.quality.verdict import Verdict
+from gaitcal.report.page.page_data import (
+    PAGE_DATA,
+    build_further_page_data,
+    read_page_data,
+    write_page_data,
+)
 from gaitcal.report.page.page_html import (
     PageContent,
     add_doubts,
     append_page_data,
     append_trials,
+    merge_page_data,
+    prepend_trials,
     rename_trials,
     render_page,
     select_trials,
 )
-from gaitcal.report.page.scene import Scene
+from gaitcal.report.page.provenance import Origin
+from gaitcal.report.page.scene import Scene, build_person_scene, build_trial_scene
 from gaitcal.report.page.scene_file import load_scene, save_scene
 from gaitcal.results import saved_result
-from gaitcal.results.saved_result import AGAIN, DYNAMICS, OTHER_MODEL, select_stale_trials
+from gaitcal.results.normal_curves import NO_NORM, read_norm_tables
+from gaitcal.results.saved_result import (
+    AGAIN,
+    DYNAMICS,
+    OTHER_MODEL,
+    SavedResult,
+    select_stale_trials,
+)
+from gaitcal.results.stride_tables import StrideTables
+from gaitcal.results.summary import SUMMARY
 
 PAGE: Final = "result.html"
 SCENE: Final = "scene.npz"
@@ -139,3 +162,86 @@ def read_result_page(folder: Path) -> tuple[PageContent, tuple[str, ...]]:
         add_doubts(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names
     )
     return PageContent(scene, append_page_data(shown.data or {}, page_data)), lines
+
+
+def write_further_page(
+    out: Path,
+    trials: Sequence[TrialResult],
+    tables: StrideTables,
+    saved: SavedResult,
+    verdict: Verdict,
+    earlier: PageContent | None,
+) -> None:
+    """Write scene, page data and page of further trials, after those of an earlier run.
+
+    Parameters
+    ----------
+    out
+        The folder that is being written.
+    trials
+        The new trials.
+    tables
+        Their curves and strides.
+    saved
+        The result that they were made with. Its normative curves are drawn; its page, if readable,
+        describes the model.
+    verdict
+        On the new trials.
+    earlier
+        From `read_earlier_page`.
+    """
+    scenes = tuple(
+        build_trial_scene(
+            saved.model,
+            t.name,
+            t.role.value,
+            t.body,
+            t.recording,
+            None if t.loads is None else t.loads.reactions,
+        )
+        for t in trials
+    )
+    scene = build_person_scene(saved.model, scenes, saved.uncertainty.standard_errors)
+    result = saved.files.folder
+    try:
+        norm = read_norm_tables(result, read_json_object(result / SUMMARY))
+    except InputError:
+        norm = NO_NORM
+    try:
+        of_result: Mapping[str, Any] = read_page_data(result / PAGE_DATA)
+    except InputError:
+        of_result = {}
+    origin = Origin(of_result, edited=bool(saved.files.remarks))
+    page_data = build_further_page_data(saved.model, trials, tables, verdict, norm, origin)
+    if (
+        earlier is not None
+        and earlier.data is not None
+        and (joined := prepend_trials(scene, earlier.scene)) is not None
+    ):
+        scene, page_data = joined, merge_page_data(earlier.data, page_data)
+    write_page(out, scene, page_data)
+
+
+def read_earlier_page(
+    folder: Path, hashes: Mapping[str, str], kept: Iterable[str], stale: Iterable[str]
+) -> tuple[PageContent | None, tuple[str, ...]]:
+    """Read the page of the trials `kept` of an earlier run, with warnings on those left out.
+
+    `hashes`: file -> SHA-256 as it was written; `stale`: trials made with another model.
+    """
+    names = tuple(kept)
+    if not names:
+        return None, ()
+    fault, shown = "", None
+    for name in (SCENE, PAGE_DATA):
+        if compute_sha256(folder / name) != hashes.get(name):
+            fault = fault or f"{name} is damaged, or was edited: not as gaitcal wrote it"
+    if not fault:
+        try:
+            shown = read_page(folder)
+        except InputError:
+            fault = f"{SCENE} and {PAGE_DATA} cannot be read"
+    if shown is None or shown.data is None:
+        return None, tuple(f"{name}: {fault}: the page omits this trial; {AGAIN}" for name in names)
+    doubts = [(name, OTHER_MODEL, AGAIN) for name in stale]
+    return PageContent(shown.scene, add_doubts(select_trials(shown.data, names), doubts)), ()

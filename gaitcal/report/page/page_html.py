@@ -18,11 +18,13 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.errors import Code, GaitcalError
-from gaitcal.model.linkage import SIDES
+from gaitcal.gait.cycles import EventSource, describe_sources
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.quality.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.report.page import bone_files, bone_placement, page_data, plain_data, scene_file
 from gaitcal.report.page.body_meshes import PACKAGE, read_body_meshes
 from gaitcal.report.page.scene import MotionScene, Scene
+from gaitcal.results.shown_labels import TRIAL_CURVES, UNIT_WORDS
 
 SCRIPTS = (
     "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
@@ -174,10 +176,11 @@ def _collect_scripts_and_styles(
     scripts: Sequence[str], styles: Sequence[str], **first: str
 ) -> dict[str, str]:
     """Collect what a template needs; `first`: scripts that run before all others."""
+    parts = [_read_part(f"scripts/{name}") for name in scripts]
     running = {
         **{name.upper(): _escape_script(script) for name, script in first.items()},
         "PLOTS": _escape_script(_read_part(f"{PLOTS}.iife.min.js")),
-        "PAGE": _escape_script("\n".join(_read_part(f"scripts/{name}") for name in scripts)),
+        "PAGE": _escape_script("\n".join([parts[0], _build_constants(), *parts[1:]])),
     }
     return {
         "POLICY": build_policy(*running.values()),
@@ -187,6 +190,19 @@ def _collect_scripts_and_styles(
         "LICENCES": f"uPlot\n\n{_read_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
         **running,
     }
+
+
+def _build_constants() -> str:
+    """Build the script with labels, units and numbers that Python and the scripts share."""
+    constants = {
+        "GAP": plain_data.GAP,
+        "LARGEST": plain_data.LARGEST,
+        "LEGS": SIDE_WORDS,
+        "TRIAL_CURVES": TRIAL_CURVES,
+        "UNITS": UNIT_WORDS,
+        "BY_HAND": describe_sources([EventSource.PERSON]),
+    }
+    return f"Object.assign(Gaitcal, {plain_data.dump_script_json(constants)});"
 
 
 def _read_meshcat() -> tuple[str, list[str]]:

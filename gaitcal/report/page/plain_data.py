@@ -63,7 +63,7 @@ def pack_floats(values: NDArray[Any]) -> str:
 
 
 def pack_lengths(values: NDArray[Any]) -> dict[str, Any]:
-    """Pack values as 16-bit integers: value = low + step * (integer + 32767).
+    """Pack values as 16-bit integers: value = low + step * (integer + `LARGEST`).
 
     Parameters
     ----------

@@ -5,8 +5,8 @@ The file needs no pickle, and is not compressed, as coordinates hardly get small
 of its field, `trial0/origins`, `joints/fitted_axis`, ...
 
 In the page, positions of segments and markers are relative to the pelvis, as 16-bit integers over
-their range in the trial (0.03 mm on two metres), with -32768 for a gap. The pelvis is stored in
-32-bit floats, quaternions in 1/32767. Frames are omitted if all trials together are too large.
+their range in the trial (0.03 mm on two metres), with `GAP` for a gap. The pelvis is stored in
+32-bit floats, quaternions in 1/`LARGEST`. Frames are omitted if all trials together are too large.
 """
 
 import io

@@ -4,7 +4,7 @@ As in the files of a result: angles in degrees, internal moments in N·m with Op
 in W, forces in N. The page converts them to the convention that its reader chooses.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import PureWindowsPath
 from typing import Any
 
@@ -12,10 +12,10 @@ import numpy as np
 
 from gaitcal.analysis import result, truth_errors
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.gait import moments, peaks, spatiotemporal, strides
-from gaitcal.gait.cycles import WALKING, GaitCycle, describe_sources, find_valid_percents, normalise
+from gaitcal.gait import moments, spatiotemporal
+from gaitcal.gait.cycles import describe_sources, find_valid_percents, normalise
 from gaitcal.model.coordinates import FOOT_PROGRESSION
-from gaitcal.model.linkage import PELVIS_ANGLES, SIDES
+from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import WalkVerdict
 from gaitcal.report.page import key_figures, scene, trust_sections
@@ -27,13 +27,8 @@ from gaitcal.report.page.plain_data import (
     round_number,
 )
 from gaitcal.results import trial_tables
-from gaitcal.results.trial_curves import (
-    Curve,
-    build_curves,
-    collect_pelvis_parts,
-    compute_line,
-    find_joint,
-)
+from gaitcal.results.stride_tables import StrideTables
+from gaitcal.results.trial_curves import Curve, collect_pelvis_parts, compute_line, find_joint
 
 
 def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
@@ -77,18 +72,37 @@ def list_masks(curves: tuple[Curve, ...]) -> list[BoolArray]:
 def build_trial_page_data(
     model: SubjectModel,
     trial: result.TrialResult,
+    tables: StrideTables,
     *,
     verdict: WalkVerdict | None,
-    relative_to: Mapping[str, float] | None = None,
+    relative: bool = False,
     truth: truth_errors.CurveTruths | None = None,
 ) -> dict[str, Any]:
     """Build the page data of a trial; numbers are packed as in `plain_data.py`.
 
-    `verdict`: None for a trial without a verdict. `relative_to`, `truth`: as of `build_curves`.
+    Parameters
+    ----------
+    model
+        The calibrated subject.
+    trial
+        One trial.
+    tables
+        Curves and strides of this trial, among others.
+    verdict
+        None for a trial without a verdict.
+    relative
+        Whether joint angles are relative to the static posture.
+    truth
+        Declared true curves; None if unknown.
+
+    Returns
+    -------
+    dict
+        Its entry in `trials` of `page.json`.
     """
     time, start = trial.body.time, float(trial.body.time[0])
     every = max(1, -(-len(time) // scene.MOST_FRAMES))
-    curves = build_curves(model, trial, relative_to, truth)
+    curves = tables.curves[trial.name]
     return {
         "name": trial.name,
         "file": PureWindowsPath(trial.recording.source).name,
@@ -117,10 +131,10 @@ def build_trial_page_data(
             }
             for e in trial.events.events
         ],
-        "strides": _build_strides(trial, collect_pelvis_parts(trial, truth), curves),
+        "strides": _build_strides(trial, collect_pelvis_parts(trial, truth), tables),
         "measures": _list_measures(trial),
         "line": compute_line(trial),
-        "relative": relative_to is not None,
+        "relative": relative,
         "sections": build_trial_sections(model, trial),
     }
 
@@ -146,86 +160,45 @@ def build_trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sect
 
 
 def _build_strides(
-    trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]
+    trial: result.TrialResult, pelvis: Mapping[str, Array], tables: StrideTables
 ) -> list[dict[str, Any]]:
     """Build the complete strides of both feet, s from the begin of the trial.
 
     Each has its number, pelvis angles (`pelvis`: of `collect_pelvis_parts`, along the line of that
     stride), valid percents of each mask of the curves as in `cycles.csv`, and peaks.
     """
-    if trial.joint is not None:
-        return []
     time, start = trial.body.time, float(trial.body.time[0])
     measured = {(s.side, s.number): s for s in trial.strides}
-    uses = {(use.side, use.number): use for use in key_figures.collect_stride_uses(trial)}
+    masks = list_masks(tables.curves[trial.name])
     out = []
-    for side in SIDES:
-        for number, cycle in enumerate(strides.list_strides(trial.events)[side], start=1):
-            stride, use = measured.get((side, number)), uses[side, number]
-            foot = trial_tables.express_foot_in_stride(trial, side, cycle, stride)
-            normalised = {
-                part: normalise(
-                    time, trial_tables.express_pelvis_in_stride(trial, angles, cycle, stride), cycle
-                )
-                for part, angles in pelvis.items()
+    for use in tables.get_uses(trial.name):
+        side, cycle, stride = use.side, use.cycle, measured.get((use.side, use.number))
+        foot = trial_tables.express_foot_in_stride(trial, side, cycle, stride)
+        along_line: dict[str, dict[str, Any]] = {name: {} for name in PELVIS_ANGLES}
+        for part, angles in pelvis.items():
+            in_stride = trial_tables.express_pelvis_in_stride(trial, angles, cycle, stride)
+            for name, values in zip(
+                PELVIS_ANGLES, normalise(time, in_stride, cycle).T, strict=True
+            ):
+                along_line[name][part] = pack_lengths(values)
+        if foot is not None:
+            along_line[FOOT_PROGRESSION] = {"value": pack_lengths(normalise(time, foot, cycle))}
+        found = tables.peaks_of_strides[trial.name, side, use.number]
+        out.append(
+            {
+                "side": side,
+                "number": use.number,
+                "start": cycle.start - start,
+                "stop": cycle.stop - start,
+                "off": None if cycle.toe_off is None else cycle.toe_off - start,
+                "turns": use.turns,
+                "plate": use.plate,
+                "reason": use.reason,
+                "pelvis": along_line,
+                "valid": [
+                    encode_base64(find_valid_percents(time, m, cycle).astype("<u1")) for m in masks
+                ],
+                "peaks": {name: list(map(round_number, peak)) for name, peak in found.items()},
             }
-            along_line: dict[str, dict[str, Any]] = {}
-            for k, name in enumerate(PELVIS_ANGLES):
-                parts = {part: pack_lengths(angles[:, k]) for part, angles in normalised.items()}
-                along_line[name] = parts
-            if foot is not None:
-                along_line[FOOT_PROGRESSION] = {"value": pack_lengths(normalise(time, foot, cycle))}
-            out.append(
-                {
-                    "side": side,
-                    "number": number,
-                    "start": cycle.start - start,
-                    "stop": cycle.stop - start,
-                    "off": None if cycle.toe_off is None else cycle.toe_off - start,
-                    "turns": use.turns,
-                    "plate": use.plate,
-                    "reason": use.reason,
-                    "pelvis": along_line,
-                    "valid": [
-                        encode_base64(find_valid_percents(time, mask, cycle).astype("<u1"))
-                        for mask in list_masks(curves)
-                    ],
-                    "peaks": find_peaks(
-                        time,
-                        cycle,
-                        [c for c in curves if c.side in (side, "")],
-                        normalised["value"],
-                        walks=trial.activity == WALKING,
-                    ),
-                }
-            )
-    return out
-
-
-def find_peaks(
-    time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array, *, walks: bool = True
-) -> dict[str, list[float | None]]:
-    """Find the peaks of one stride: peak -> values of `gait/peaks.py`, None for NaN.
-
-    `pelvis`: (101, 3) deg, `PELVIS_ANGLES`.
-    """
-    unknown = np.full(len(time), np.nan)
-    normalised = {}
-    for curve in curves:
-        parts = [
-            unknown if part is None else part
-            for part in (curve.value, curve.error, curve.stride_error)
-        ]
-        value, error, stride_error = normalise(time, np.stack(parts, axis=1), cycle).T
-        value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
-        normalised[curve.variable] = (
-            np.where(find_valid_percents(time, curve.valid, cycle), value, np.nan),
-            error,
-            stride_error,
         )
-    found = (
-        peaks.find_stride_peaks(normalised, cycle.stance)
-        if walks
-        else peaks.find_phase_peaks(normalised, cycle.phases)
-    )
-    return {name: list(map(round_number, values)) for name, values in found.items()}
+    return out

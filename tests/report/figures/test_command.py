@@ -2,7 +2,6 @@
 same files.
 """
 
-import json
 import shutil
 import subprocess
 import sys
@@ -13,18 +12,18 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.analysis.parameter_table import parameter_table
 from gaitcal.analysis.result import Calibration
 from gaitcal.cli.application import app
 from gaitcal.cli.console import Console
 from gaitcal.cli.figures_command import draw_figures as run
 from gaitcal.cli.figures_command import select_charts
 from gaitcal.cli.view_command import print_report
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.export.opensim.transfer_account import MusclePath, compare_muscles, format_muscles_csv
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, check_replaceable, write_result_folder
+from gaitcal.model.model_file import save_model
 from gaitcal.report.figures.chart import SIDE_COLOURS, Chart
 from gaitcal.report.figures.journal_figures import (
     LINE,
@@ -32,12 +31,12 @@ from gaitcal.report.figures.journal_figures import (
     build_moment_arm_charts,
     build_paper_charts,
 )
-from gaitcal.report.page.page_data import PAGE_DATA, build_calibration_page_data, write_page_data
 from gaitcal.results.cycle_tables import read_cycles
-from gaitcal.results.stride_files import write_stride_files
-from gaitcal.results.summary import summarise_calibration
-from gaitcal.results.table_files import write_csv
+from gaitcal.results.result_tables import build_result_tables, write_result_tables
+from gaitcal.results.saved_result import MODEL
+from gaitcal.results.stride_uses import STRIDES
 from tests.fake_result import ANGLE_ERROR
+from tests.messages import refuses
 from tests.report.figures.test_figures import panel_figure
 
 AS_WRITTEN = 1e-6
@@ -51,12 +50,8 @@ def folder(whole: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def written(calibration: Calibration, out: Path) -> Path:
     """Those files of a result that figures are made of."""
-    write_page_data(build_calibration_page_data(calibration), out / PAGE_DATA)
-    write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
-    write_csv(parameter_table(calibration), out / "parameters.csv")
-    (out / "summary.json").write_text(
-        json.dumps(summarise_calibration(calibration)), encoding="utf-8"
-    )
+    write_result_tables(build_result_tables(calibration, manifest={"gaitcal": "0"}), out)
+    save_model(calibration.model, out / MODEL)
     return out
 
 
@@ -220,21 +215,30 @@ def test_options_that_cannot_be(
 
 
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match="is no result of 'gaitcal calibrate': found no page.json in it"
-    ):
+    with refuses(Code.NO_RESULT, str(tmp_path)):
         print_report(Console(quiet=True, verbose=False), tmp_path)
-    for folder, message in ((tmp_path, "has no page.json"), (tmp_path / "no", "no such folder")):
-        with pytest.raises(InputError, match=message):
-            run(Console(quiet=True, verbose=False), folder)
+    for place in (tmp_path, tmp_path / "no"):
+        with refuses(Code.NO_RESULT, str(place)):
+            run(Console(quiet=True, verbose=False), place)
+
+
+def test_a_result_of_an_earlier_version_is_refused(folder: Path, tmp_path: Path) -> None:
+    """It has no `strides.csv`."""
+    for file in folder.iterdir():
+        if file.name != STRIDES:
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    for command in (print_report, run):
+        with refuses(Code.NO_RESULT, str(tmp_path)):
+            command(Console(quiet=True, verbose=False), tmp_path)
 
 
 def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(
     folder: Path, tmp_path: Path
 ) -> None:
-    for name, place in ((PAGE_DATA, tmp_path), ("cycles.csv", tmp_path / "dynamics")):
-        place.mkdir(exist_ok=True)
-        (place / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / "dynamics").mkdir()
+    for file in folder.iterdir():
+        (tmp_path / "dynamics" / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "dynamics" / MODEL).rename(tmp_path / MODEL)
     result = figures(tmp_path / "dynamics", "--out", tmp_path / "out", "--only", "knee_adduction")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out" / "knee_adduction_moment.svg").exists()

@@ -14,8 +14,8 @@ from gaitcal.cli.export_commands import render_account_page
 from gaitcal.export.opensim.transfer_account import AccountTable
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
 from gaitcal.report.figures.comparison_sheets import render_comparison_page
-from gaitcal.report.page.page_data import list_person_facts
 from gaitcal.results.session_comparison import compare_sessions
+from gaitcal.results.shown_labels import list_person_facts
 from tests.report.page.browser import browser, chromium
 from tests.report.page.test_accessible import FAULTS
 from tests.results.made_sessions import made_session

@@ -12,6 +12,7 @@ import pandas as pd
 
 from gaitcal.errors import Code
 from gaitcal.gait.cycles import GaitCycle, find_valid_percents, normalise
+from gaitcal.gait.peaks import find_stride_peaks
 from gaitcal.gait.spatiotemporal import (
     LEAST_SD,
     MEASURES,
@@ -19,13 +20,15 @@ from gaitcal.gait.spatiotemporal import (
     Stride,
     select_straight_strides,
 )
+from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.page.bone_files import BoneMeshes
-from gaitcal.report.page.page_data import FORMAT, SHOWN_MEASURES, explain_code
+from gaitcal.report.page.page_data import FORMAT, explain_code
 from gaitcal.report.page.page_html import PageContent, render_page
-from gaitcal.report.page.plain_data import encode_base64, pack_floats
+from gaitcal.report.page.plain_data import encode_base64, pack_floats, round_number
 from gaitcal.report.page.scene import MotionScene, Scene
-from gaitcal.report.page.trial_data import find_peaks, list_masks, pack_curves
+from gaitcal.report.page.trial_data import list_masks, pack_curves
+from gaitcal.results.shown_labels import SHOWN_MEASURES
 from gaitcal.results.trial_curves import Curve
 from tests.report.page.people import walking_scene
 
@@ -183,7 +186,7 @@ def stridden(
                 for mask in list_masks(curves)
             ]
             own = [c for c in curves if c.side in (stride["side"], "")]
-            stride["peaks"] = find_peaks(time, cycle, own, np.zeros((101, 3)))
+            stride["peaks"] = _find_peaks(time, cycle, own)
             rows += [_rows(trial.name, stride, c, time) for c in own]
         events = [
             {"side": s["side"], "kind": kind, "time": when, "source": "motion"}
@@ -194,6 +197,20 @@ def stridden(
             trial_data(trial, curves, made, events=sorted(events, key=lambda event: event["time"]))
         )
     return page_data(scene, trials), pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
+
+
+def _find_peaks(
+    time: np.ndarray, cycle: GaitCycle, curves: list[Curve]
+) -> dict[str, list[float | None]]:
+    """Find the peaks of a stride, with pelvis angles of 0 along its line."""
+    normalised = {}
+    for c in curves:
+        value, error, own = (normalise(time, v, cycle) for v in (c.value, c.error, c.stride_error))
+        value = np.zeros(101) if c.base in PELVIS_ANGLES else value
+        value = np.where(find_valid_percents(time, c.valid, cycle), value, np.nan)
+        normalised[c.variable] = value, error, own
+    found = find_stride_peaks(normalised, cycle.stance)
+    return {name: list(map(round_number, values)) for name, values in found.items()}
 
 
 def _wavy(

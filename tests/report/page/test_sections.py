@@ -10,7 +10,7 @@ import pytest
 
 from gaitcal.explanations import PARTS
 from gaitcal.gait.spatiotemporal import Average, average_measures, select_straight_strides
-from gaitcal.report.page.page_data import SHOWN_MEASURES
+from gaitcal.results.shown_labels import SHOWN_MEASURES
 from tests.report.page.browser import Page, Visit
 from tests.report.page.made_page import (
     HOSTILE,

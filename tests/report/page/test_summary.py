@@ -21,22 +21,20 @@ from gaitcal.gait.strides import list_strides
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.quality.force_diagnosis import check_pelvis_residual
-from gaitcal.report.page import key_figures
 from gaitcal.report.page.joint_sections import build_joint_blocks
-from gaitcal.report.page.key_figures import (
-    build_top_lines,
-    collect_stride_uses,
-    summarise_usable_strides,
-)
+from gaitcal.report.page.key_figures import build_top_lines
 from gaitcal.report.page.page_data import build_result_sections
 from gaitcal.report.page.plain_data import Block, format_number
 from gaitcal.report.page.trust_sections import collect_marker_fits
+from gaitcal.results import stride_uses
 from gaitcal.results.parameter_labels import (
     compute_range_of_motion,
     describe_unidentifiable,
     group_joint_parameters,
     summarise_fitted,
 )
+from gaitcal.results.stride_tables import build_stride_tables
+from gaitcal.results.stride_uses import collect_stride_uses, summarise_usable_strides
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from tests.fake_result import FRAMES, fake_calibration, held
@@ -49,7 +47,8 @@ SAID = CalibrationSettings(
 
 def agreement(calibration: Calibration) -> dict[str, str]:
     """The line of how model, markers and forces agree."""
-    return build_top_lines(calibration, ())[1]
+    tables = build_stride_tables(calibration.model, calibration.trials)
+    return build_top_lines(calibration, tables)[1]
 
 
 def with_final(calibration: Calibration, **changes: np.ndarray) -> Calibration:
@@ -250,17 +249,17 @@ def test_every_reason_has_its_frames(walk: TrialResult) -> None:
     on_two = spoilt(walk, loaded=True, resting=True)
     seat = replace(on_two.loads.reactions, seated=~on_two.loads.reactions.valid_legs[:, 0])
     for trial, plate, reason in (
-        (on_two, "1", key_figures.NOT_WHOLLY),
-        (replace(on_two, loads=replace(on_two.loads, reactions=seat)), "1", key_figures.SEATED),
-        (spoilt(walk, loaded=False, resting=True), "1", key_figures.PART),
-        (spoilt(walk, loaded=False, resting=True, plate=False), "", key_figures.BESIDE),
+        (on_two, "1", stride_uses.NOT_WHOLLY),
+        (replace(on_two, loads=replace(on_two.loads, reactions=seat)), "1", stride_uses.SEATED),
+        (spoilt(walk, loaded=False, resting=True), "1", stride_uses.PART),
+        (spoilt(walk, loaded=False, resting=True, plate=False), "", stride_uses.BESIDE),
         (
             spoilt(walk, loaded=False, resting=False),
             "1",
-            key_figures.ENDS if near_begin else key_figures.UNSEEN,
+            stride_uses.ENDS if near_begin else stride_uses.UNSEEN,
         ),
-        (replace(walk, loads=None), "", key_figures.NO_PLATES),
-        (replace(walk, refused_legs=("r",)), "1", key_figures.REFUSED),
+        (replace(walk, loads=None), "", stride_uses.NO_PLATES),
+        (replace(walk, refused_legs=("r",)), "1", stride_uses.REFUSED),
     ):
         assert used(trial)[0] == ("r", 1, plate, False, reason)
     assert used(on_two)[1:] == whole[1:], "the other strides stay"
@@ -275,7 +274,7 @@ def test_strides_that_count_are_told_in_a_sentence(walk: TrialResult) -> None:
     mixed = [replace(use, repeats=use.number == 2) for use in uses]
     assert summarise_usable_strides(mixed) == f"{counted} and repetitions."
     told = summarise_usable_strides(collect_stride_uses(spoilt(walk, loaded=True, resting=True)))
-    assert told == f"{counted.replace('2 of 2', '1 of 2')}; others: {key_figures.NOT_WHOLLY}."
+    assert told == f"{counted.replace('2 of 2', '1 of 2')}; others: {stride_uses.NOT_WHOLLY}."
 
 
 TRUE, FITTED, NOMINAL = 60.0, 58.0, 59.0

@@ -1,5 +1,5 @@
 // Which strides count: on which plate, whether moments count throughout it, in words why not. What is ticked takes part in
-// curves and means. The reasons are gaitcal/report/page/key_figures.py.
+// curves and means. The reasons are those of gaitcal/results/stride_uses.py.
 Gaitcal.counting = (host, { result: { sheet }, state }) => {
   const boxes = [];
   const tick = (key, words, more = {}) => {

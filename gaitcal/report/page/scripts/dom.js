@@ -78,8 +78,6 @@ Gaitcal.roundTicks = (low, high, count = 5) => {
 // As many digits as tell values apart that lie a step from each other.
 Gaitcal.digitsOf = (step) => Math.min(4, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
 
-Gaitcal.LEGS = { r: "right", l: "left" };
-
 Gaitcal.TONES = { good: ["✓", "good"], look: ["!", "look at this"], poor: ["✕", "poor"] };
 
 // A word with its tone: its mark says without colour what the colour says; a number without words gets them, unseen.

@@ -1,7 +1,5 @@
 // Foot events that a reader corrects on the timeline: dragged or moved by arrow keys, added at the clock, deleted; saved as
 // `events.csv`, which calibrate and dynamics read. What depends on them is computed there (gaitcal/io/csv_recordings.py).
-Gaitcal.BY_HAND = "corrected by hand";
-
 // The table: all events of the files of which a trial is corrected, now (`changed`) or before.
 Gaitcal.eventTable = (trials, changed) => {
   const corrected = (trial) => changed.has(trial) || trial.events.some(({ source }) => source === Gaitcal.BY_HAND);

@@ -1,13 +1,5 @@
 // A trial's own curves over its time, with the clock's cursor: pelvis residuals, marker errors.
 
-Gaitcal.TRIAL_CURVES = {
-  residual_force: "Force at the pelvis that nothing explains",
-  residual_moment: "Moment at the pelvis that nothing explains",
-  marker_error: "Marker error, RMS over the markers",
-};
-
-Gaitcal.UNITS = { "N m": "N·m" };
-
 // The figure of one curve of a trial of a sheet; what moves its line to a time goes to `cursors`.
 // `wide`: px of the paper that it is drawn for.
 Gaitcal.trialCurve = (trial, curve, { cursors, page, wide }) => {

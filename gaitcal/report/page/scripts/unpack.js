@@ -4,15 +4,13 @@ Gaitcal.bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCod
 
 Gaitcal.floats = (text) => new Float32Array(Gaitcal.bytes(text));
 
-Gaitcal.GAP = -32768;
-
 // Packed lengths: at(i) is a number, or NaN in a gap.
 Gaitcal.Lengths = class {
   constructor({ low, step, data }) { Object.assign(this, { low, step, data: new Int16Array(Gaitcal.bytes(data)) }); }
 
   at(i) {
     const value = this.data[i];
-    return value === Gaitcal.GAP ? NaN : this.low + this.step * (value + 32767);
+    return value === Gaitcal.GAP ? NaN : this.low + this.step * (value + Gaitcal.LARGEST);
   }
 
   all() { return Float32Array.from(this.data, (_, i) => this.at(i)); }
