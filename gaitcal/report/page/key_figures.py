@@ -73,7 +73,7 @@ Line = dict[str, str]  # `tone`: `good`, `look`, `poor` or `plain`; `text`
 
 @dataclass(frozen=True, kw_only=True)
 class GaitNumbers:
-    """Numbers of one whole-body trial; only its make_layout without valid torques."""
+    """Numbers of one whole-body trial; only its layout without valid torques."""
 
     trial: TrialResult
     make_layout: Layout
