@@ -10,7 +10,7 @@ from gaitcal.cli import options, study_folder
 from gaitcal.cli.console import Console
 from gaitcal.cohort import learning, one_person, run_cohort
 from gaitcal.cohort.cohort_page import PAGE
-from gaitcal.cohort.cohort_people import COHORT, joined, read_cohort
+from gaitcal.cohort.cohort_people import COHORT, merge_options, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS
 from gaitcal.cohort.learn_priors import learn_priors as learn
 from gaitcal.cohort.outcome import Outcome
@@ -44,9 +44,9 @@ def run_people(
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where
     somebody failed.
     """
-    told, engine = (
+    options_given, engine = (
         study_folder.options_of(mass, height, sex, age),
-        choose_workers(jobs, cluster, run_cohort.processes),
+        choose_workers(jobs, cluster, run_cohort.make_processes),
     )
     normal = None if normal is None else bands_file(normal).resolve()
     if normal is not None:
@@ -57,7 +57,10 @@ def run_people(
     cohort, calibration = read_cohort(source, out)
     priors, calibration = _priors(priors, calibration, learn_priors=learn_priors)
     cohort = replace(
-        cohort, people=tuple(replace(p, told=joined(told, p.told)) for p in cohort.people)
+        cohort,
+        people=tuple(
+            replace(p, options=merge_options(options_given, p.options)) for p in cohort.people
+        ),
     )
     for name in cohort.ignored:
         console.line(f"not used: {name}: holds no recordings")
@@ -79,7 +82,7 @@ def run_people(
                 common,
                 engine=engine,
                 retry=retry,
-                told=_teller(console, step, len(cohort.people)),
+                report=_teller(console, step, len(cohort.people)),
             )
     except (KeyboardInterrupt, Stopped) as ending:
         work = "whoever had ended is kept, the same command goes on with the others"
@@ -158,7 +161,7 @@ def _tell_end(console: Console, written: Counter[str], out: Path) -> None:
     counts = ", ".join(f"{written[name]} {name}" for name in ORDER if written[name])
     failed = written["failed"]
     console.line(f"{written.total()} people and sessions: {counts or 'no result'}; {failed} failed")
-    for number, line in enumerate(run_cohort.failures(out)):
+    for number, line in enumerate(run_cohort.read_failures(out)):
         if number == MOST_TOLD:
             console.line(f"and {failed - MOST_TOLD} more")
             break
