@@ -10,7 +10,7 @@ from gaitcal.cli import options, study_folder
 from gaitcal.cli.console import Console
 from gaitcal.cohort import learning, one_person, run_cohort
 from gaitcal.cohort.cohort_page import PAGE
-from gaitcal.cohort.cohort_people import COHORT, joined, read_cohort
+from gaitcal.cohort.cohort_people import COHORT, merge_options, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS
 from gaitcal.cohort.learn_priors import learn_priors as learn
 from gaitcal.cohort.outcome import Outcome
@@ -56,9 +56,9 @@ def run_people(
     InterruptedWork
         The run was interrupted; finished people are kept.
     """
-    told, engine = (
+    options_given, engine = (
         study_folder.check_person_options(mass, height, sex, age),
-        choose_workers(jobs, cluster, run_cohort.processes),
+        choose_workers(jobs, cluster, run_cohort.make_processes),
     )
     normal = None if normal is None else find_bands_file(normal).resolve()
     if normal is not None:
@@ -71,7 +71,10 @@ def run_people(
     priors, calibration = _choose_priors(priors, calibration, learn_priors=learn_priors)
     # Options apply to everyone; those of a person in people.csv or cohort.toml come first.
     cohort = replace(
-        cohort, people=tuple(replace(p, told=joined(told, p.told)) for p in cohort.people)
+        cohort,
+        people=tuple(
+            replace(p, options=merge_options(options_given, p.options)) for p in cohort.people
+        ),
     )
     for name in cohort.ignored:
         console.print_line(f"not used: {name}: contains no recordings")
@@ -91,7 +94,7 @@ def run_people(
                 common,
                 engine=engine,
                 retry=retry,
-                told=_make_progress_printer(console, step, len(cohort.people)),
+                report=_make_progress_printer(console, step, len(cohort.people)),
             )
     except (KeyboardInterrupt, Stopped) as ending:
         work = "finished people are kept; the same command continues with the others"
@@ -198,7 +201,7 @@ def _print_summary(console: Console, written: Counter[str], out: Path) -> None:
     console.print_line(
         f"{written.total()} people and sessions: {counts or 'no result'}; {failed} failed"
     )
-    for number, line in enumerate(run_cohort.failures(out)):
+    for number, line in enumerate(run_cohort.read_failures(out)):
         if number == MAX_PRINTED_FAILURES:
             console.print_line(f"and {failed - MAX_PRINTED_FAILURES} more")
             break

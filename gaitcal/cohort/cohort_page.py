@@ -1,7 +1,7 @@
-"""What `cohort.html` shows, from the tables of a cohort and from what is kept of every person.
+"""Write `cohort.html` from the tables of a cohort and the stored outcomes.
 
-Curves come from the people one by one, so that little is held in memory. There is no date in it:
-the same people give the same bytes.
+Curves come from the people one by one, so that little is in memory. The page has no date: the same
+people give the same bytes.
 """
 
 import csv
@@ -24,7 +24,7 @@ from gaitcal.cohort.one_person import (
     STEPS,
     VARIABLES,
     CommonSettings,
-    no_curves,
+    pack_no_curves,
 )
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.gait import conventions, normal_bands
@@ -46,16 +46,19 @@ class CohortMeasure:
     title: str
     unit: str
     digits: int
-    # Of the table of people; `{}` stands for the leg, `r` or `l`, where it has one for each
     column: str
-    error: str = ""  # Column of its standard error
-    sign: int = 1  # -1: it is the column's opposite
+    """Of the table of people; `{}` is replaced by the leg, `r` or `l`, if there is one for each."""
+    error: str = ""
+    """Column of its standard error."""
+    sign: int = 1
+    """-1: it is the negative of the column."""
     joined: str = ""
-    """How the legs' columns become one number: `mean`, or `asymmetry` = 200 % (r - l) / (r + l);
-    empty: each has its own."""
+    """How the columns of both legs become one number: `mean`, or `asymmetry` = 200 % (r - l) /
+    (r + l); empty: one number for each leg."""
 
 
-def _peak(name: str, title: str, peak: Peak) -> CohortMeasure:
+def _make_peak_measure(name: str, title: str, peak: Peak) -> CohortMeasure:
+    """Make the measure of a peak, of each leg."""
     kind, sign = get_curve_kind(peak.variable), -1 if peak.figure is PeakKind.LOWEST else 1
     digits, title = (1 if kind is CurveKind.ANGLE else 2), f"{title}, peak in {peak.phase}"
     column, error = f"{peak.name}_{{}}", f"{peak.name}_se_{{}}"
@@ -106,20 +109,32 @@ MEASURES: Final = (
         column="step_length_{}",
         joined="asymmetry",
     ),
-    _peak("knee_flexion", "Knee flexion", PEAKS["knee_flexion_swing"]),
-    _peak("hip_extension", "Hip extension", PEAKS["hip_extension_terminal_stance"]),
-    _peak("plantarflexor_moment", "Ankle plantarflexor moment", PEAKS["plantarflexion_moment"]),
-    _peak("ankle_power", "Ankle power", PEAKS["ankle_power_2"]),
-    _peak("adduction_moment", "Knee adduction moment (external)", ADDUCTION_PEAK),
+    _make_peak_measure("knee_flexion", "Knee flexion", PEAKS["knee_flexion_swing"]),
+    _make_peak_measure("hip_extension", "Hip extension", PEAKS["hip_extension_terminal_stance"]),
+    _make_peak_measure(
+        "plantarflexor_moment", "Ankle plantarflexor moment", PEAKS["plantarflexion_moment"]
+    ),
+    _make_peak_measure("ankle_power", "Ankle power", PEAKS["ankle_power_2"]),
+    _make_peak_measure("adduction_moment", "Knee adduction moment (external)", ADDUCTION_PEAK),
 )
 
 
-def measured(measure: CohortMeasure, read: Callable[[str], Array]) -> list[dict[str, Any]]:
-    """The columns of a measure as the page takes them: of the person, or of each leg; none that
-    nobody has.
+def build_measure_columns(
+    measure: CohortMeasure, read: Callable[[str], Array]
+) -> list[dict[str, Any]]:
+    """Build the columns of a measure for the page.
 
-    `read`: name of a column of the table of people -> its numbers (people,), NaN where there is
-    none.
+    Parameters
+    ----------
+    measure : CohortMeasure
+        The measure.
+    read : callable
+        Name of a column of the table of people -> its numbers (people,), NaN if missing.
+
+    Returns
+    -------
+    list of dict
+        Of the person, or of each leg; without columns that have no number.
     """
     about = {"title": measure.title, "unit": measure.unit, "digits": measure.digits}
     per_leg = "{}" in measure.column
@@ -127,42 +142,39 @@ def measured(measure: CohortMeasure, read: Callable[[str], Array]) -> list[dict[
         right, left = (read(measure.column.format(side)) for side in SIDES)
         if measure.joined == "asymmetry":
             joined = 200.0 * (right - left) / (right + left)
-            words = "200 % (right − left) / (right + left): positive where the right is longer"
+            meaning = "200 % (right − left) / (right + left): positive if the right is longer"
         else:
-            joined = np.where(
-                np.isnan(right), left, np.where(np.isnan(left), right, (right + left) / 2)
-            )
-            words = f"mean of both legs' {measure.column.replace('_{}', '')}"
-        known = bool(np.isfinite(joined).any())
-        return (
-            [{"name": measure.name, **about, "meaning": words, "numbers": pack_floats(joined)}]
-            if known
-            else []
-        )
+            # The mean of both legs, or the only one.
+            mean = np.where(np.isnan(left), right, (right + left) / 2)
+            joined = np.where(np.isnan(right), left, mean)
+            meaning = f"mean of both legs' {measure.column.replace('_{}', '')}"
+        if not np.isfinite(joined).any():
+            return []
+        return [{"name": measure.name, **about, "meaning": meaning, "numbers": pack_floats(joined)}]
     out = []
     for side in SIDES if per_leg else ("",):
         column = measure.column.format(side)
         if not np.isfinite(read(column)).any():
             continue
-        words = f"{column} with the other sign" if measure.sign < 0 else column
+        meaning = f"{column} with the other sign" if measure.sign < 0 else column
         if measure.error:
-            words += ": mean of each stride's peak"
+            meaning += ": mean of each stride's peak"
         error = measure.error.format(side)
-        known_error = bool(error) and bool(np.isfinite(read(error)).any())
+        has_error = bool(error) and bool(np.isfinite(read(error)).any())
         leg = (
             {"name": f"{measure.name}_{side}", "measure": measure.name, "side": side}
             if side
             else {"name": measure.name}
         )
-        source = {"of": column, "sign": measure.sign, "error": error if known_error else None}
-        out.append({**leg, **about, "meaning": words, **source})
+        source = {"of": column, "sign": measure.sign, "error": error if has_error else None}
+        out.append({**leg, **about, "meaning": meaning, **source})
     return out
 
 
 TITLES: Final = {
     "person": "Person", "session": "Session", "group": "Group", "verdict": "Verdict", "first_cause": "First cause",
 }  # fmt: skip
-"""What columns of words are called that stand first."""
+"""The first columns, of text -> title."""
 DEFAULTS: Final = {
     "columns": [
         *TITLES, "mass", "height", "marker_rms", "residual", "speed", "cadence", "step_asymmetry",
@@ -171,16 +183,15 @@ DEFAULTS: Final = {
     ],
     "measures": ["speed", "step_asymmetry", "knee_flexion", "plantarflexor_moment"],
 }  # fmt: skip
-"""What table and distributions show unless something else is chosen."""
+"""Default columns of the table, and measures of the distributions."""
 PAGE: Final = "cohort.html"
 NO_STRIDE: Final = (
     "info",
-    "no stride of these walks counts",
-    "no numbers of gait are known: see in the person's page which strides turn or are cut off, and "
-    "record walks along "
-    "a straight line in which each foot comes down twice",
+    "no stride of these walks is valid",
+    "measures of gait are not available: the page of the person shows which strides turn or are "
+    "incomplete; record walks along a straight line in which each foot strikes twice",
 )
-"""Severity, cause and action where the verdict has nothing to say of strides, and there is none."""
+"""Severity, cause and action of a result without valid strides."""
 _DIGITS: Final = 4
 
 
@@ -191,46 +202,58 @@ def write_page(
     ended: Outcomes,
     common: CommonSettings,
 ) -> None:
-    """Write the page. `tables`: `people` (Parquet) and `failures`, as they are written."""
+    """Write the page of a cohort.
+
+    Parameters
+    ----------
+    path : Path
+        The page.
+    tables : mapping
+        `people` (Parquet) and `failures` (CSV) -> file.
+    people : sequence of CohortPerson
+        In the order of the tables.
+    ended : Outcomes
+        Their outcomes.
+    common : CommonSettings
+        Settings of everyone.
+    """
     causes = _Causes()
+    # Curves come first: the causes are collected while they are written.
     data = {
-        "CURVES": _curves(people, ended, causes),
-        "COHORT": _content(tables, people, common, causes),
+        "CURVES": _pack_curves(people, ended, causes),
+        "COHORT": _build_content(tables, people, common, causes),
     }
     write_cohort_page(path, data)
 
 
 class _Causes:
-    """The reasons of everybody's verdict, and that no stride counts: each once, and who has which."""
+    """The reasons of all verdicts, each once, with the people that have it."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, str, str], int] = {}
-        self._of: list[list[int]] = []
+        self._of_people: list[list[int]] = []
 
     def add(self, outcome: Outcome) -> None:
-        """Note those of one person."""
+        """Add the reasons of one person."""
         keys = [(r["severity"], r["cause"], r["action"]) for r in outcome.reasons]
-        if outcome.strideless:
+        if outcome.has_no_strides:
             keys.append(NO_STRIDE)
-        self._of.append(
-            list(dict.fromkeys(self._known.setdefault(key, len(self._known)) for key in keys))
-        )
+        numbers = [self._known.setdefault(key, len(self._known)) for key in keys]
+        self._of_people.append(list(dict.fromkeys(numbers)))
 
     @property
     def content(self) -> dict[str, Any]:
-        """As plain data."""
+        """The causes, and for each person the numbers of those that apply."""
         names = ("severity", "cause", "action")
         causes = [dict(zip(names, key, strict=True)) for key in self._known]
-        return {"causes": causes, "of": self._of, "strideless": self._known.get(NO_STRIDE)}
+        return {"causes": causes, "of": self._of_people, "strideless": self._known.get(NO_STRIDE)}
 
-    def ranked(self, failures: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
-        """Each cause once, those of `failures` too, with what to do and how many people; that of
-        most first.
-        """
+    def rank(self, failures: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
+        """Rank all causes, with those of failures, by the number of people; with actions."""
         keys = list(self._known)
         found: dict[str, dict[str, Any]] = {}
 
-        def noted(severity: str, cause: str, action: str) -> str:
+        def merge(severity: str, cause: str, action: str) -> str:
             entry = found.setdefault(
                 cause, {"severity": severity, "cause": cause, "actions": [], "count": 0}
             )
@@ -240,32 +263,31 @@ class _Causes:
                 entry["actions"].append(action)
             return cause
 
-        for own in self._of:
-            for cause in {noted(*keys[k]) for k in own}:
+        for numbers in self._of_people:
+            for cause in {merge(*keys[k]) for k in numbers}:
                 found[cause]["count"] += 1
         for line in failures:
-            found[noted("failed", line["cause"], line["what_to_do"])]["count"] += 1
+            found[merge("failed", line["cause"], line["what_to_do"])]["count"] += 1
         return sorted(found.values(), key=lambda entry: (-entry["count"], entry["cause"]))
 
 
-def _curves(people: Sequence[CohortPerson], ended: Outcomes, causes: _Causes) -> Iterator[str]:
-    """Packed curves of everyone with a result, in the order of the table, whose causes are noted
-    meanwhile.
-    """
+def _pack_curves(people: Sequence[CohortPerson], ended: Outcomes, causes: _Causes) -> Iterator[str]:
+    """Yield the packed curves of everyone with a result, and collect the causes."""
     for person in people:
-        outcome = ended.of(person)
+        outcome = ended.get_outcome(person)
         if outcome.failed:
             continue
         causes.add(outcome)
-        yield outcome.curves or no_curves()
+        yield outcome.curves or pack_no_curves()
 
 
-def _content(
+def _build_content(
     tables: Mapping[str, Path],
     people: Sequence[CohortPerson],
     common: CommonSettings,
     causes: _Causes,
 ) -> Iterator[str]:
+    """Yield the content of the page without curves, as JSON."""
     with pq.ParquetFile(tables["people"]) as table:
 
         def read(name: str) -> Array:
@@ -282,7 +304,7 @@ def _content(
             "about": about,
             "usual": DEFAULTS,
             "every": EVERY,
-            "columns": list(_columns(table, read)),
+            "columns": list(_build_columns(table, read)),
         }
         sizes = [
             read(name) if table.metadata.num_rows else np.array([])
@@ -294,19 +316,17 @@ def _content(
         )
     with tables["failures"].open(encoding="utf-8", newline="") as stream:
         failures = list(csv.DictReader(stream))
-    content |= {"reasons": causes.content, "ranked": causes.ranked(failures)}
+    content |= {"reasons": causes.content, "ranked": causes.rank(failures)}
     yield dump_script_json(
-        content | {"curves": _variables(common, mass, height), "failures": failures}
+        content | {"curves": _describe_variables(common, mass, height), "failures": failures}
     )
 
 
-def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:
-    """The columns of the page that somebody has a value in: words that stand first, measures, and
-    every other one.
-    """
+def _build_columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:
+    """Yield the columns of the page that have a value: first text, measures, all others."""
     columns = {column.name: column for column in COLUMNS}
 
-    def known(name: str, title: str) -> Iterator[dict[str, Any]]:
+    def build(name: str, title: str) -> Iterator[dict[str, Any]]:
         about = {
             "name": name,
             "title": title,
@@ -314,37 +334,35 @@ def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[di
             "meaning": columns[name].meaning,
         }
         if columns[name].kind is str:
-            words = [str(value or "") for value in table.read(columns=[name]).column(0).to_numpy()]
-            numbered = {word: number for number, word in enumerate(dict.fromkeys(words))}
-            if any(words):
-                yield {**about, "words": list(numbered), "of": [numbered[word] for word in words]}
+            cells = [str(value or "") for value in table.read(columns=[name]).column(0).to_numpy()]
+            numbered = {text: number for number, text in enumerate(dict.fromkeys(cells))}
+            if any(cells):
+                yield {**about, "words": list(numbered), "of": [numbered[text] for text in cells]}
             return
         numbers = read(name)
         if np.isfinite(numbers).any():
-            yield {**about, "digits": _digits_of(numbers), "numbers": pack_floats(numbers)}
+            yield {**about, "digits": _choose_digits(numbers), "numbers": pack_floats(numbers)}
 
     for name, title in TITLES.items():
-        yield from known(name, title)
+        yield from build(name, title)
     for measure in MEASURES:
-        yield from measured(measure, read)
+        yield from build_measure_columns(measure, read)
     for name in columns:
         if name not in TITLES:
-            yield from known(name, name)
+            yield from build(name, name)
 
 
-def _digits_of(numbers: Array) -> int:
-    """As many digits as tell people apart: about three that count."""
-    there = np.abs(numbers[np.isfinite(numbers)])
-    most = float(there.max())
-    if most == 0.0 or (there == np.rint(there)).all():
+def _choose_digits(numbers: Array) -> int:
+    """Choose the digits after the point for about three significant ones; at most four."""
+    sizes = np.abs(numbers[np.isfinite(numbers)])
+    most = float(sizes.max())
+    if most == 0.0 or (sizes == np.rint(sizes)).all():
         return 0
     return min(4, max(0, 2 - math.floor(math.log10(most))))
 
 
-def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[str, Any]]:
-    """What the packed curves are of, with normal bands where there are some, per kg for a body of
-    mean size.
-    """
+def _describe_variables(common: CommonSettings, mass: float, height: float) -> list[dict[str, Any]]:
+    """Describe the packed curves, with normal bands per kg for a body of mean mass and height."""
     bands = {} if common.normal is None else normal_bands.read_normal_bands(common.normal)
     body = Subject(name="", mass=mass, height=height, sex="male")
     clinical, out = conventions.Convention(signs=conventions.Signs.CLINICAL), []
@@ -353,7 +371,7 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
             get_curve_kind(name),
             float(clinical.convert_values(name, np.ones(1), "r", body)[0]),
         )
-        whose = "internal, " if kind is CurveKind.MOMENT else ""
+        acting = "internal, " if kind is CurveKind.MOMENT else ""
         variable: dict[str, Any] = {
             "name": name,
             "joint": find_joint(get_coordinate(name)),
@@ -361,19 +379,20 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
             "title": clinical.make_title(name),
             "unit": get_unit(name) if kind is CurveKind.ANGLE else f"{get_unit(name)}/kg",
             "step": sign * STEPS[kind],
-            "positive": f"{whose}{clinical.describe_senses(name, 'r')[0]}",
+            "positive": f"{acting}{clinical.describe_senses(name, 'r')[0]}",
         }
         if name in bands:
             scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / mass
             mean, sd = (scale * values[::EVERY] for values in bands[name].scale_to_person(body))
             variable["normal"] = {
-                "mean": _rounded(sign * mean),
-                "sd": _rounded(sd),
+                "mean": _round(sign * mean),
+                "sd": _round(sd),
                 "source": bands[name].source,
             }
         out.append(variable)
     return out
 
 
-def _rounded(values: Any) -> list[float | None]:
+def _round(values: Any) -> list[float | None]:
+    """Round values; None for those that are not finite."""
     return [round(float(value), _DIGITS) if np.isfinite(value) else None for value in values]

@@ -1,13 +1,14 @@
-"""`gaitcal cohort --learn-priors`: what all people of a cohort say of the next one.
+"""Learn priors of joint parameters from the results of a cohort (`gaitcal cohort --learn-priors`).
 
-A calibration says of deviations d from nominal joints the estimate d^ with covariance C, in which
-the prior of the fit, N(m0, F F^T), counts already. In its units, x = F^-1 (d - m0), that is N(0,
-1), and with x^ and its covariance C_x what the recordings alone say is
+A calibration gives the estimate d^ of deviations d from nominal joints, with covariance C, which
+contains the prior of the fit, N(m0, F F^T). In its units, x = F^-1 (d - m0), the prior is N(0, 1).
+With the estimate x^ and its covariance C_x, the information S and mean m of the recordings alone are
 
-    S_x = C_x^-1 - 1 (nothing of it negative),      S_x m_x = C_x^-1 x^      <=>      S m = C^-1 d^ - (F F^T)^-1 m0,
+    S_x = C_x^-1 - 1 (without negative parts),      S_x m_x = C_x^-1 x^
+    <=>      S m = C^-1 d^ - (F F^T)^-1 m0.
 
-m being where they alone would have it. People are compared in units of anatomy's prior, y = G^-1 (d
-- a), in which x = F^-1 G y - F^-1 (m0 - a), whatever prior their fit had.
+People are compared in units of the anatomical prior, y = G^-1 (d - a), in which x = F^-1 G y - F^-1
+(m0 - a), whatever the prior of their fit.
 """
 
 import csv
@@ -33,11 +34,11 @@ from gaitcal.cohort.learning import (
     FEWEST,
     PartEvidence,
     PersonEvidence,
-    folds_of,
-    heights_of,
+    assign_folds,
+    get_height_range,
     learn_part,
 )
-from gaitcal.cohort.outcome import kept
+from gaitcal.cohort.outcome import read_outcome
 from gaitcal.errors import Code, InputError
 from gaitcal.io.result_folder import MANIFEST, amend_result, read_json_object
 from gaitcal.io.toml import get_package_version
@@ -56,18 +57,17 @@ DIGITS = 9
 TRUSTED = "trustworthy"
 PARTS = {"legs": LEG_PARAMETERS, "trunk and arms": UPPER_PARAMETERS}
 """Joint parameters that are fitted together, and so learnt together."""
-RANK = 1e-9  # Part of the largest eigenvalue of C below which a direction would be known exactly
+RANK = 1e-9
+"""Part of the largest eigenvalue of C below which C is singular."""
 
 
 class NotUsedError(Exception):
-    """Why a result teaches nothing, in words."""
+    """Why a result cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What nominal joints depend on: the same in everybody that is learnt of, and in whom it is
-    used for.
-    """
+    """What nominal joints depend on: equal in all people to learn from, and to use the prior for."""
 
     marker_set: str
     hip_centre: str
@@ -75,67 +75,100 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Found:
-    """One session of one person, and by which rules it was calibrated."""
+class SessionEvidence:
+    """One session of one person, and the rules of its calibration."""
 
     evidence: PersonEvidence
     rules: Rules
 
 
 def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequence[str]:
-    """Learn of the results in the folder of a cohort, and write `priors.json` and `priors.csv` into
-    it.
+    """Learn priors from the results of a cohort, and write `priors.json` and `priors.csv`.
 
-    Returns what was learnt and who did not count, a line each.
+    Parameters
+    ----------
+    cohort : Cohort
+        The people.
+    out : Path
+        Folder of the cohort, with their results.
+    progress : callable
+        Called with a line of text at the beginning of each step.
 
-    Raises InputError: Fewer people than can be learnt of.
+    Returns
+    -------
+    sequence of str
+        What was learnt and which results were not used, a line each.
+
+    Raises
+    ------
+    InputError
+        Too few people.
     """
-    found, left_out = list[Found](), list[str]()
+    found, left_out = list[SessionEvidence](), list[str]()
     for person in cohort.people:
-        outcome = kept(out, person)
+        outcome = read_outcome(out, person)
         try:
             if outcome is None or outcome.failed:
                 raise NotUsedError("it has no result")
-            found.append(evidence_of(out / person.place, person.name))
+            found.append(read_evidence(out / person.subfolder, person.name))
         except (NotUsedError, InputError) as reason:
-            left_out.append(f"{person.words}: {str(reason).replace(f'{out}/', '')}")
-    people, rules, others = one_each(found)
+            left_out.append(f"{person.label}: {str(reason).replace(f'{out}/', '')}")
+    people, rules, others = select_sessions(found)
     left_out += others
     reasons = [line.split(": ", 1)[1] for line in left_out]
     if rules is None:
-        message = f"nobody's joint parameters can be learnt of: {_counted(reasons)}"
+        message = f"no result can be used to learn priors: {_count_reasons(reasons)}"
         raise InputError(message, source=out, code=Code.PRIORS)
     priors = learn_cohort(
         cohort.source.resolve().name or "cohort", people, rules, reasons, progress
     )
     with amend_result(out) as stage:
-        (stage / PRIORS).write_text(priors_text(priors), encoding="utf-8")
+        (stage / PRIORS).write_text(format_priors(priors), encoding="utf-8")
         with (stage / PRIORS_CSV).open("w", encoding="utf-8", newline="") as stream:
             table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
             table.writeheader()
-            table.writerows(priors_rows(priors))
-    return (*priors_words(priors), *(f"not learnt of: {line}" for line in left_out))
+            table.writerows(list_prior_rows(priors))
+    return (*describe_priors(priors), *(f"not used: {line}" for line in left_out))
 
 
-def evidence_of(folder: Path, name: str) -> Found:
-    """What a result folder of `gaitcal calibrate` says.
+def read_evidence(folder: Path, name: str) -> SessionEvidence:
+    """Read the likelihood of joint parameters from a result folder of `gaitcal calibrate`.
 
-    Raises NotUsedError: Its verdict is not "trustworthy", it leans on a cohort itself, or its joint
-    parameters were not calibrated by the evidence. Raises InputError: It is damaged.
+    Parameters
+    ----------
+    folder : Path
+        The result.
+    name : str
+        Of the person.
+
+    Returns
+    -------
+    SessionEvidence
+
+    Raises
+    ------
+    NotUsedError
+        Its verdict is not "trustworthy", it was calibrated with priors of a cohort, or its joint
+        parameters were not calibrated by the default protocol.
+    InputError
+        It is damaged.
     """
     summary, manifest = read_json_object(folder / SUMMARY), read_json_object(folder / MANIFEST)
-    if (verdict := summary.get("verdict")) != TRUSTED:
+    verdict = summary.get("verdict")
+    if verdict != TRUSTED:
         raise NotUsedError(f"its verdict is {verdict}")
     if JOINT_PRIOR in summary:
-        raise NotUsedError("it was calibrated with priors of a cohort itself")
+        raise NotUsedError("it was calibrated with priors of a cohort")
     saved = load_result(folder)
     settings, subject, errors = saved.settings, saved.model.subject, saved.uncertainty.joint
     parts = None
     if errors is not None and settings.decided_by is Protocol.EVIDENCE and settings.jp:
         deviation = saved.model.parameters.joint - saved.model.nominal.joint
-        parts = parts_of(errors, deviation, JP_NAMES, make_study_prior(settings.joint_prior))
+        parts = compute_part_evidence(
+            errors, deviation, JP_NAMES, make_study_prior(settings.joint_prior)
+        )
     if parts is None:
-        raise NotUsedError("its joint parameters were not calibrated by the evidence of all trials")
+        raise NotUsedError("its joint parameters were not calibrated by the default protocol")
     hashes = manifest.get("inputs_sha256")
     files = (files.get("file", "") for files in read_trial_files(folder).values())
     recordings = frozenset(
@@ -143,28 +176,39 @@ def evidence_of(folder: Path, name: str) -> Found:
     )
     person = cohort_prior.Person(height=subject.height, sex=subject.sex)
     marker_set = str(manifest.get("marker_set") or "")
-    return Found(
+    return SessionEvidence(
         PersonEvidence(name=name, person=person, recordings=recordings, parts=parts),
         Rules(marker_set=marker_set, hip_centre=settings.hip_rule, ankle_zero=settings.ankle_rule),
     )
 
 
-def parts_of(
+def compute_part_evidence(
     errors: ErrorSources,
     deviation: Array,
     names: tuple[str, ...],
     prior: cohort_prior.JointPrior | None,
 ) -> dict[str, PartEvidence] | None:
-    """What a calibration says of every part of the body; None where its errors are no covariance of
-    rank.
+    """Compute the likelihood of the joint parameters of every part of the body.
 
-    `errors`: of joint parameters by source; those that no trial moved tell nothing.
-    `deviation`: (98,) m, rad: fitted minus nominal, in the order of `names`.
-    `prior`: of the calibration; anatomy's unless given.
+    Parameters
+    ----------
+    errors : ErrorSources
+        Of joint parameters; those that no trial moved have no information.
+    deviation : (98,) array
+        m, rad: fitted minus nominal, in the order of `names`.
+    names : tuple of str
+        All joint parameters.
+    prior : JointPrior, optional
+        Of the calibration; the anatomical prior if not given.
+
+    Returns
+    -------
+    dict or None
+        Part -> likelihood; None if the covariance of the errors is singular.
     """
-    out, moved_by_trials = {}, set(list_observed_parameters(errors))
+    out, observed = {}, set(list_observed_parameters(errors))
     for part, wanted in PARTS.items():
-        free = [name for name in wanted if name in moved_by_trials]
+        free = [name for name in wanted if name in observed]
         information, right = np.zeros((len(wanted),) * 2), np.zeros(len(wanted))
         if free:
             mean, root = select_prior(free, prior)[0], factor_prior(free, prior)
@@ -177,43 +221,59 @@ def parts_of(
             estimate = vectors.T @ np.linalg.solve(
                 root, deviation[[names.index(name) for name in free]] - mean
             )
-            # eigenvectors of C_x are those of S_x: what the recordings add along each
+            # C_x and S_x have the same eigenvectors: information of the recordings along each.
             added = np.maximum(1.0 / values - 1.0, 0.0)
-            # from units of the fit's prior to those of anatomy's
+            # From units of the prior of the fit to those of the anatomical prior.
             chosen = [wanted.index(name) for name in free]
-            turned = vectors.T @ np.linalg.solve(root, factor_prior(wanted, None)[chosen])
-            moved = vectors.T @ np.linalg.solve(root, mean - select_prior(free, None)[0])
-            information = (turned.T * added) @ turned
-            right = turned.T @ (np.where(added > 0.0, estimate / values, 0.0) + added * moved)
+            basis = vectors.T @ np.linalg.solve(root, factor_prior(wanted, None)[chosen])
+            shift = vectors.T @ np.linalg.solve(root, mean - select_prior(free, None)[0])
+            information = (basis.T * added) @ basis
+            right = basis.T @ (np.where(added > 0.0, estimate / values, 0.0) + added * shift)
         out[part] = PartEvidence(information=information, right=right)
     return out
 
 
-def one_each(found: Sequence[Found]) -> tuple[list[PersonEvidence], Rules | None, list[str]]:
-    """Each person once, from the session that tells most; the rules that most have; and who has
-    others.
+def select_sessions(
+    found: Sequence[SessionEvidence],
+) -> tuple[list[PersonEvidence], Rules | None, list[str]]:
+    """Select one session of each person, with the rules that most people have.
 
-    Recordings of all sessions of a person are kept, by which they are recognised.
+    Parameters
+    ----------
+    found : sequence of SessionEvidence
+        All usable sessions.
+
+    Returns
+    -------
+    people : list of PersonEvidence
+        Each person's session with the most information; with the recordings of all sessions, by
+        which a person is recognised.
+    rules : Rules or None
+        None without sessions.
+    others : list of str
+        People who have other rules, a line each.
     """
     by_rules: dict[Rules, list[PersonEvidence]] = {}
     for one in found:
         by_rules.setdefault(one.rules, []).append(one.evidence)
     if not by_rules:
         return [], None, []
-    rules = max(by_rules, key=lambda r: (len({p.name for p in by_rules[r]}), astuple(r)))
+
+    def count_people(rules: Rules) -> int:
+        return len({person.name for person in by_rules[rules]})
+
+    rules = max(by_rules, key=lambda r: (count_people(r), astuple(r)))
     used = {p.name for p in by_rules[rules]}
     people = []
     for name in sorted(used):
-        best = max((p for p in by_rules[rules] if p.name == name), key=lambda p: p.seen)
-        every = frozenset().union(
-            *(one.evidence.recordings for one in found if one.evidence.name == name)
-        )
-        people.append(replace(best, recordings=every))
+        best = max((p for p in by_rules[rules] if p.name == name), key=lambda p: p.information_gain)
+        sessions = (one.evidence.recordings for one in found if one.evidence.name == name)
+        people.append(replace(best, recordings=frozenset().union(*sessions)))
     others = sorted({one.evidence.name for one in found} - used)
     return (
         people,
         rules,
-        [f"{name}: other markers, nominal hips or ankle zeros than most" for name in others],
+        [f"{name}: other marker set, hip rule or ankle zero than most" for name in others],
     )
 
 
@@ -224,35 +284,44 @@ def learn_cohort(
     left_out: Sequence[str] = (),
     progress: Progress = silent,
 ) -> cohort_prior.CohortPriors:
-    """What people teach of the next one.
+    """Learn the priors of all parts of the body.
 
     Parameters
     ----------
-    cohort
-        What it is called.
-    people
-        Each once; their order makes no difference.
-    left_out
-        Who did not count, and why, a line each.
-    progress
-        Called at the beginning of each step.
+    cohort : str
+        Its name.
+    people : sequence of PersonEvidence
+        Each person once; their order makes no difference.
+    rules : Rules
+        Of their calibrations.
+    left_out : sequence of str
+        Reasons for which results were not used, one for each.
+    progress : callable
+        Called with a line of text at the beginning of each step.
 
-    Raises InputError: They are too few.
+    Returns
+    -------
+    CohortPriors
+
+    Raises
+    ------
+    InputError
+        Too few people.
     """
     if len(people) < FEWEST:
-        others = f" (left out: {_counted(left_out)})" if left_out else ""
-        message = f"{len(people)} people can be learnt of; allowed: {FEWEST} or more{others}"
+        others = f" (not used: {_count_reasons(left_out)})" if left_out else ""
+        message = f"found {len(people)} people to learn from; allowed: {FEWEST} or more{others}"
         raise InputError(message, code=Code.PRIORS)
     people = sorted(people, key=lambda p: p.name)
-    folds = folds_of([p.name for p in people])
+    folds = assign_folds([p.name for p in people])
     parts = []
     for part, names in PARTS.items():
         prior = learn_part(part, names, people, folds, progress)
         populations = [
             cohort_prior.StoredPopulation(
-                effects=_numbers(population.effects),
-                effect_covariance=_lower(population.effect_covariance),
-                spread=_lower(population.spread),
+                effects=_list_numbers(population.effects),
+                effect_covariance=_list_lower(population.effect_covariance),
+                spread=_list_lower(population.spread),
             )
             for population in prior.populations
         ]
@@ -260,12 +329,12 @@ def learn_cohort(
             cohort_prior.StoredPart(
                 part=part,
                 parameters=list(names),
-                origin=_numbers(select_prior(names, None)[0]),
-                unit=_lower(factor_prior(names, None)),
+                origin=_list_numbers(select_prior(names, None)[0]),
+                unit=_list_lower(factor_prior(names, None)),
                 learning=prior.learning.value,
                 by_size=prior.by_size,
                 wider=prior.wider,
-                gain=_numbers(np.array(prior.gain)),
+                gain=_list_numbers(np.array(prior.gain)),
                 populations=populations,
             )
         )
@@ -277,7 +346,7 @@ def learn_cohort(
         marker_set=rules.marker_set,
         hip_centre=rules.hip_centre,
         ankle_zero=rules.ankle_zero,
-        heights_m=[float(h) for h in heights_of(people)],
+        heights_m=[float(h) for h in get_height_range(people)],
         left_out=list(left_out),
         people=[
             cohort_prior.StoredPerson(
@@ -291,27 +360,38 @@ def learn_cohort(
     )
 
 
-def _counted(reasons: Sequence[str]) -> str:
-    """Reasons, each with how many people it holds for, the most frequent first."""
+def _count_reasons(reasons: Sequence[str]) -> str:
+    """List reasons with the number of results that each applies to, the most frequent first."""
     return "; ".join(f"{reason} ({count})" for reason, count in Counter(reasons).most_common())
 
 
-def _lower(matrix: Array) -> list[float]:
-    return _numbers(matrix[np.tril_indices(len(matrix))])
+def _list_lower(matrix: Array) -> list[float]:
+    """List the lower triangle of a matrix, row by row."""
+    return _list_numbers(matrix[np.tril_indices(len(matrix))])
 
 
-def _numbers(values: Array) -> list[float]:
+def _list_numbers(values: Array) -> list[float]:
+    """List numbers with `DIGITS` digits."""
     return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
-def priors_text(priors: cohort_prior.CohortPriors) -> str:
-    """The content of `priors.json`."""
+def format_priors(priors: cohort_prior.CohortPriors) -> str:
+    """Format priors as the content of `priors.json`."""
     return json.dumps(priors.model_dump(), ensure_ascii=False) + "\n"
 
 
-def priors_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]]:
-    """The rows of `priors.csv`, for people: mean and standard deviation of a person of middle
-    height, in mm and deg.
+def list_prior_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]]:
+    """List the rows of `priors.csv`, for readers.
+
+    Parameters
+    ----------
+    priors : CohortPriors
+        From `learn_cohort`.
+
+    Yields
+    ------
+    dict
+        Columns `COLUMNS`: mean and standard deviation of a person of middle height, mm and deg.
     """
     low, high = priors.heights_m
     person = cohort_prior.Person(height=0.5 * (low + high), sex="")
@@ -324,14 +404,14 @@ def priors_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]
             yield dict(zip(COLUMNS, (name, kind.unit, *numbers, part.learning), strict=True))
 
 
-def priors_words(priors: cohort_prior.CohortPriors) -> Iterator[str]:
-    """What was learnt, a line each part."""
+def describe_priors(priors: cohort_prior.CohortPriors) -> Iterator[str]:
+    """Describe what was learnt, a line for each part of the body."""
     for part in priors.parts:
         gain, error = part.gain
         size = ", by size and sex" if part.by_size else ""
         wider = f", variances times {part.wider:g}" if part.wider > 1.0 else ""
         yield (
-            f"{part.part}: {part.learning}{size}{wider} learnt of {len(priors.people)} people; "
-            "people left out are "
-            f"likelier by {gain:.1f} +/- {error:.1f} (log) than by the default prior"
+            f"{part.part}: {part.learning}{size}{wider} learnt from {len(priors.people)} people; "
+            f"log likelihood of people left out {gain:.1f} +/- {error:.1f} above that of the default"
+            " prior"
         )

@@ -1,15 +1,14 @@
-"""One person of a cohort, from the folder of recordings to the result folder: what `gaitcal
-calibrate FOLDER` does, with nobody to ask; and the row and curves that a result gives.
+"""Calibrate one person of a cohort, and make the row and curves of a result.
 
-A result folder's row of the table of people, and its mean curves for the page, come from its files
-alone. Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid
-frames) of walk i. Peaks are those of the phases of the stride (`gait/peaks.py`); loads are by body
-mass.
+It does what `gaitcal calibrate FOLDER` does, without questions. The row of a result in the table of
+people, and its mean curves for the page, come from its files. Marker errors and residuals are pooled
+over walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk
+i. Peaks are those of the phases of the stride (`gait/peaks.py`); loads are per body mass.
 
 Curves are means over valid strides (`gait/ensemble.py`) at every second percent, as 16-bit integers
-in steps of a size that is the same for everybody: people can be packed one by one. Three bytes are
-four letters of base64, and a person's bytes are divisible by three, so that people's texts one
-behind the other are the text of all.
+in steps that are the same for everyone, so that people can be packed one by one. Three bytes are
+four letters of base64, and the number of a person's bytes is divisible by three: the texts of all
+people in sequence are the text of all.
 """
 
 import base64
@@ -24,7 +23,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from gaitcal.cohort.cohort_people import CohortPerson, is_folder, no_folder
+from gaitcal.cohort.cohort_people import CohortPerson, describe_missing_folder, is_folder
 from gaitcal.errors import STUDY, Code, InputError
 from gaitcal.gait import profile_score, spatiotemporal
 from gaitcal.gait.cycles import WALKING, CurveKind, get_curve_kind
@@ -43,24 +42,26 @@ from gaitcal.results.table_files import read_csv
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 
-ANYWAY = 0.005
-"""Relative difference of a study file's mass or height from what else is said of the person, from
-which it is told.
+CONTRADICTION = 0.005
+"""Relative difference between mass or height of a study file and of the cohort from which it is
+reported: rounding.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommonSettings:
-    """What is the same for everyone of a cohort."""
+    """Settings of everyone in a cohort."""
 
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
-    """Of it, what was said; a study file of a person's own comes before."""
-    normal: Path | None = None  # File of normal bands
-    priors: Path | None = None  # `priors.json` of a cohort, on which joint parameters lean
+    """Given settings apply; a person's study file takes precedence."""
+    normal: Path | None = None
+    """File of normal bands."""
+    priors: Path | None = None
+    """`priors.json` of a cohort: prior of the joint parameters."""
 
     @property
-    def said(self) -> dict[str, object]:
-        """The settings that were said."""
+    def given_settings(self) -> dict[str, object]:
+        """The settings that were given, by name."""
         return {
             name: getattr(self.calibration, name)
             for name in sorted(self.calibration.model_fields_set)
@@ -76,42 +77,52 @@ class PersonError(InputError):
 
 
 def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) -> None:
-    """Calibrate a person and write the result folder `out`; a refused verdict is a result, too.
+    """Calibrate a person and write the result folder; a refused verdict is also a result.
 
-    Raises InputError: No study follows from the folder, or the checks find an error: a
-    `PersonError` says what to do.
+    Parameters
+    ----------
+    person : CohortPerson
+        One session of a person.
+    out : Path
+        The result folder.
+    common : CommonSettings
+        Settings of everyone.
+
+    Raises
+    ------
+    InputError
+        The folder gives no study, or the checks find an error; a `PersonError` has what to do.
     """
     if not is_folder(person.folder):
         raise PersonError(
-            no_folder(person),
-            "put the recordings there, or take the person out of the list",
+            describe_missing_folder(person),
+            "put the recordings there, or remove the person from the list",
             code=Code.FOLDER,
         )
     folder = read_folder(person.folder)
-    source = drafts.find_study_in_folder(folder) or _ready(draft_folder(folder, person.told))
-    del folder  # the recordings of all files, also of those that are not used
+    source = drafts.find_study_in_folder(folder) or _require_complete(draft_folder(folder, person.options))
+    # Frees the recordings of all files, also of those that are not used.
+    del folder
     settings = RunSettings(
         normal=common.normal, priors=common.priors, calibration=common.calibration
     )
 
-    def contradictions(study: Study) -> tuple[str, ...]:
-        return _contradictions(person, study, common) if isinstance(source, Path) else ()
+    def note_contradictions(study: Study) -> tuple[str, ...]:
+        return _describe_contradictions(person, study, common) if isinstance(source, Path) else ()
 
     try:
-        run_found_study(source, out, settings, notes_on=contradictions)
+        run_found_study(source, out, settings, notes_on=note_contradictions)
     except FaultyStudyError as refused:
         first, more = refused.errors[0], len(refused.errors) - 1
-        place = "" if first.where == STUDY else f"trial '{first.where}': "
-        cause = f"{place}{first.topic}: {first.evidence}" + (
-            f" (and {more} more errors)" if more else ""
-        )
-        raise PersonError(
-            cause, first.cure or "gaitcal check shows all of it", code=first.code
-        ) from None
+        where = "" if first.where == STUDY else f"trial '{first.where}': "
+        others = f" (and {more} more errors)" if more else ""
+        cause = f"{where}{first.topic}: {first.evidence}{others}"
+        action = first.cure or "gaitcal check shows all errors"
+        raise PersonError(cause, action, code=first.code) from None
 
 
-def _ready(draft: drafts.Draft) -> drafts.Draft:
-    """The draft; PersonError where it cannot be run."""
+def _require_complete(draft: drafts.Draft) -> drafts.Draft:
+    """Return the draft; PersonError if it cannot be run."""
     if draft.fault or draft.problem:
         cause, put, action = (draft.fault or draft.problem).partition(": put each")
         action = f"{put[2:]}{action}" if action else "gaitcal init on this folder shows every file"
@@ -126,82 +137,85 @@ def _ready(draft: drafts.Draft) -> drafts.Draft:
     return draft
 
 
-def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) -> tuple[str, ...]:
-    """What was said of a person whose own study file says otherwise, and is used."""
-    said = (
-        ("mass_kg", person.told.mass, study.subject.mass),
-        ("height_m", person.told.height, study.subject.height),
+def _describe_contradictions(
+    person: CohortPerson, study: Study, common: CommonSettings
+) -> tuple[str, ...]:
+    """Describe settings of the cohort that differ from those of a person's study file."""
+    subject = (
+        ("mass_kg", person.options.mass, study.subject.mass),
+        ("height_m", person.options.height, study.subject.height),
     )
     found = [
-        f"{field} = {other:g} was said for the cohort; the study file's {value:g} is used"
-        for field, other, value in said
-        if other is not None and abs(other / value - 1) > ANYWAY
+        f"{field} = {other:g} is given for the cohort; {value:g} of the study file is used"
+        for field, other, value in subject
+        if other is not None and abs(other / value - 1) > CONTRADICTION
     ]
-    own = study.joint_prior
-    if (
-        own is not None
-        and common.priors is not None
-        and own.sha256 != compute_sha256(common.priors)
-    ):
+    prior, priors = study.joint_prior, common.priors
+    if prior is not None and priors is not None and prior.sha256 != compute_sha256(priors):
         found.append(
-            f"priors = {common.priors.name} was said for the cohort; the study file's {own.file} "
-            "is used"
+            f"priors = {priors.name} is given for the cohort; {prior.file} of the study file is used"
         )
     return tuple(found)
 
 
 RECORD: Final = ("session_date", "diagnosis", "affected_side", "aids", "laboratory")
-"""Of what a clinic writes down, the columns of the table of people."""
-Cell: TypeAlias = str | int | float | None  # Of the table of people
+"""Fields of the patient record that are columns of the table of people."""
+_LEGS: Final = tuple(zip(SIDES, ("right", "left"), strict=True))
+Cell: TypeAlias = str | int | float | None
+"""A cell of the table of people."""
 PER_KG: Final = {
     CurveKind.ANGLE: "deg",
     CurveKind.MOMENT: "N m/kg",
     CurveKind.POWER: "W/kg",
     CurveKind.FORCE: "N/kg",
 }
-"""Unit of what is by body mass, but for angles."""
+"""Kind of curve -> unit, per body mass."""
 MEASURED: Final = (
-    *(
-        "speed",
-        "cadence",
-        "stride_length",
-        "step_length",
-        "step_width",
-        "stride_time",
-        "stance_percent",
-    ),
-    *("double_support_percent", "single_support_percent"),
+    "speed",
+    "cadence",
+    "stride_length",
+    "step_length",
+    "step_width",
+    "stride_time",
+    "stance_percent",
+    "double_support_percent",
+    "single_support_percent",
 )
+"""Measures of `spatiotemporal.csv` in the table of people."""
 _FIT: Final = {
-    "nominal": "of the model as palpated",
-    "calibrated": "of the calibrated model",
-    "rigid_floor": "that moving skin leaves to rigid segments without joints",
-    "joint_floor": "that it leaves to segments with joints",
+    "nominal": "from the nominal model",
+    "calibrated": "from the calibrated model",
+    "rigid_floor": "from rigid segments without joints (soft tissue)",
+    "joint_floor": "from segments with each joint by itself (soft tissue)",
 }
-_WALKS: Final = "over all walks, frames counting alike (isolated trials where there is no walk)"
+_WALKS: Final = "pooled over the frames of all walks (functional trials if there is no walk)"
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column."""
+    """One column of the table of people."""
 
     name: str
-    kind: type  # `str`, `int` or `float`
+    kind: type
+    """`str`, `int` or `float`."""
     unit: str
     meaning: str
 
 
-def _columns() -> tuple[Column, ...]:
-    def words(*columns: tuple[str, str]) -> list[Column]:
-        return [Column(name, str, "", meaning) for name, meaning in columns]
+def _make_text_columns(*columns: tuple[str, str]) -> list[Column]:
+    """Make columns of text from names and meanings."""
+    return [Column(name, str, "", meaning) for name, meaning in columns]
 
-    out = [
-        *words(
+
+def _make_subject_columns() -> list[Column]:
+    """Make the columns of person, verdict, metadata and trials."""
+    return [
+        *_make_text_columns(
             ("person", "name"),
-            ("session", "empty where there is one only"),
-            ("group", "as people.csv or cohort.toml says"),
-            ("folder", "result folder, from where this table lies"),
-            ("page", "the result's page, from where this table lies"),
+            ("session", "empty if there is only one"),
+            ("group", "from people.csv or cohort.toml"),
+            ("folder", "result folder, relative to this table"),
+            ("page", "page of the result, relative to this table"),
             ("verdict", "trustworthy, doubtful or refused"),
             (
                 "verdict_r",
@@ -212,114 +226,123 @@ def _columns() -> tuple[Column, ...]:
             ("first_action", "what to do about it"),
         ),
         Column("reasons", int, "", "number of reasons of the verdict"),
-        *words(("status", "converged or not converged"), ("sex", "female or male")),
+        *_make_text_columns(("status", "converged or not converged"), ("sex", "female or male")),
         Column("mass_kg", float, "kg", "body mass"),
         Column("height_m", float, "m", "body height"),
-        Column("age_years", float, "years", "as told"),
-        *words(
+        Column("age_years", float, "years", "as given"),
+        *_make_text_columns(
             ("session_date", "of the recordings"),
-            ("diagnosis", "as the study file says"),
+            ("diagnosis", "from the study file"),
             ("affected_side", "of the diagnosis: right, left, both or none"),
-            ("aids", "orthoses, shoes, crutches, walkers, as the study file says"),
-            ("laboratory", "as the study file says"),
+            ("aids", "orthoses, shoes, crutches, walkers, from the study file"),
+            ("laboratory", "from the study file"),
         ),
         Column("walks", int, "", "walks that were used"),
         Column(
             "activities",
             str,
             "",
-            "trials of any other activity; activity_peaks.csv has what they repeat",
+            "trials of any other activity; activity_peaks.csv has their repetitions",
         ),
         *(
             Column(f"walks_refused_{s}", int, "", f"walks in which the {leg} leg is refused")
             for s, leg in _LEGS
         ),
     ]
+
+
+def _make_fit_columns() -> list[Column]:
+    """Make the columns of marker errors and pelvis residuals."""
+    out = []
     for where, markers in (
         ("marker_rms", "all markers"),
         ("legs_rms", "markers of pelvis and legs"),
     ):
-        for name, what in _FIT.items():
-            out.append(
-                Column(
-                    f"{where}_{name}_mm", float, "mm", f"RMS distance of {markers} {what}, {_WALKS}"
-                )
-            )
-    for stage, meaning in (
+        for name, reference in _FIT.items():
+            meaning = f"RMS distance of {markers} {reference}, {_WALKS}"
+            out.append(Column(f"{where}_{name}_mm", float, "mm", meaning))
+    for stage, residual in (
         ("nominal", "pelvis residual of the nominal model"),
         ("calibrated", "pelvis residual of the calibrated model"),
         ("limit", "largest pelvis residual that errors explain"),
     ):
         for quantity, name, unit in (("force", "N", "N"), ("moment", "Nm", "N m")):
-            meant = f"{meaning}, RMS over valid frames of all walks"
-            out.append(Column(f"residual_{quantity}_{stage}_{name}", float, unit, meant))
+            meaning = f"{residual}, RMS over valid frames of all walks"
+            out.append(Column(f"residual_{quantity}_{stage}_{name}", float, unit, meaning))
+    return out
+
+
+def _make_gait_columns() -> list[Column]:
+    """Make the columns of spatiotemporal measures, peaks and profile scores."""
+    out = []
     for name in MEASURED:
+        unit = spatiotemporal.MEASURES[name]
         for side, leg in _LEGS:
-            where = f"{name} of the {leg} leg's valid straight strides"
-            out.append(
-                Column(f"{name}_{side}", float, spatiotemporal.MEASURES[name], f"mean {where}")
-            )
-            out.append(
-                Column(
-                    f"{name}_sd_{side}",
-                    float,
-                    spatiotemporal.MEASURES[name],
-                    f"standard deviation, {where}",
-                )
-            )
+            strides = f"{name} of the {leg} leg's valid straight strides"
+            deviation = f"standard deviation, {strides}"
+            out.append(Column(f"{name}_{side}", float, unit, f"mean {strides}"))
+            out.append(Column(f"{name}_sd_{side}", float, unit, deviation))
     out += [
         Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg")
         for side, leg in _LEGS
     ]
     for peak in PEAKS.values():
+        unit = PER_KG[get_curve_kind(peak.variable)]
         for side, leg in _LEGS:
-            meant = f"{peak.make_title()} ({peak.window_label}): mean over straight strides of the {leg} foot"
-            unit = PER_KG[get_curve_kind(peak.variable)]
-            out.append(Column(f"{peak.name}_{side}", float, unit, meant))
-            out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meant}"))
+            meaning = f"{peak.make_title()} ({peak.window_label}): mean over straight strides of the {leg} foot"
+            out.append(Column(f"{peak.name}_{side}", float, unit, meaning))
+            out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meaning}"))
     for side, leg in (*_LEGS, (profile_score.BOTH, "both legs")):
-        meant = f"Gait Profile Score of {leg}, against healthy people of that age and speed"
-        out.append(Column(f"gait_profile_score_{side}", float, "deg", meant))
-        out.append(
-            Column(f"gait_profile_score_se_{side}", float, "deg", f"standard error: {meant}")
-        )
-    out += words(
+        name = f"gait_profile_score_{side}"
+        error = f"gait_profile_score_se_{side}"
+        meaning = f"Gait Profile Score of {leg}, against healthy people of that age and speed"
+        out.append(Column(name, float, "deg", meaning))
+        out.append(Column(error, float, "deg", f"standard error: {meaning}"))
+    return out
+
+
+COLUMNS: Final = (
+    *_make_subject_columns(),
+    *_make_fit_columns(),
+    *_make_gait_columns(),
+    *_make_text_columns(
         ("gaitcal", "version"),
         ("settings_sha256", "of the settings in manifest.json"),
         ("inputs_sha256", "of the SHA-256 of all inputs in manifest.json"),
-    )
-    return tuple(out)
-
-
-_LEGS: Final = tuple(zip(SIDES, ("right", "left"), strict=True))
-COLUMNS: Final = _columns()
-NAMES: Final = tuple(column.name for column in COLUMNS)
-EVERY: Final = 2  # % of the stride between two points of a curve
-STEPS: Final = {CurveKind.ANGLE: 0.01, CurveKind.MOMENT: 0.0005, CurveKind.POWER: 0.002}
-"""What one of the whole numbers is: deg, N m/kg, W/kg."""
-VARIABLES: Final = (
-    *(
-        "hip_flexion",
-        "hip_flexion_moment",
-        "hip_power",
-        "hip_adduction",
-        "hip_adduction_moment",
-        "hip_rotation",
     ),
-    *("knee_angle", "knee_angle_moment", "knee_power", "knee_adduction_moment"),
-    *("ankle_angle", "ankle_angle_moment", "ankle_power"),
+)
+"""Columns of the table of people."""
+NAMES: Final = tuple(column.name for column in COLUMNS)
+EVERY: Final = 2
+"""% of the stride between two points of a curve."""
+STEPS: Final = {CurveKind.ANGLE: 0.01, CurveKind.MOMENT: 0.0005, CurveKind.POWER: 0.002}
+"""Size of one of the whole numbers: deg, N m/kg, W/kg."""
+VARIABLES: Final = (
+    "hip_flexion",
+    "hip_flexion_moment",
+    "hip_power",
+    "hip_adduction",
+    "hip_adduction_moment",
+    "hip_rotation",
+    "knee_angle",
+    "knee_angle_moment",
+    "knee_power",
+    "knee_adduction_moment",
+    "ankle_angle",
+    "ankle_angle_moment",
+    "ankle_power",
 )
 """Of `cycles.csv`, in the order of the packed curves; right before left."""
 SHAPE: Final = (len(VARIABLES), len(SIDES), 100 // EVERY + 1)
+"""Variables, sides and points of the packed curves."""
 PAGE = "result.html"
 DIGITS = 6
 _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
+"""Columns of marker errors -> key of a trial in `summary.json`."""
 
 
-def _table(path: Path, *, walking: bool = True) -> pd.DataFrame | None:
-    """A table of a result, as text, of walking, or of other activities, alone; None where there is
-    none.
-    """
+def _read_table(path: Path, *, walking: bool = True) -> pd.DataFrame | None:
+    """Read a table of a result as text, its rows of walking or of other activities; None if missing."""
     try:
         table, _ = read_csv(path)
     except (OSError, pd.errors.EmptyDataError):
@@ -327,63 +350,93 @@ def _table(path: Path, *, walking: bool = True) -> pd.DataFrame | None:
     return table[(table["activity"] == WALKING) == walking] if "activity" in table else table
 
 
-def activity_peaks(folder: Path) -> list[list[str]]:
-    """The rows of `peaks.csv` of a result folder that are of other activities than walking."""
-    table = _table(folder / PEAKS_FILE, walking=False)
+def read_activity_peaks(folder: Path) -> list[list[str]]:
+    """Read the rows of `peaks.csv` of activities other than walking.
+
+    Parameters
+    ----------
+    folder : Path
+        A result folder.
+
+    Returns
+    -------
+    list of list
+        Cells in the order of `PEAK_COLUMNS`; empty if there are none.
+    """
+    table = _read_table(folder / PEAKS_FILE, walking=False)
     return [] if table is None else table[[*PEAK_COLUMNS]].to_numpy().tolist()
 
 
-def _by_mass(variable: str, mass: float) -> float:
-    """Factor of a curve: all but angles are by body mass (kg)."""
+def _choose_factor(variable: str, mass: float) -> float:
+    """Choose the factor of a curve: 1 for angles, else per body mass (kg)."""
     return 1.0 if get_curve_kind(variable) is CurveKind.ANGLE else 1.0 / mass
 
 
-def _peaks(peaks: Path, mass: float) -> Iterator[tuple[str, float]]:
-    """Column and value; nothing of what is not known."""
-    table = _table(peaks)
+def _read_peaks(peaks: Path, mass: float) -> Iterator[tuple[str, float]]:
+    """Read column and value of every peak, per body mass (kg)."""
+    table = _read_table(peaks)
     for row in () if table is None else table.to_dict("records"):
         for column, name in (("mean", row["peak"]), ("se", f"{row['peak']}_se")):
-            yield (
-                f"{name}_{row['side']}",
-                _by_mass(row["variable"], mass) * float(row[column] or "nan"),
-            )
+            value = _choose_factor(row["variable"], mass) * float(row[column] or "nan")
+            yield f"{name}_{row['side']}", value
 
 
-def mean_curves(ensemble: Path, mass: float) -> str:
-    """Base64 of the curves of `ensemble.csv`, little-endian integers of `SHAPE`; empty where there
-    is none.
+def pack_mean_curves(ensemble: Path, mass: float) -> str:
+    """Pack the mean curves of a result.
 
-    `mass`: kg.
+    Parameters
+    ----------
+    ensemble : Path
+        Its `ensemble.csv`.
+    mass : float
+        Body mass, kg.
+
+    Returns
+    -------
+    str
+        Base64 of little-endian integers of `SHAPE`; empty without curves.
     """
-    packed, table = np.full(SHAPE, GAP, dtype="<i2"), _table(ensemble)
-    known = (
+    packed, table = np.full(SHAPE, GAP, dtype="<i2"), _read_table(ensemble)
+    curves = (
         []
         if table is None
         else table[table["variable"].isin(VARIABLES)].groupby(["variable", "side"], sort=False)
     )
-    for (variable, side), rows in known:
+    for (variable, side), rows in curves:
         percent, mean = (
             pd.to_numeric(rows[name], errors="coerce").to_numpy(np.float64)
             for name in ("percent", "mean")
         )
-        mean = _by_mass(variable, mass) * mean
-        here = np.isfinite(mean) & (percent % EVERY == 0)
-        whole = np.clip(np.rint(mean[here] / STEPS[get_curve_kind(variable)]), GAP + 1, -GAP - 1)
-        packed[
-            VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)
-        ] = whole
+        mean = _choose_factor(variable, mass) * mean
+        is_kept = np.isfinite(mean) & (percent % EVERY == 0)
+        whole = np.clip(np.rint(mean[is_kept] / STEPS[get_curve_kind(variable)]), GAP + 1, -GAP - 1)
+        points = (percent[is_kept] / EVERY).astype(int)
+        packed[VARIABLES.index(variable), SIDES.index(side), points] = whole
     return "" if (packed == GAP).all() else base64.b64encode(packed.tobytes()).decode("ascii")
 
 
-def no_curves() -> str:
-    """The curves of somebody who has none."""
+def pack_no_curves() -> str:
+    """Pack the curves of a person without any, as `pack_mean_curves` does."""
     return base64.b64encode(np.full(SHAPE, GAP, dtype="<i2").tobytes()).decode("ascii")
 
 
-def row_of(folder: Path) -> dict[str, Cell]:
-    """Column -> value of a result folder, all but those of the cohort itself (group, folder, ...).
+def make_row(folder: Path) -> dict[str, Cell]:
+    """Make the row of a result in the table of people.
 
-    Raises InputError: It is no result of a calibration.
+    Parameters
+    ----------
+    folder : Path
+        The result folder.
+
+    Returns
+    -------
+    dict
+        Column -> value, without those of the cohort (group, folder, ...).
+
+    Raises
+    ------
+    InputError
+        It is no result of a calibration.
     """
     manifest: dict[str, Any] = read_json_object(folder / MANIFEST)
     summary: dict[str, Any] = read_json_object(folder / SUMMARY)
@@ -392,6 +445,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
     subject, reasons = manifest["subject"], summary.get("reasons") or [{}]
     trials: dict[str, dict[str, Any]] = summary["trials"]
     walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
+    activities = [name for name, trial in trials.items() if trial.get("role") == "motion"]
     row: dict[str, Cell] = {
         "person": subject["name"],
         "page": PAGE if (folder / PAGE).is_file() else "",
@@ -404,20 +458,16 @@ def row_of(folder: Path) -> dict[str, Cell]:
             name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years", *RECORD)
         },
         "walks": len(walks),
-        "activities": " ".join(
-            name for name, trial in trials.items() if trial.get("role") == "motion"
-        ),
-        **_legs(walks),
-        **dict(_fits(walks or list(trials.values()))),
-        **dict(_residuals(walks)),
-        **dict(_spatiotemporal(summary.get("spatiotemporal") or {})),
-        **dict(_profile_scores(summary.get("gait_profile") or {})),
-        **dict(_peaks(folder / PEAKS_FILE, float(subject["mass_kg"]))),
+        "activities": " ".join(activities),
+        **_summarise_leg_verdicts(walks),
+        **dict(_pool_marker_errors(walks or list(trials.values()))),
+        **dict(_pool_residuals(walks)),
+        **dict(_list_spatiotemporal(summary.get("spatiotemporal") or {})),
+        **dict(_list_profile_scores(summary.get("gait_profile") or {})),
+        **dict(_read_peaks(folder / PEAKS_FILE, float(subject["mass_kg"]))),
         "gaitcal": manifest["gaitcal"],
-        **{
-            f"{key.removesuffix('_sha256')}_sha256": _digest(manifest.get(key))
-            for key in ("settings", "inputs_sha256")
-        },
+        "settings_sha256": _compute_digest(manifest.get("settings")),
+        "inputs_sha256": _compute_digest(manifest.get("inputs_sha256")),
     }
     for name, value in row.items():
         if isinstance(value, float):
@@ -425,45 +475,59 @@ def row_of(folder: Path) -> dict[str, Cell]:
     return {name: row[name] for name in NAMES if name in row}
 
 
-def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
-    """Severity, cause and action of every reason of a result folder's verdict, the worst first."""
+def read_reasons(folder: Path) -> tuple[dict[str, str], ...]:
+    """Read the reasons of the verdict of a result.
+
+    Parameters
+    ----------
+    folder : Path
+        The result folder.
+
+    Returns
+    -------
+    tuple of dict
+        Severity, cause and action of each reason, the worst first.
+    """
     summary: dict[str, Any] = read_json_object(folder / SUMMARY)
-    found: Iterable[Mapping[str, Any]] = summary.get("reasons") or ()
-    return tuple(
-        {name: str(reason.get(name) or "") for name in ("severity", "cause", "action")}
-        for reason in found
-    )
+    out = []
+    for reason in summary.get("reasons") or ():
+        out.append({name: str(reason.get(name) or "") for name in ("severity", "cause", "action")})
+    return tuple(out)
 
 
-def _digest(content: object) -> str:
+def _compute_digest(content: object) -> str:
+    """Compute SHA-256 of JSON content."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _legs(walks: Iterable[Mapping[str, Any]]) -> dict[str, Cell]:
-    """Verdict of each leg, and in how many walks it is refused."""
+def _summarise_leg_verdicts(walks: Iterable[Mapping[str, Any]]) -> dict[str, Cell]:
+    """Summarise the verdict of each leg, and count the walks in which it is refused."""
     out: dict[str, Cell] = {}
     for side in SIDES:
-        said = [Judgement(walk[f"verdict_{side}"]) for walk in walks if f"verdict_{side}" in walk]
-        left = [judgement for judgement in said if judgement is not Judgement.REFUSED]
-        judged = Judgement.select_worst(left) if left else Judgement.REFUSED
-        out[f"verdict_{side}"] = judged.value if said else ""
-        out[f"walks_refused_{side}"] = len(said) - len(left)
+        key = f"verdict_{side}"
+        verdicts = [Judgement(walk[key]) for walk in walks if key in walk]
+        usable = [verdict for verdict in verdicts if verdict is not Judgement.REFUSED]
+        worst = Judgement.select_worst(usable) if usable else Judgement.REFUSED
+        out[key] = worst.value if verdicts else ""
+        out[f"walks_refused_{side}"] = len(verdicts) - len(usable)
     return out
 
 
-def _fits(trials: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+def _pool_marker_errors(trials: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    """Pool marker errors over trials."""
     found = list(trials)
     for where, entry in _FITS.items():
-        for name in ("nominal", "calibrated", "rigid_floor", "joint_floor"):
+        for name in _FIT:
             pairs = [
                 (t["frames"], (t.get(entry) or t.get("rms_mm") or {}).get(name))
                 for t in found
                 if "frames" in t
             ]
-            yield f"{where}_{name}_mm", _together(pairs)
+            yield f"{where}_{name}_mm", _pool(pairs)
 
 
-def _residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+def _pool_residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    """Pool pelvis residuals and their limits over walks."""
     stages = [
         (w["valid_frames"], list(w["pelvis_residual"].values()))
         for w in walks
@@ -479,30 +543,28 @@ def _residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]
         ("calibrated", [(frames, of_stage[-1]) for frames, of_stage in stages]),
         ("limit", limits),
     ):
-        yield (
-            f"residual_force_{stage}_N",
-            _together([(frames, one["force_N"]) for frames, one in found]),
-        )
-        yield (
-            f"residual_moment_{stage}_Nm",
-            _together([(frames, one["torque_Nm"]) for frames, one in found]),
-        )
+        forces = [(frames, residual["force_N"]) for frames, residual in found]
+        moments = [(frames, residual["torque_Nm"]) for frames, residual in found]
+        yield f"residual_force_{stage}_N", _pool(forces)
+        yield f"residual_moment_{stage}_Nm", _pool(moments)
 
 
-def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:
-    """RMS over trials of so many frames; None where none tells it."""
+def _pool(pairs: Iterable[tuple[int, float | None]]) -> float | None:
+    """Pool RMS values of trials, given with their frames; None if there are none."""
     known = [(n, value) for n, value in pairs if value is not None]
     frames = sum(n for n, _ in known)
     return math.sqrt(sum(n * value**2 for n, value in known) / frames) if frames else None
 
 
-def _profile_scores(profile: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+def _list_profile_scores(profile: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    """List columns and values of Gait Profile Scores."""
     for side, of_side in profile.items():
         yield f"gait_profile_score_{side}", of_side[profile_score.GPS]["score"]
         yield f"gait_profile_score_se_{side}", of_side[profile_score.GPS].get("se")
 
 
-def _spatiotemporal(means: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+def _list_spatiotemporal(means: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    """List columns and values of spatiotemporal measures."""
     for side in SIDES:
         for name in MEASURED:
             found = means.get(name, {}).get(side) or {}

@@ -1,10 +1,9 @@
-"""What becomes of one person, and how it is kept on disk beside the results: a small file, and the
-strides as Parquet.
+"""Process one person of a cohort, and store the outcome: a small JSON file, and strides as Parquet.
 
 `state/people/P01/pre.json` and `.parquet` belong to `people/P01/pre`. They are written whole when
-the person has ended, so that nothing but people at work is lost, whatever ends the run. What a
-result follows from (files, what is said, settings, version) is one SHA-256, `fingerprint`: where it
-has not changed, a worker does nothing.
+the person is done, so that an interrupted run loses only people in progress. All inputs of a result
+(files, metadata, settings, version) are in one SHA-256, `fingerprint`: if it has not changed, a
+worker does nothing.
 """
 
 import hashlib
@@ -26,9 +25,9 @@ from gaitcal.cohort.one_person import (
     Cell,
     CommonSettings,
     calibrate_person,
-    mean_curves,
-    reasons_of,
-    row_of,
+    make_row,
+    pack_mean_curves,
+    read_reasons,
 )
 from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
@@ -45,35 +44,50 @@ from gaitcal.study.declared_truth import list_truth_files
 from gaitcal.study.study_file import StudyFile
 
 STATE = "state"
+"""Folder of the outcomes within that of the cohort."""
 AGAIN = "run the same command again: it tries this person once more"
+"""What to do after a temporary failure."""
+FORMAT = 4
+"""Format of stored outcomes: after a change of it, everyone is computed again."""
+READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")
+"""Endings of files that a draft or a study may read."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How one person ended."""
+    """Result or failure of one session of one person; its fields are keys of the stored file."""
 
     name: str
     session: str
-    place: str  # Folder of the result within that of the cohort
-    fingerprint: str  # Of what it follows from
-    cause: str = ""  # Why there is no result; empty where there is one
-    action: str = ""  # What to do about it
-    code: str = ""  # Kind of the cause: `gaitcal explain` tells of it
-    # Whether the cause was of the moment, as a full disk, so that the next run tries again
+    place: str
+    """Folder of the result within that of the cohort."""
+    fingerprint: str
+    """SHA-256 of its inputs."""
+    cause: str = ""
+    """Why there is no result; empty if there is one."""
+    action: str = ""
+    """What to do about it."""
+    code: str = ""
+    """Kind of the cause, for `gaitcal explain`."""
     passing: bool = False
-    result: str = ""  # SHA-256 by which the manifest of the result tells itself
+    """Whether the cause is temporary, as a full disk: the next run tries again."""
+    result: str = ""
+    """SHA-256 of the manifest of the result."""
     seconds: float = 0.0
-    mebibytes: float = 0.0  # Largest memory of the worker until then
-    row: Mapping[str, Cell] = field(default_factory=dict)  # Of the table of people
-    reasons: Sequence[
-        Mapping[str, str]
-    ] = ()  # Of its verdict, the worst first: severity, cause, action
-    curves: str = ""  # Mean curves over the stride (`row.mean_curves`)
-    computed: bool = True  # Whether this run did it; False where nothing had changed
+    mebibytes: float = 0.0
+    """Largest memory of the worker until then."""
+    row: Mapping[str, Cell] = field(default_factory=dict)
+    """Of the table of people."""
+    reasons: Sequence[Mapping[str, str]] = ()
+    """Of its verdict, the worst first: severity, cause, action."""
+    curves: str = ""
+    """Mean curves over the stride (`one_person.pack_mean_curves`)."""
+    computed: bool = True
+    """Whether this run computed it; False if nothing had changed."""
 
     @property
     def key(self) -> tuple[str, str]:
-        """Name and session, by which tables are sorted."""
+        """Name and session: sort key of tables."""
         return self.name, self.session
 
     @property
@@ -83,12 +97,12 @@ class Outcome:
 
     @property
     def verdict(self) -> str:
-        """Of the result; `failed` where there is none."""
+        """Verdict of the result; `failed` without one."""
         return "failed" if self.failed else str(self.row.get("verdict") or "")
 
     @property
-    def strideless(self) -> bool:
-        """There are walks, and no stride of either leg counts: nothing of their gait is known."""
+    def has_no_strides(self) -> bool:
+        """Whether there are walks, but no valid stride of either leg."""
         return bool(self.row.get("walks")) and not any(
             self.row.get(f"strides_{side}") for side in SIDES
         )
@@ -99,45 +113,70 @@ class Outcome:
         return self.cause or str(self.row.get("first_cause") or "")
 
 
-def state_file(out: Path, place: str, ending: str) -> Path:
-    """A file of the state of a person."""
+def get_state_path(out: Path, place: str, ending: str) -> Path:
+    """Get the path of a stored outcome.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the cohort.
+    place : str
+        Folder of the person's result within it.
+    ending : str
+        `.json` or `.parquet`.
+
+    Returns
+    -------
+    Path
+    """
     return out / STATE / f"{place}{ending}"
 
 
-def keep(out: Path, outcome: Outcome) -> None:
-    """Write an outcome, whole or not at all."""
+def write_outcome(out: Path, outcome: Outcome) -> None:
+    """Write an outcome into the folder of the cohort, whole or not at all."""
     content = asdict(replace(outcome, row={**outcome.row}))
     atomic.write_text_atomically(
-        state_file(out, outcome.place, ".json"),
+        get_state_path(out, outcome.place, ".json"),
         json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n",
     )
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What became of everyone when a run has ended."""
+    """Outcomes of everyone at the end of a run."""
 
-    out: Path  # Folder of the cohort
+    out: Path
+    """Folder of the cohort."""
     failed: Mapping[tuple[str, str], Outcome] = field(default_factory=dict)
-    """Those without a result as the run returned them, by name and session: the disk may not have
-    taken them.
-    """
+    """Failures as the run returned them, by name and session; they may not be on the disk."""
 
-    def of(self, person: CohortPerson) -> Outcome:
-        """As the run returned it, else as it is kept on disk; a failure where it is neither."""
-        cause = "what became of it was not found on disk when the tables were written"
-        found = self.failed.get(person.key) or kept(self.out, person)
-        return found or _failure(person, Code.WORKER, cause, AGAIN, passing=True)
+    def get_outcome(self, person: CohortPerson) -> Outcome:
+        """Get the outcome of a person, as the run returned it or from the disk.
+
+        Parameters
+        ----------
+        person : CohortPerson
+            One session of a person.
+
+        Returns
+        -------
+        Outcome
+            A failure if there is none.
+        """
+        cause = "its outcome was not found on the disk when the tables were written"
+        found = self.failed.get(person.key) or read_outcome(self.out, person)
+        return found or _make_failure(person, Code.WORKER, cause, AGAIN, passing=True)
 
 
-def _failure(
-    person: CohortPerson, code: Code, cause: str, action: str, *, passing: bool, mark: str = ""
+def _make_failure(
+    person: CohortPerson, code: Code, cause: str, action: str, *, passing: bool, inputs: str = ""
 ) -> Outcome:
+    """Make the outcome of a failure; `inputs`: fingerprint of the inputs."""
     return Outcome(
         name=person.name,
         session=person.session,
-        place=person.place,
-        fingerprint=mark,
+        place=person.subfolder,
+        fingerprint=inputs,
         code=code.value,
         cause=cause,
         action=action,
@@ -145,34 +184,46 @@ def _failure(
     )
 
 
-def kept(out: Path, person: CohortPerson) -> Outcome | None:
-    """The outcome of an earlier run; None where there is none that can be read."""
-    content: dict[str, Any] = read_json_object(state_file(out, person.place, ".json"))
+def read_outcome(out: Path, person: CohortPerson) -> Outcome | None:
+    """Read the outcome of an earlier run.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the cohort.
+    person : CohortPerson
+        One session of a person.
+
+    Returns
+    -------
+    Outcome or None
+        None if there is none that can be read.
+    """
+    content: dict[str, Any] = read_json_object(get_state_path(out, person.subfolder, ".json"))
     try:
         return Outcome(**content)
     except TypeError:
         return None
 
 
-READ = (
-    *MARKER_ENDINGS,
-    *TABLE_ENDINGS,
-    ".csv",
-    ".toml",
-    ".xml",
-)  # Endings of files that a draft or a study may read
+def list_input_files(folder: Path) -> dict[str, Path]:
+    """List the files that the result of a person depends on.
 
+    Parameters
+    ----------
+    folder : Path
+        The person's folder.
 
-def inputs_of(folder: Path) -> dict[str, Path]:
-    """The files by names that differ, each once; those that a study names also where they are
-    missing.
-
-    Names are as seen from the folder, or the one above it, so that a cohort may be moved; of others
-    the whole path.
+    Returns
+    -------
+    dict
+        Name -> path, each file once; files that a study names even if they are missing. Names are
+        relative to the folder, or the one above it, so that a cohort may be moved; else the whole
+        path.
     """
     folder = folder.absolute()
     out = {}
-    for path in _files(folder):
+    for path in _find_files(folder):
         file, name = Path(os.path.normpath(path)), str(path)
         for above, prefix in ((folder.parent, "../"), (folder, "")):
             if file.is_relative_to(above):
@@ -181,33 +232,39 @@ def inputs_of(folder: Path) -> dict[str, Path]:
     return out
 
 
-def _files(folder: Path) -> Iterator[Path]:
+def _find_files(folder: Path) -> Iterator[Path]:
+    """Find the files of a person's folder, the marker sets above it, and what studies name."""
     if not is_folder(folder):
         return
     below = [
         path for path in sorted(folder.iterdir()) if path.is_dir() and path.name[0] not in ".~"
     ]
-    lying = [file for place in (folder, *below) for file in _read_in(place)]
-    yield from lying
-    yield from (place for file in lying for place in _drawn_on(file))
-    for path in _read_in(folder.parent):
+    files = list[Path]()
+    for directory in (folder, *below):
+        files += _list_readable(directory)
+    yield from files
+    for file in files:
+        yield from _find_companions(file)
+    for path in _list_readable(folder.parent):
+        # A marker set for everyone.
         if (
             path.suffix.lower() == ".toml"
             and path.stat().st_size <= MAX_BYTES
             and b"landmarks" in path.read_bytes()
         ):
-            yield path  # a marker set for everyone
+            yield path
     for study in list_study_files(folder):
         yield study
-        yield from _named_in(study)
+        yield from _find_named_files(study)
 
 
-def _named_in(study: Path) -> Iterator[Path]:
-    """What a study file names, whether or not it is there."""
+def _find_named_files(study: Path) -> Iterator[Path]:
+    """Find the files that a study file names, existing or not."""
     try:
         file = read_validated(StudyFile, study)
     except InputError:
-        return  # a fault of the file itself, which is told when it is run
+        # The fault is reported when the study is run.
+        return
     for named in (file.markers.set_path, file.calibration.priors):
         if named is not None:
             yield study.parent / named
@@ -215,49 +272,59 @@ def _named_in(study: Path) -> Iterator[Path]:
         for named in (trial.file, trial.forces):
             if named is not None:
                 yield study.parent / named
-                yield from _drawn_on(study.parent / named)
+                yield from _find_companions(study.parent / named)
     if file.truth is not None:
-        at = {
+        absolute = {
             key: study.parent / path
             for key, path in vars(file.truth).items()
             if isinstance(path, Path)
         }
-        yield from list_truth_files(
-            file.truth.model_copy(update=at), [trial.name for trial in file.trials]
-        )
+        truth = file.truth.model_copy(update=absolute)
+        yield from list_truth_files(truth, [trial.name for trial in file.trials])
 
 
-def _drawn_on(file: Path) -> Iterator[Path]:
-    """Files that come into it with a file: tables of an XML of external forces, corners of plates
-    beside a table.
-    """
+def _find_companions(file: Path) -> Iterator[Path]:
+    """Find the files that are read with a file: tables of an XML, plate corners of a table."""
     yield from opensim_files.find_existing_tables(file)
-    if (corners := locate_plates_file(file)).is_file():
+    corners = locate_plates_file(file)
+    if corners.is_file():
         yield corners
 
 
-def _read_in(folder: Path) -> list[Path]:
+def _list_readable(folder: Path) -> list[Path]:
+    """List the files of a folder that a draft or a study may read."""
     paths = sorted(folder.iterdir())
     return [p for p in paths if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
 
 
-FORMAT = 4  # Of what a cohort keeps of a person: a change of it makes everyone be computed again
+def compute_fingerprint(person: CohortPerson, common: CommonSettings) -> str:
+    """Compute the hash of all inputs of a person's result.
 
+    Parameters
+    ----------
+    person : CohortPerson
+        One session of a person.
+    common : CommonSettings
+        Settings of everyone.
 
-def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
-    """SHA-256, hexadecimal, of everything that the result of a person follows from."""
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal, of files, metadata, settings and version.
+    """
+    files = {
+        name: compute_sha256(path) for name, path in sorted(list_input_files(person.folder).items())
+    }
     content = {
         "format": FORMAT,
         "gaitcal": get_package_version("gaitcal"),
         "person": [
             *person.key,
-            *(None if value is None else str(value) for value in vars(person.told).values()),
+            *(None if value is None else str(value) for value in vars(person.options).values()),
         ],
-        "calibration": {name: str(value) for name, value in common.said.items()},
+        "calibration": {name: str(value) for name, value in common.given_settings.items()},
         "normal": None if common.normal is None else compute_sha256(common.normal),
-        "files": {
-            name: compute_sha256(path) for name, path in sorted(inputs_of(person.folder).items())
-        },
+        "files": files,
     }
     if common.priors is not None:
         content["priors"] = compute_sha256(common.priors)
@@ -279,116 +346,132 @@ COMPRESSION = "zstd"
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One person, and what a worker needs to know."""
+    """One person, with what a worker needs."""
 
     person: CohortPerson
-    out: Path  # Folder of the cohort
+    out: Path
+    """Folder of the cohort."""
     common: CommonSettings
-    retry: bool  # Whether what failed is tried again though nothing changed
-    version: str  # Of gaitcal, which all workers must have
+    retry: bool
+    """Whether a failure is tried again although nothing changed."""
+    version: str
+    """Of gaitcal, which all workers must have."""
 
 
-def end_person(task: Task) -> Outcome:
-    """Calibrate a person where anything changed, and keep the outcome on disk; no exception leaves
-    it.
+def process_person(task: Task) -> Outcome:
+    """Calibrate a person if an input changed, and store the outcome; raises nothing.
 
-    What is returned has neither row nor curves: they stay on disk. Where nothing can be written
-    there, it is a failure that says so.
+    Parameters
+    ----------
+    task : Task
+        The person.
+
+    Returns
+    -------
+    Outcome
+        Without row and curves, which stay on the disk; a failure if nothing can be written there.
     """
     began = time.monotonic()
     try:
-        outcome = _ended(task)
+        outcome = _compute_outcome(task)
     except Exception as error:  # noqa: BLE001 - one person's failure never stops the others
-        outcome = _failed_by(task, error)
+        outcome = _convert_error(task, error)
     if outcome.computed:
-        outcome = replace(outcome, seconds=round(time.monotonic() - began, 3), mebibytes=_peak())
-        outcome = _kept(task, outcome)
+        seconds = round(time.monotonic() - began, 3)
+        outcome = replace(outcome, seconds=seconds, mebibytes=_measure_peak_memory())
+        outcome = _store(task, outcome)
     row = {name: outcome.row[name] for name in ("verdict", "first_cause") if name in outcome.row}
     return replace(outcome, row=row, reasons=(), curves="")
 
 
-def lost_person(task: Task, words: str) -> Outcome:
-    """The outcome of a person over whom a worker died several times."""
-    cause, action = (
-        f"its worker process died: {words}",
-        f"too little memory for so many --jobs does this; {AGAIN}",
-    )
-    return _kept(task, _failure(task.person, Code.WORKER, cause, action, passing=True))
+def report_lost_person(task: Task, reason: str) -> Outcome:
+    """Make and store the failure of a person in whose task a worker died several times.
 
+    Parameters
+    ----------
+    task : Task
+        The person.
+    reason : str
+        How the worker died.
 
-def _kept(task: Task, outcome: Outcome) -> Outcome:
-    """The outcome, kept on disk; a failure where the disk does not take it: an earlier one no
-    longer holds.
+    Returns
+    -------
+    Outcome
     """
+    cause = f"its worker process died: {reason}"
+    action = f"use fewer --jobs, if memory is short; {AGAIN}"
+    return _store(task, _make_failure(task.person, Code.WORKER, cause, action, passing=True))
+
+
+def _store(task: Task, outcome: Outcome) -> Outcome:
+    """Store an outcome; return a failure if the disk cannot be written, and remove an earlier one."""
     try:
-        keep(task.out, outcome)
+        write_outcome(task.out, outcome)
     except Exception as error:  # noqa: BLE001 - a full disk
         with suppress(OSError):
-            state_file(task.out, outcome.place, ".json").unlink(missing_ok=True)
+            get_state_path(task.out, outcome.place, ".json").unlink(missing_ok=True)
         if not outcome.failed:
-            outcome = replace(
-                _failed_by(task, error), seconds=outcome.seconds, mebibytes=outcome.mebibytes
-            )
+            failure = _convert_error(task, error)
+            outcome = replace(failure, seconds=outcome.seconds, mebibytes=outcome.mebibytes)
     return outcome
 
 
 @with_one_blas_thread
-def _ended(task: Task) -> Outcome:
-    if get_package_version("gaitcal") != task.version:
-        raise _PassingError(
-            f"the worker has gaitcal {get_package_version('gaitcal')}, not {task.version}"
-        )
-    person, result = task.person, task.out / task.person.place
-    mark = fingerprint(person, task.common)
-    before = kept(task.out, person)
-    if before is not None and before.fingerprint == mark and _stands(before, task):
+def _compute_outcome(task: Task) -> Outcome:
+    """Calibrate a person, or return the stored outcome if it is still valid."""
+    version = get_package_version("gaitcal")
+    if version != task.version:
+        raise _PassingError(f"the worker has gaitcal {version}, not {task.version}")
+    person, result = task.person, task.out / task.person.subfolder
+    inputs = compute_fingerprint(person, task.common)
+    before = read_outcome(task.out, person)
+    if before is not None and before.fingerprint == inputs and _is_valid(before, task):
         return replace(before, computed=False)
     keep_freed_memory()
     calibrate_person(person, result, task.common)
     strides = cycle_tables.read_cycles(result).assign(person=person.name, session=person.session)
     table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
-    with atomic.write_atomically(state_file(task.out, person.place, ".parquet")) as target:
+    with atomic.write_atomically(get_state_path(task.out, person.subfolder, ".parquet")) as target:
         pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
-    row = row_of(result) | {
+    row = make_row(result) | {
         "person": person.name,
         "session": person.session,
-        "folder": person.place,
+        "folder": person.subfolder,
     }
-    row |= {"page": f"{person.place}/{row['page']}" if row["page"] else ""}
+    row |= {"page": f"{person.subfolder}/{row['page']}" if row["page"] else ""}
     return Outcome(
         name=person.name,
         session=person.session,
-        place=person.place,
-        fingerprint=mark,
-        result=_own_hash(result),
+        place=person.subfolder,
+        fingerprint=inputs,
+        result=_read_manifest_hash(result),
         row=row,
-        reasons=reasons_of(result),
-        curves=mean_curves(result / stride_files.ENSEMBLE, float(row["mass_kg"] or 1.0)),
+        reasons=read_reasons(result),
+        curves=pack_mean_curves(result / stride_files.ENSEMBLE, float(row["mass_kg"] or 1.0)),
     )
 
 
-def _stands(before: Outcome, task: Task) -> bool:
-    """Whether an earlier outcome of the same inputs still holds."""
+def _is_valid(before: Outcome, task: Task) -> bool:
+    """Return whether an earlier outcome of the same inputs is still valid."""
     if before.failed:
         return not (before.passing or task.retry)
-    strides = state_file(task.out, before.place, ".parquet")
-    return strides.is_file() and _own_hash(task.out / before.place) == before.result
+    strides = get_state_path(task.out, before.place, ".parquet")
+    return strides.is_file() and _read_manifest_hash(task.out / before.place) == before.result
 
 
-def _own_hash(result: Path) -> str:
+def _read_manifest_hash(result: Path) -> str:
+    """Read the hash that the manifest of a result has of itself."""
     return str(read_json_object(result / MANIFEST).get(SELF_HASH) or "")
 
 
 class _PassingError(GaitcalError):
-    """A cause of the moment."""
+    """A temporary cause."""
 
     code = Code.WORKER
 
 
-def _failed_by(task: Task, error: Exception) -> Outcome:
-    """The failure that an exception is; of one that was not raised on purpose, the machine's or our
-    own.
-    """
+def _convert_error(task: Task, error: Exception) -> Outcome:
+    """Convert an exception to a failure: of the input, of the machine, or an internal error."""
     person, cause = task.person, str(error)
     for known in (f"{person.folder}: ", f"{person.folder}/", f"{task.out}/"):
         cause = cause.replace(known, "")
@@ -404,15 +487,15 @@ def _failed_by(task: Task, error: Exception) -> Outcome:
     )
     action = getattr(error, "action", "") or (AGAIN if passing else default)
     try:
-        mark = fingerprint(person, task.common)
+        inputs = compute_fingerprint(person, task.common)
     except OSError:
-        mark = ""
+        inputs = ""
     cause = " ".join("".join(c if c.isprintable() else " " for c in cause).split())
-    return _failure(person, code, cause, action, passing=passing, mark=mark)
+    return _make_failure(person, code, cause, action, passing=passing, inputs=inputs)
 
 
-def _peak() -> float:
-    """Largest resident memory of this process, MiB; 0 where the system does not tell."""
+def _measure_peak_memory() -> float:
+    """Measure the largest resident memory of this process, MiB; 0 on Windows."""
     if sys.platform == "win32":
         return 0.0
     import resource

@@ -39,7 +39,7 @@ import numpy as np
 from gaitcal.cohort.cohort_page import PAGE
 from gaitcal.cohort.cohort_people import CohortPerson
 from gaitcal.cohort.one_person import COLUMNS, GAP, CommonSettings
-from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
+from gaitcal.cohort.outcome import Outcome, Outcomes, get_state_path, read_outcome, write_outcome
 from gaitcal.cohort.run_cohort import write_tables
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
@@ -149,7 +149,7 @@ def copied(source: Outcome, number: int) -> Outcome:
         return Outcome(
             name=person.name,
             session="",
-            place=person.place,
+            place=person.subfolder,
             fingerprint="",
             cause=cause,
             action="look",
@@ -164,8 +164,8 @@ def copied(source: Outcome, number: int) -> Outcome:
     row |= {
         "person": person.name,
         "session": "",
-        "folder": person.place,
-        "page": f"{person.place}/result.html",
+        "folder": person.subfolder,
+        "page": f"{person.subfolder}/result.html",
     }
     row |= {"verdict": verdict, "verdict_r": verdict, "verdict_l": verdict}
     row |= {
@@ -183,7 +183,7 @@ def copied(source: Outcome, number: int) -> Outcome:
         source,
         name=person.name,
         session="",
-        place=person.place,
+        place=person.subfolder,
         row=row,
         reasons=said,
         curves=packed,
@@ -199,13 +199,15 @@ def copy_people(source: Path, people: int, out: Path) -> None:
         for path in sorted((source / "state").rglob("*.json"))
         if json.loads(path.read_text())["curves"]
     ]
-    known = [kept(source, CohortPerson(folder=path, name=path.stem)) for path in found]
+    known = [read_outcome(source, CohortPerson(folder=path, name=path.stem)) for path in found]
     for number in range(people):
         k = number % len(found)
         outcome = copied(known[k], number)
-        keep(out, outcome)
+        write_outcome(out, outcome)
         if not outcome.failed:
-            os.link(found[k].with_suffix(".parquet"), state_file(out, outcome.place, ".parquet"))
+            os.link(
+                found[k].with_suffix(".parquet"), get_state_path(out, outcome.place, ".parquet")
+            )
 
 
 def write_many(out: Path, people: int) -> None:

@@ -34,7 +34,7 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS
 from gaitcal.calibration.joint_prior import factor_prior
-from gaitcal.cohort.learn_priors import Rules, learn_cohort, parts_of, priors_words
+from gaitcal.cohort.learn_priors import Rules, compute_part_evidence, describe_priors, learn_cohort
 from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS
@@ -211,7 +211,7 @@ def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
 
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
-    parts = parts_of(
+    parts = compute_part_evidence(
         found.influence, found.parameters.joint - made.nominal.parameters.joint, JP_NAMES, None
     )
     if parts is None:
@@ -377,7 +377,7 @@ def measured(name: str, chosen: argparse.Namespace) -> None:
         "left out"
     )
     for kind in COHORTS:
-        say(*(f"  {kind}: {line}" for line in priors_words(learnt[kind])))
+        say(*(f"  {kind}: {line}" for line in describe_priors(learnt[kind])))
     say(*(f"  {line}" for line in report(found)))
 
 

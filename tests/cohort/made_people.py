@@ -18,8 +18,8 @@ from gaitcal.cohort.cohort_people import CohortPerson
 from gaitcal.cohort.learn_priors import PARTS
 from gaitcal.cohort.learning import PartEvidence, PersonEvidence
 from gaitcal.cohort.one_person import SHAPE, CommonSettings
-from gaitcal.cohort.outcome import STRIDES, Outcome, Outcomes, keep, state_file
-from gaitcal.cohort.run_cohort import mark, write_tables
+from gaitcal.cohort.outcome import STRIDES, Outcome, Outcomes, get_state_path, write_outcome
+from gaitcal.cohort.run_cohort import mark_as_cohort, write_tables
 from gaitcal.report.page.plain_data import GAP
 from gaitcal.study.cohort_prior import Person
 
@@ -101,7 +101,7 @@ class Kept:
         ids = {
             "name": self.name,
             "session": self.session,
-            "place": person.place,
+            "place": person.subfolder,
             "fingerprint": "1",
         }
         if self.cause:
@@ -109,11 +109,11 @@ class Kept:
         row = {
             "person": self.name,
             "session": self.session,
-            "folder": person.place,
+            "folder": person.subfolder,
             "mass_kg": 60.0,
             "height_m": 1.7,
         }
-        row |= {"page": f"{person.place}/result.html", "verdict": self.verdict}
+        row |= {"page": f"{person.subfolder}/result.html", "verdict": self.verdict}
         row |= {"verdict_r": self.verdict, "verdict_l": self.verdict}
         row["first_cause"] = self.reasons[0][1] if self.reasons else ""
         said = tuple(
@@ -133,14 +133,14 @@ def packed(right: int | None, left: int | None) -> str:
 
 def write_cohort(out: Path, people: list[Kept], common: CommonSettings | None = None) -> Path:
     """Keep these people in a cohort's folder and write its tables; the page."""
-    mark(out)
+    mark_as_cohort(out)
     for one in people:
         outcome = one.outcome
-        keep(out, outcome)
+        write_outcome(out, outcome)
         if not outcome.failed:
             pq.write_table(
                 pa.table({name: [] for name in STRIDES.names}, schema=STRIDES),
-                state_file(out, outcome.place, ".parquet"),
+                get_state_path(out, outcome.place, ".parquet"),
             )
     everyone = sorted((one.person for one in people), key=lambda person: person.key)
     write_tables(everyone, Path("/lab"), Outcomes(out), common or CommonSettings())

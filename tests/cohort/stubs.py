@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.cohort.cohort_people import CohortPerson, people_in
+from gaitcal.cohort.cohort_people import CohortPerson, find_people
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Task
 from gaitcal.cohort.run_cohort import run_cohort
@@ -128,7 +128,9 @@ def rows(path: Path) -> list[dict[str, str]]:
 def run(lab: Path, out: Path, *, retry: bool = False, backwards: bool = False) -> list[Outcome]:
     ended: list[Outcome] = []
     told = lambda outcome, *_: ended.append(outcome)  # noqa: E731
-    run_cohort(people_in(lab, out), out, engine=Here(backwards=backwards), retry=retry, told=told)
+    run_cohort(
+        find_people(lab, out), out, engine=Here(backwards=backwards), retry=retry, report=told
+    )
     return ended
 
 

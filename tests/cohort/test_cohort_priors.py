@@ -12,16 +12,16 @@ from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
 from gaitcal.calibration.joint_prior import factor_prior, make_study_prior, select_prior
 from gaitcal.cohort.learn_priors import (
     PARTS,
-    Found,
     Rules,
+    SessionEvidence,
+    compute_part_evidence,
+    describe_priors,
+    format_priors,
     learn_cohort,
-    one_each,
-    parts_of,
-    priors_rows,
-    priors_text,
-    priors_words,
+    list_prior_rows,
+    select_sessions,
 )
-from gaitcal.cohort.learning import Evidence, PersonEvidence, Structure, learn, log_density
+from gaitcal.cohort.learning import Evidence, PersonEvidence, Structure, compute_log_density, learn
 from gaitcal.errors import Code
 from gaitcal.io.toml import get_package_version
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
@@ -75,7 +75,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 def written(priors: CohortPriors, folder: Path) -> Path:
     file = folder / "priors.json"
-    file.write_text(priors_text(priors), encoding="utf-8")
+    file.write_text(format_priors(priors), encoding="utf-8")
     return file
 
 
@@ -117,13 +117,13 @@ def test_an_offset_is_learnt_and_read_back(
         and not leaning.find_changed_inputs()
     )
     assert prior.names == NAMES, "nobody tells of trunk and arms: what is known of them stays"
-    rows = list(priors_rows(priors))
+    rows = list(list_prior_rows(priors))
     assert (
         len(rows) == len(JP_NAMES)
         and rows[0]["unit"] in ("mm", "deg")
         and rows[-1]["learnt"] == "nothing"
     )
-    check_text(next(priors_words(priors)))
+    check_text(next(describe_priors(priors)))
 
 
 def test_people_like_the_default_prior_change_nothing() -> None:
@@ -224,7 +224,7 @@ def test_another_version_and_another_size_are_told(priors: CohortPriors, study: 
 def test_damaged_files_are_refused_in_one_line(
     priors: CohortPriors, tmp_path: Path, spoil: Callable[[dict[str, object]], None], words: str
 ) -> None:
-    content = json.loads(priors_text(priors))
+    content = json.loads(format_priors(priors))
     spoil(content)
     file = tmp_path / "priors.json"
     file.write_text(json.dumps(content))
@@ -242,10 +242,10 @@ def test_of_several_sessions_the_one_that_tells_most_counts_and_most_rules_win()
         for p in people(9, offset, np.random.default_rng(5))
     ]
     other = replace(quiet[0], name="stranger")
-    found = [Found(p, RULES) for p in (*quiet, *loud)] + [
-        Found(other, replace(RULES, hip_centre="harrington"))
+    found = [SessionEvidence(p, RULES) for p in (*quiet, *loud)] + [
+        SessionEvidence(other, replace(RULES, hip_centre="harrington"))
     ]
-    used, rules, told = one_each(found)
+    used, rules, told = select_sessions(found)
     assert rules == RULES and [line.split(":")[0] for line in told] == ["stranger"]
     assert [p.name for p in used] == [p.name for p in loud]
     np.testing.assert_array_equal(used[0].parts["legs"].right, loud[0].parts["legs"].right)
@@ -301,7 +301,7 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
     names: tuple[str, ...], prior: JointPrior | None
 ) -> None:
     influence, deviation, information, right = fitted(names, prior)
-    parts = parts_of(influence, deviation, JP_NAMES, prior)
+    parts = compute_part_evidence(influence, deviation, JP_NAMES, prior)
     unit, origin = (
         factor_prior(LEGS, None)[[LEGS.index(name) for name in names]],
         select_prior(names, None)[0],
@@ -319,7 +319,7 @@ def test_exact_errors_are_no_evidence() -> None:
         influence.parameters * (np.arange(len(JP_NAMES)) != len(LEGS) - 1),
         influence.clusters,
     )
-    assert parts_of(exact, deviation, JP_NAMES, None) is None
+    assert compute_part_evidence(exact, deviation, JP_NAMES, None) is None
 
 
 SIZE = len(KNEES)
@@ -364,8 +364,8 @@ def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure:
         build_mirror(KNEES),
         structure,
     )
-    assert len(found.rises) > 3
-    assert (np.diff(found.rises) > -EXACT).all()
+    assert len(found.likelihoods) > 3
+    assert (np.diff(found.likelihoods) > -EXACT).all()
     spread, reflected = found.population.spread, build_mirror(KNEES)
     np.testing.assert_allclose(reflected @ spread @ reflected.T, spread, atol=EXACT)
     assert np.linalg.eigvalsh(spread)[0] > 0.0
@@ -376,7 +376,7 @@ def test_of_nobody_the_default_prior_is_learnt() -> None:
         nobody = learn(
             evidence(0, np.eye(SIZE), np.zeros(SIZE), 1), effects(), build_mirror(KNEES), structure
         )
-        mean, covariance = nobody.population.expected(build_sided_directions(KNEES)[0])
+        mean, covariance = nobody.population.predict(build_sided_directions(KNEES)[0])
         np.testing.assert_allclose(mean, 0.0)
         np.testing.assert_allclose(covariance, np.eye(SIZE), atol=EXACT)
 
@@ -393,7 +393,7 @@ def test_many_people_tell_mean_and_spread() -> None:
         evidence(600, spread, mean, 4), effects(), reflected, Structure(rest(), 5.0)
     ).population
     # 600 people: a variance within some 6 %, a mean within a tenth of its spread
-    np.testing.assert_allclose(found.expected(alike)[0], mean, atol=0.1)
+    np.testing.assert_allclose(found.predict(alike)[0], mean, atol=0.1)
     assert np.linalg.norm(found.spread - spread) < 0.15 * np.linalg.norm(spread)
 
 
@@ -416,13 +416,13 @@ def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
 
     made = evidence(people, 0.1 * np.eye(SIZE), np.zeros(SIZE), 5)
     told = [
-        learn(made, prior, reflected, Structure(spread)).rises[0]
+        learn(made, prior, reflected, Structure(spread)).likelihoods[0]
         for spread in (rest(), 0.3 * rest())
     ]
     wanted = [dense(made, spread) for spread in (rest(), 0.3 * rest())]
     assert told[1] - told[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-8)
     alone = [
-        log_density(made.information[0], made.right[0], mean, spread)
+        compute_log_density(made.information[0], made.right[0], mean, spread)
         for mean, spread in ((np.zeros(SIZE), rest()), (alike @ prior, 2.0 * rest()))
     ]
     m, block = (
@@ -454,9 +454,9 @@ def test_what_nobody_shows_stays_as_it_was() -> None:
         right=np.array([p.right for p in people]),
         design=np.repeat(alike[None], 30, axis=0),
     )
-    mean, covariance = learn(
-        made, effects(), reflected, Structure(rest(), 3.0)
-    ).population.expected(alike)
+    mean, covariance = learn(made, effects(), reflected, Structure(rest(), 3.0)).population.predict(
+        alike
+    )
     np.testing.assert_allclose(unseen.T @ mean, 0.0, atol=SINGULAR)
     np.testing.assert_allclose(
         unseen.T @ covariance @ unseen, np.eye(unseen.shape[1]), atol=SINGULAR

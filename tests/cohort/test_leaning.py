@@ -15,10 +15,16 @@ import pytest
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, estimate_joints
 from gaitcal.calibration.joint_prior import ANATOMY, factor_prior, make_study_prior, select_prior
 from gaitcal.cohort.cohort_people import Cohort, CohortPerson, read_cohort
-from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, NotUsedError, evidence_of, learn_priors
-from gaitcal.cohort.one_person import CommonSettings, _contradictions
-from gaitcal.cohort.outcome import Outcome, fingerprint, keep
-from gaitcal.cohort.run_cohort import mark
+from gaitcal.cohort.learn_priors import (
+    PRIORS,
+    PRIORS_CSV,
+    NotUsedError,
+    learn_priors,
+    read_evidence,
+)
+from gaitcal.cohort.one_person import CommonSettings, _describe_contradictions
+from gaitcal.cohort.outcome import Outcome, compute_fingerprint, write_outcome
+from gaitcal.cohort.run_cohort import mark_as_cohort
 from gaitcal.errors import Code
 from gaitcal.intake.draft_file import format_settings
 from gaitcal.io.result_folder import compute_sha256
@@ -114,17 +120,19 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def cohort(result: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Cohort, Path]:
     """Nine people with the same result, and one who is refused."""
     out, lab = tmp_path_factory.mktemp("cohort"), tmp_path_factory.mktemp("lab")
-    mark(out)
+    mark_as_cohort(out)
     people = []
     for number in range(10):
         person = CohortPerson(folder=lab / f"P{number}", name=f"P{number}")
-        shutil.copytree(result, out / person.place)
+        shutil.copytree(result, out / person.subfolder)
         if number == 9:
-            summary = json.loads((out / person.place / "summary.json").read_text())
-            (out / person.place / "summary.json").write_text(
+            summary = json.loads((out / person.subfolder / "summary.json").read_text())
+            (out / person.subfolder / "summary.json").write_text(
                 json.dumps(summary | {"verdict": "refused"})
             )
-        keep(out, Outcome(name=person.name, session="", place=person.place, fingerprint=""))
+        write_outcome(
+            out, Outcome(name=person.name, session="", place=person.subfolder, fingerprint="")
+        )
         people.append(person)
     return Cohort(lab, tuple(people)), out
 
@@ -168,7 +176,7 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
         run("calibrate", own, "--out", tmp_path / "neither", "--priors", out / PRIORS)
     assert not (tmp_path / "neither").exists()
     with refuses(NotUsedError):
-        evidence_of(tmp_path / "result", "P0")
+        read_evidence(tmp_path / "result", "P0")
 
 
 @pytest.mark.slow
@@ -203,11 +211,13 @@ def test_other_priors_are_another_fingerprint(tmp_path: Path, named_by: str) -> 
     if named_by != "the cohort":
         study.write_text(with_priors(study, "../../p.json"))
     person = CohortPerson(folder=folder, name="P0")
-    marks = {fingerprint(person, CommonSettings())}
+    marks = {compute_fingerprint(person, CommonSettings())}
     for content in ("one", "other"):
         file.write_text(content)
         marks.add(
-            fingerprint(person, CommonSettings(priors=file if named_by == "the cohort" else None))
+            compute_fingerprint(
+                person, CommonSettings(priors=file if named_by == "the cohort" else None)
+            )
         )
     assert len(marks) == 3
 
@@ -273,7 +283,7 @@ def test_priors_of_a_cohort_file_are_those_of_everyone_and_no_setting(
     said = CalibrationSettings(ip="none", priors=tmp_path / "p.json")
     priors, settings = command._choose_priors(None, said, learn_priors=False)
     assert priors == (tmp_path / "p.json").resolve()
-    assert CommonSettings(calibration=settings, priors=priors).said == {"ip": "none"}
+    assert CommonSettings(calibration=settings, priors=priors).given_settings == {"ip": "none"}
     with refuses(Code.OPTION, "cohort.toml", field="--priors"):
         command._choose_priors(tmp_path / "q.json", said, learn_priors=False)
 
@@ -283,17 +293,17 @@ def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path:
     own = replace(prior(np.zeros(len(HIP)), np.eye(len(HIP))), file="own.json", sha256="ab")
     study = SimpleNamespace(subject=SimpleNamespace(mass=70.0, height=1.7), joint_prior=own)
     person = CohortPerson(folder=tmp_path, name="P0")
-    (note,) = _contradictions(
+    (note,) = _describe_contradictions(
         person, cast(Study, study), CommonSettings(priors=tmp_path / "p.json")
     )
-    assert note == "priors = p.json was said for the cohort; the study file's own.json is used"
+    check_text(note, "p.json", "own.json")
     same = SimpleNamespace(
         **{
             **vars(study),
             "joint_prior": replace(own, sha256=compute_sha256(tmp_path / "p.json") or ""),
         }
     )
-    assert not _contradictions(
+    assert not _describe_contradictions(
         person, cast(Study, same), CommonSettings(priors=tmp_path / "p.json")
     )
 

@@ -18,7 +18,7 @@ import pytest
 from gaitcal.cli.cohort_command import _make_progress_printer, format_duration
 from gaitcal.cli.console import Console
 from gaitcal.cohort.cohort_page import MEASURES, NO_STRIDE
-from gaitcal.cohort.cohort_people import people_in
+from gaitcal.cohort.cohort_people import find_people
 from gaitcal.cohort.one_person import (
     EVERY,
     NAMES,
@@ -26,8 +26,8 @@ from gaitcal.cohort.one_person import (
     STEPS,
     VARIABLES,
     CommonSettings,
-    mean_curves,
-    no_curves,
+    pack_mean_curves,
+    pack_no_curves,
 )
 from gaitcal.errors import Code
 from gaitcal.gait.conventions import Signs
@@ -71,7 +71,7 @@ def ensemble(path: Path) -> None:
 
 def test_mean_curves_are_packed_by_body_mass(tmp_path: Path) -> None:
     ensemble(tmp_path / "ensemble.csv")
-    found = integers(mean_curves(tmp_path / "ensemble.csv", MASS)).reshape(SHAPE)
+    found = integers(pack_mean_curves(tmp_path / "ensemble.csv", MASS)).reshape(SHAPE)
     percent = np.arange(0, 101, EVERY)
     angle, moment = STEPS[CurveKind.ANGLE], STEPS[CurveKind.MOMENT]
     knee = found[VARIABLES.index("knee_angle"), 0]
@@ -88,10 +88,10 @@ def test_mean_curves_are_packed_by_body_mass(tmp_path: Path) -> None:
 
 
 def test_people_without_curves_have_room(tmp_path: Path) -> None:
-    assert mean_curves(tmp_path / "none.csv", MASS) == ""
-    assert (integers(no_curves()) == GAP).all()
-    assert integers(no_curves()).size == np.prod(SHAPE) == len(VARIABLES) * 2 * 51
-    assert not no_curves().endswith("=")  # people's texts can stand one behind the other
+    assert pack_mean_curves(tmp_path / "none.csv", MASS) == ""
+    assert (integers(pack_no_curves()) == GAP).all()
+    assert integers(pack_no_curves()).size == np.prod(SHAPE) == len(VARIABLES) * 2 * 51
+    assert not pack_no_curves().endswith("=")  # people's texts can stand one behind the other
 
 
 def test_measures_are_of_columns_that_are_there() -> None:
@@ -219,7 +219,7 @@ def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path:
     write(tmp_path / "Ann", recordings(), forces="grf")
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "list.csv").write_text("a;b\n1;2\n")
-    cohort = people_in(tmp_path, tmp_path / "out")
+    cohort = find_people(tmp_path, tmp_path / "out")
     assert ([p.name for p in cohort.people], cohort.ignored) == (["Ann"], ("notes",))
 
 

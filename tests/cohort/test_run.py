@@ -14,23 +14,35 @@ import pytest
 
 from gaitcal.cohort import outcome as tasks
 from gaitcal.cohort.cohort_page import PAGE
-from gaitcal.cohort.cohort_people import CohortPerson, people_in, read_cohort, read_sheet, safe_name
+from gaitcal.cohort.cohort_people import (
+    CohortPerson,
+    find_people,
+    make_safe_name,
+    read_cohort,
+    read_sheet,
+)
 from gaitcal.cohort.one_person import COLUMNS, NAMES, CommonSettings
-from gaitcal.cohort.outcome import Outcome, Task, fingerprint, inputs_of, keep, state_file
+from gaitcal.cohort.outcome import (
+    Outcome,
+    Task,
+    compute_fingerprint,
+    get_state_path,
+    list_input_files,
+    write_outcome,
+)
 from gaitcal.cohort.run_cohort import (
     CYCLES,
     FAILURES,
     MOST_MIB,
     PEOPLE_CSV,
     PEOPLE_PARQUET,
-    processes,
+    make_processes,
     run_cohort,
 )
 from gaitcal.errors import Code
 from gaitcal.intake.draft_file import format_settings
 from gaitcal.io.atomic import convert_disk_errors
 from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides, write_result
-from tests.commands import refused
 from tests.intake.folders import recordings, write
 from tests.messages import check_text, refuses
 
@@ -99,7 +111,7 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
 @pytest.mark.slow
 def test_a_process_that_has_grown_large_is_replaced_at_once() -> None:
     for mebibytes, count in ((MOST_MIB + 1.0, 3), (MOST_MIB - 1.0, 1)):
-        ended = processes(1).run(of_a_process, [mebibytes] * 3)
+        ended = make_processes(1).run(of_a_process, [mebibytes] * 3)
         assert len({outcome.name for outcome in ended}) == count
 
 
@@ -140,10 +152,10 @@ def test_order_and_interruption_do_not_show(lab: Path, tmp_path: Path, ran: list
     one, other = tmp_path / "one", tmp_path / "other"
     run(lab, one)
     run(lab, other, backwards=True)
-    state_file(
+    get_state_path(
         other, "people/Ann", ".json"
     ).unlink()  # killed after the strides, before it was done
-    state_file(other, "people/Bob", ".json").write_text('{"cut off')
+    get_state_path(other, "people/Bob", ".json").write_text('{"cut off')
     run(lab, other)
     assert ran[8:] == ["Ann", "Bob"]
     for name in SAME:
@@ -165,7 +177,7 @@ def test_a_lost_worker_is_tried_again_by_the_next_run(
             yield from map(function, others)
 
     out = tmp_path / "out"
-    run_cohort(people_in(lab, out), out, engine=Lost())
+    run_cohort(find_people(lab, out), out, engine=Lost())
     assert "its worker process died: ended by SIGKILL, 3 times" in (out / FAILURES).read_text()
     run(lab, out)
     assert ran[-1] == "Ann"
@@ -210,9 +222,9 @@ def test_who_cannot_be_kept_is_a_failure(
         if outcome.name in ("Ann", "Zed"):
             with convert_disk_errors(folder / outcome.place):
                 raise OSError(ENOSPC, "No space left on device")
-        keep(folder, outcome)
+        write_outcome(folder, outcome)
 
-    monkeypatch.setattr(tasks, "keep", full)
+    monkeypatch.setattr(tasks, "write_outcome", full)
     ended = run(lab, out, retry=True)
     assert [e.verdict for e in ended] == ["failed", "doubtful", "failed", "failed"]
     ann, _, zed = rows(out / FAILURES)
@@ -239,10 +251,10 @@ def test_nobody_is_left_out_of_the_tables(lab: Path, tmp_path: Path, ran: list[s
         ) -> Iterator[Outcome]:
             for task in tasks:
                 yield function(task)
-                state_file(task.out, "people/Bob", ".json").unlink(missing_ok=True)
+                get_state_path(task.out, "people/Bob", ".json").unlink(missing_ok=True)
 
     out = tmp_path / "out"
-    written = run_cohort(people_in(lab, out), out, engine=Forgetful())
+    written = run_cohort(find_people(lab, out), out, engine=Forgetful())
     assert written == {"doubtful": 1, "failed": 3}
     assert [row["person"] for row in rows(out / FAILURES)] == ["Bob", "Yan", "Zed"]
     check_text(rows(out / FAILURES)[0]["cause"])
@@ -306,21 +318,21 @@ def ann(request: pytest.FixtureRequest, tmp_path: Path) -> CohortPerson:
 
 @pytest.mark.parametrize("name", NAMED)
 def test_every_file_that_a_study_names_counts(ann: CohortPerson, name: str) -> None:
-    first = fingerprint(ann, CommonSettings())
+    first = compute_fingerprint(ann, CommonSettings())
     path = ann.folder / name
     kept = path.read_bytes()
     path.write_bytes(kept + b" ")
-    changed = fingerprint(ann, CommonSettings())
+    changed = compute_fingerprint(ann, CommonSettings())
     path.unlink()
-    missing = fingerprint(ann, CommonSettings())
+    missing = compute_fingerprint(ann, CommonSettings())
     assert len({first, changed, missing}) == 3
     path.write_bytes(kept)
-    assert fingerprint(ann, CommonSettings()) == first
+    assert compute_fingerprint(ann, CommonSettings()) == first
 
 
 def test_no_file_counts_twice(ann: CohortPerson) -> None:
     (ann.folder / "notes.txt").write_text("no recording")
-    files = inputs_of(ann.folder)
+    files = list_input_files(ann.folder)
     whole = [path.resolve() for path in files.values()]
     assert len(set(whole)) == len(whole) == len(NAMED) + 1
     assert "../shared/walk.trc" in files
@@ -333,7 +345,7 @@ def test_a_draft_reads_tables_that_an_xml_names(tmp_path: Path) -> None:
     (folder / "deep" / "loads.xml").write_text(LOADS.replace("forces.mot", "tables/forces.mot"))
     (folder / "deep" / "tables" / "forces.mot").write_text("1")
     (folder / "deep" / "tables" / "other.mot").write_text("2")
-    assert set(inputs_of(folder)) == {"deep/loads.xml", "deep/tables/forces.mot"}
+    assert set(list_input_files(folder)) == {"deep/loads.xml", "deep/tables/forces.mot"}
 
 
 def test_joint_parameters_that_a_cohort_file_expects_are_known_ones(tmp_path: Path) -> None:
@@ -386,10 +398,14 @@ def keys(path: Path, out: Path) -> list[tuple[str, str]]:
 def test_folders_are_people_and_complete_folders_in_them_sessions(
     folder: Path, tmp_path: Path
 ) -> None:
-    cohort = people_in(folder, folder / "out")
+    cohort = find_people(folder, folder / "out")
     assert [p.key for p in cohort.people] == [("Ann", ""), ("Bob", "post"), ("Bob", "pre")]
-    assert [p.place for p in cohort.people] == ["people/Ann", "people/Bob/post", "people/Bob/pre"]
-    assert cohort.people[1].told.name == "Bob"  # not the session, which the folder is called
+    assert [p.subfolder for p in cohort.people] == [
+        "people/Ann",
+        "people/Bob/post",
+        "people/Bob/pre",
+    ]
+    assert cohort.people[1].options.name == "Bob"  # not the session, which the folder is called
     assert cohort.ignored == ("notes",)
     (folder / "people.csv").write_text("person,session\nAnn,2024-01-31\n", encoding="utf-8")
     assert keys(folder, folder / "out")[0] == ("Ann", "2024-01-31"), (
@@ -399,8 +415,8 @@ def test_folders_are_people_and_complete_folders_in_them_sessions(
     put(parts / "Cid/standing/static.c3d", parts / "Cid/walks/a.c3d", parts / "Cid/walks/b.c3d")
     assert keys(parts, tmp_path / "out") == [("Cid", "")], "folders that hold parts are one session"
     put(tmp_path / "alone" / "walk.c3d")
-    with refused("recordings lie in the folder itself; no sub-folder holds recordings"):
-        people_in(tmp_path / "alone", tmp_path / "out")
+    with refuses(Code.COHORT, source=tmp_path / "alone"):
+        find_people(tmp_path / "alone", tmp_path / "out")
 
 
 def test_people_csv_tells_what_no_file_does(folder: Path) -> None:
@@ -414,49 +430,44 @@ def test_people_csv_tells_what_no_file_does(folder: Path) -> None:
     people = {p.key: p for p in read_cohort(folder, folder / "out")[0].people}
     assert list(people) == [("Ann", ""), ("Bob", "post"), ("Bob", "pre"), ("Zoe", "")]
     post, pre = people["Bob", "post"], people["Bob", "pre"]
-    assert (post.told.mass, post.told.height, post.told.sex, post.group) == (
+    assert (post.options.mass, post.options.height, post.options.sex, post.group) == (
         70.5,
         1.8,
         "male",
         "adults",
     )
-    assert (pre.told.mass, pre.told.height) == (71.0, 1.8)
+    assert (pre.options.mass, pre.options.height) == (71.0, 1.8)
     assert not people["Zoe", ""].folder.exists()  # a failure of her own, later
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "code", "field", "parts"),
     [
-        ("name,mass_kg\nAnn,60\n", "found the columns name, mass_kg; allowed: person"),
-        ("person,mass_kg\nAnn,heavy\n", "row 2: mass_kg: found 'heavy'; allowed: a number"),
-        ("person,height_m\nAnn,1.7\nBob,175\n", "row 3: height_m: found 175"),
-        ("person,sex\nAnn,x\n", "row 2: sex: found 'x'"),
-        ("person,sex\n,m\n", "row 2: person: found nothing"),
-        ("person,sex,Person\nAnn,m,Bob\n", "found 2 columns 'person'; allowed: one"),
-        (
-            "person,sex\nAnn,f\nAnn,m\n",
-            "row 3: sex: found 'male', but row 2 says 'female' of the same person",
-        ),
+        ("name,mass_kg\nAnn,60\n", Code.COHORT, "", ("name", "mass_kg", "person")),
+        ("person,mass_kg\nAnn,heavy\n", Code.BAD_NUMBER, "mass_kg", ("row 2", "heavy")),
+        ("person,height_m\nAnn,1.7\nBob,175\n", Code.BAD_VALUE, "height_m", ("row 3", 175)),
+        ("person,sex\nAnn,x\n", Code.BAD_VALUE, "sex", ("row 2", "'x'")),
+        ("person,sex\n,m\n", Code.COHORT, "person", ("row 2",)),
+        ("person,sex,Person\nAnn,m,Bob\n", Code.COHORT, "", (2, "'person'", "columns")),
+        ("person,sex\nAnn,f\nAnn,m\n", Code.COHORT, "sex", ("row 3", "row 2", "'female'")),
         (
             "person,session,mass_kg\nAnn,a,60\nAnn,b,61\nAnn,a,62\n",
-            "row 4: mass_kg: found 62, but row 2 says 60",
+            Code.COHORT,
+            "mass_kg",
+            ("row 4", "row 2", 62, 60),
         ),
-        (
-            "person,mass\nAnn,60\n",
-            "found the column 'mass', which is not known; did you mean 'mass_kg'",
-        ),
-        ("person,height\nAnn,1.7\n", "did you mean 'height_m'"),
-        ("person,age\nAnn,17\n", "did you mean 'age_years'"),
-        ("person,Weight\nAnn,60\n", "did you mean 'mass_kg'"),
-        (
-            "person,height_m\nAnn,1,75\n",
-            "row 2: found more cells than columns; a decimal comma needs semicolons",
-        ),
+        ("person,mass\nAnn,60\n", Code.COHORT, "", ("'mass'", "'mass_kg'")),
+        ("person,height\nAnn,1.7\n", Code.COHORT, "", ("'height'", "'height_m'")),
+        ("person,age\nAnn,17\n", Code.COHORT, "", ("'age'", "'age_years'")),
+        ("person,Weight\nAnn,60\n", Code.COHORT, "", ("'weight'", "'mass_kg'")),
+        ("person,height_m\nAnn,1,75\n", Code.COHORT, "", ("row 2", "cells", "semicolons")),
     ],
 )
-def test_faults_of_the_table_are_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_faults_of_the_table_are_one_line(
+    tmp_path: Path, text: str, code: Code, field: str, parts: tuple[str | float, ...]
+) -> None:
     (tmp_path / "people.csv").write_text(text, encoding="utf-8")
-    with refused(said):
+    with refuses(code, *parts, field=field):
         read_sheet(tmp_path / "people.csv")
 
 
@@ -464,7 +475,7 @@ def test_other_columns_are_told_and_rows_may_repeat(folder: Path) -> None:
     text = "person,diagnosis,mass_kg,mass,sex,\nAnn,none,60,60,f,\nAnn,none,60,,w,\nBob,none,,,m,\n"
     (folder / "people.csv").write_text(text, encoding="utf-8")
     cohort = read_cohort(folder, folder / "out")[0]
-    assert (cohort.people[0].told.mass, cohort.people[0].told.sex) == (60.0, "female")
+    assert (cohort.people[0].options.mass, cohort.people[0].options.sex) == (60.0, "female")
     assert cohort.notes == (
         "people.csv: column 'diagnosis' is not used",
         "people.csv: column 'mass' is not used",
@@ -476,7 +487,7 @@ def test_other_columns_are_told_and_rows_may_repeat(folder: Path) -> None:
 )
 def test_a_table_leads_nowhere_else(folder: Path, row: str) -> None:
     (folder / "people.csv").write_text(f"person,session\n{row}\n", encoding="utf-8")
-    with refused("allowed: the name of a folder, without a path"):
+    with refuses(Code.COHORT, source=folder / "people.csv"):
         read_cohort(folder, folder / "out")
 
 
@@ -493,31 +504,34 @@ def test_cohort_file_names_people_and_settings(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "code", "parts"),
     [
-        ('[[person]]\nfolder = "A"\n[[person]]\nfolder = "x/A"\n', "found 'A' twice"),
-        ('[[person]]\nfolder = "a"\n[[person]]\nfolder = "A"\n', "which one folder would hold"),
+        ('[[person]]\nfolder = "A"\n[[person]]\nfolder = "x/A"\n', Code.COHORT, ("'A'", "twice")),
+        ('[[person]]\nfolder = "a"\n[[person]]\nfolder = "A"\n', Code.COHORT, ("'a'", "'A'")),
         (
             '[[person]]\nfolder = "A"\n[[person]]\nfolder = "A"\nsession = "pre"\n',
-            "with a session and without one",
+            Code.COHORT,
+            ("'A'", "session"),
         ),
-        ('[[person]]\nfolder = "A"\nweight = 3\n', "weight"),
-        ('[[person]]\nfolder = "A"\nsex = "m"\n', "sex"),
+        ('[[person]]\nfolder = "A"\nweight = 3\n', Code.UNKNOWN_FIELD, ("weight",)),
+        ('[[person]]\nfolder = "A"\nsex = "m"\n', Code.BAD_VALUE, ("sex",)),
     ],
 )
-def test_faults_of_the_cohort_file_are_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_faults_of_the_cohort_file_are_one_line(
+    tmp_path: Path, text: str, code: Code, parts: tuple[str, ...]
+) -> None:
     (tmp_path / "cohort.toml").write_text(text)
-    with refused(said):
+    with refuses(code, *parts):
         read_cohort(tmp_path / "cohort.toml", tmp_path / "out")
 
 
 def test_names_become_folders_that_may_be() -> None:
-    assert safe_name("P 01 (a)") == "P 01 (a)"
-    assert safe_name("Jürgen") == "Jürgen"
+    assert make_safe_name("P 01 (a)") == "P 01 (a)"
+    assert make_safe_name("Jürgen") == "Jürgen"
     for name in ("../up", "a/b", "con", "x" * 200, ".hidden", "a:b", "\U00020000" * 70):
-        safe = safe_name(name)
+        safe = make_safe_name(name)
         assert safe != name
         assert not set('/\\:<>"|?*') & set(safe)
         assert len(safe.encode()) < 100
         assert not safe.startswith(".")
-    assert safe_name("a/b") != safe_name("a:b")
+    assert make_safe_name("a/b") != make_safe_name("a:b")
