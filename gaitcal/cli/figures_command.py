@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from gaitcal.arrays import Array
 from gaitcal.cli import export_commands, options
 from gaitcal.cli.console import Console
 from gaitcal.errors import Code, InputError, UsageError, nearest
@@ -145,11 +146,9 @@ def select_charts(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
                 "end"
             )
             raise UsageError(f"{message}{nearest(word, names)}", field="--only")
-    return [
-        chart
-        for chart in charts
-        if not wanted or any(_is_named(chart.name, word) for word in wanted)
-    ]
+    if not wanted:
+        return list(charts)
+    return [chart for chart in charts if any(_is_named(chart.name, word) for word in wanted)]
 
 
 def _is_named(name: str, word: str) -> bool:
@@ -205,24 +204,20 @@ def _collect_bands(page_data: Mapping[str, Any], normal: Path | None) -> Healthy
     """Collect normal bands: those of the given file, else those of the result."""
     if normal is not None:
         subject = _get_subject(page_data)
-        bands = normal_bands.read_normal_bands(normal)
-        return {
-            name: {side: band.for_person(subject, side) for side in "rl"}
-            for name, band in bands.items()
-        }
+        given_bands: dict[str, dict[str, tuple[Array, Array]]] = {}
+        for name, band in normal_bands.read_normal_bands(normal).items():
+            given_bands[name] = {side: band.for_person(subject, side) for side in "rl"}
+        return given_bands
     endings = {
         kind.words: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
     }
-    return {
-        f"{band['base']}{endings.get(band['kind'], '')}": {
-            side: (
-                np.array(band[side][0], dtype=np.float64),
-                np.array(band[side][1], dtype=np.float64),
-            )
-            for side in "rl"
-        }
-        for band in page_data["bands"]
-    }
+    bands: dict[str, dict[str, tuple[Array, Array]]] = {}
+    for band in page_data["bands"]:
+        name = f"{band['base']}{endings.get(band['kind'], '')}"
+        for side in "rl":
+            mean, deviation = (np.array(values, dtype=np.float64) for values in band[side])
+            bands.setdefault(name, {})[side] = mean, deviation
+    return bands
 
 
 def _read_strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:

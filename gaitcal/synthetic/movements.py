@@ -130,7 +130,7 @@ TAKE_OFF_S, FLIGHT_S = 1.18, 0.34
 
 def _parse_table(text: str) -> tuple[Array, Array]:
     """Parse a table of postures to times (n,) and values (n, 3)."""
-    rows = np.array([[float(x) for x in row.split()] for row in text.split("|")])
+    rows = np.array([np.array(row.split(), dtype=float) for row in text.split("|")])
     return rows[:, 0], rows[:, 1:]
 
 
