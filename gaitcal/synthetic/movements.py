@@ -332,12 +332,13 @@ class _Feet:
             stays = walk.compute_ramp((end - part) / REST_RAMP) if leaves else 1.0
             self.rest[:, foot, points] += (inside * rests * stays)[:, None]
 
-        load = inside
+        # The load passes to the other foot in ramps while both stand.
+        handover: Array | float = 1.0
         if c.shared:
             overlap = walk.DOUBLE_SUPPORT / walk.STANCE * (c.stop - c.start)
             rise = walk.compute_ramp((time - c.start) / overlap)
-            load = inside * (rise * walk.compute_ramp((c.stop - time) / overlap))
-        self.load[:, foot] += load
+            handover = rise * walk.compute_ramp((c.stop - time) / overlap)
+        self.load[:, foot] += inside * handover
 
     def place_pelvis(self, q: Array) -> Array:
         """Compute (nf, 3) m, the pelvis position: that of resting feet, interpolated in flight."""
