@@ -34,6 +34,7 @@ def test_help_shows_the_commands_in_order() -> None:
     text = CliRunner().invoke(app, ["--help"]).output
     places = [text.index(f"\n  {name}") for name in ORDER]
     assert places == sorted(places)
+    assert "..." not in text.partition("Commands:")[2], "the first sentence of each help text fits"
 
 
 def test_the_version_is_told() -> None:

@@ -170,13 +170,13 @@ class JointPhase:
     def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> "JointPhase":
         """Return the same phase with soft tissue on its markers."""
         names = iter(self.recordings)
-        tasks = {
-            kind: tuple(
-                replace(problem, tissue=soft.make_columns(next(names), problem))
-                for problem in problems
-            )
-            for kind, problems in self.tasks.items()
-        }
+        tasks = {}
+        for kind, problems in self.tasks.items():
+            with_columns = []
+            for problem in problems:
+                columns = soft.make_columns(next(names), problem)
+                with_columns.append(replace(problem, tissue=columns))
+            tasks[kind] = tuple(with_columns)
         plan = replace(self, tasks=tasks)
         return replace(plan, tissue=soft.assemble_prior(plan.problems))
 

@@ -146,11 +146,9 @@ def select_charts(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
                 "end"
             )
             raise UsageError(f"{message}{nearest(word, names)}", field="--only")
-    return [
-        chart
-        for chart in charts
-        if not wanted or any(_is_named(chart.name, word) for word in wanted)
-    ]
+    if not wanted:
+        return list(charts)
+    return [chart for chart in charts if any(_is_named(chart.name, word) for word in wanted)]
 
 
 def _is_named(name: str, word: str) -> bool:

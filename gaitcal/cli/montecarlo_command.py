@@ -82,10 +82,8 @@ def parse_plan(vary: str, levels: str, draws: int) -> Plan:
     UsageError
         A set or level is invalid, or there is none.
     """
-    sets = [
-        _require_allowed(name, [varied.value for varied in Varied], "--vary")
-        for name in _split(vary)
-    ]
+    allowed = [varied.value for varied in Varied]
+    sets = [_require_allowed(name, allowed, "--vary") for name in _split(vary)]
     for level in _split(levels):
         if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
             raise UsageError(

@@ -184,7 +184,9 @@ Muscles = Annotated[
 ModelDraws = Annotated[
     int,
     typer.Option(
-        "--draws", min=0, help="For --into: number of further models, drawn within the error bars."
+        "--draws",
+        min=0,
+        help="For --into: number of further models, drawn from the standard errors.",
     ),
 ]
 ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed.")]

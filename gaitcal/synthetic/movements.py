@@ -124,13 +124,17 @@ STANCE_WIDTH = 0.12
 STRIDES = (0.15, 2.7)
 """First and last phase of a run or a climb, strides since a right strike."""
 REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1}
+KNOWN_WEIGHT = 0.3
+"""Sum of the weights of resting points above which they determine the pelvis position."""
+PELVIS_SPAN_S = 0.1
+"""Time (s) for each control point of the pelvis position."""
 TAKE_OFF_S, FLIGHT_S = 1.18, 0.34
 """Of the jump, s; its landing is the push-off reversed in time."""
 
 
 def _parse_table(text: str) -> tuple[Array, Array]:
     """Parse a table of postures to times (n,) and values (n, 3)."""
-    rows = np.array([[float(x) for x in row.split()] for row in text.split("|")])
+    rows = np.array([np.array(row.split(), dtype=float) for row in text.split("|")])
     return rows[:, 0], rows[:, 1:]
 
 
@@ -264,57 +268,77 @@ def _compute_seat_share(activity: Activity, time: Array) -> Array:
     )
 
 
+def _make_flat_feet() -> Array:
+    """Make (2, 4, 3) m, points of two feet flat on the floor, each above the origin."""
+    standing = make_standing_pose()[None]
+    points = walk.compute_feet(published_model().parameters, standing).points[0]
+    height = points[..., 1].min() - walk.CLEARANCE
+    horizontal = points.mean(axis=1, keepdims=True) * [1.0, 0.0, 1.0]
+    out: Array = points - [0.0, height, 0.0] - horizontal
+    return out
+
+
 class _Feet:
-    """Positions, rest and load of both feet, from their contacts."""
+    """Positions, rest and load of both feet, from their contacts.
+
+    Parameters
+    ----------
+    contacts
+        Contacts of both feet.
+    time
+        (nf,) s.
+    strides
+        Whether the load of a contact rolls from heel to toe, as in strides.
+    """
 
     def __init__(self, contacts: tuple[Contact, ...], time: Array, *, strides: bool) -> None:
         nf = len(time)
-        flat = walk.compute_feet(published_model().parameters, make_standing_pose()[None]).points[0]
-        flat = (
-            flat
-            - [0.0, flat[..., 1].min() - walk.CLEARANCE, 0.0]
-            - flat.mean(axis=1, keepdims=True) * [1.0, 0.0, 1.0]
-        )
         self.time = time
-        self.footsteps, self.rest = (
-            np.zeros((nf, 2, len(walk.POINTS), 3)),
-            np.zeros((nf, 2, len(walk.POINTS))),
-        )
-        self.load, self.part, self.level = (
-            np.zeros((nf, 2)),
-            np.full((nf, 2), STANDING_PART),
-            np.zeros((nf, 2)),
-        )
-        for c in contacts:
-            foot, part = c.foot, (time - c.start) / (c.stop - c.start)
-            inside = (part >= 0.0) & (part <= 1.0)
-            near = np.abs(time - 0.5 * (c.start + c.stop)) < 0.5 * (c.stop - c.start + SWAY_S)
-            self.footsteps[near, foot] = flat[foot] + np.array(c.foothold)
-            self.level[near, foot] = c.foothold[1]
-            if strides:
-                self.part[inside, foot] = PchipInterpolator(*walk.ROLL)(part[inside])
-            else:
-                off = (c.stop < time[-1]) * walk.compute_ramp((part - 0.8) / 0.15) + (
-                    c.start > time[0]
-                ) * walk.compute_ramp((0.2 - part) / 0.15)
-                self.part[inside, foot] += (BALL_PART - STANDING_PART) * off[inside]
-            for points, (begin, end) in zip(([0], [2, 3]), REST_PHASES[strides], strict=True):
-                comes = walk.compute_ramp((part - begin) / REST_RAMP) if c.start > time[0] else 1.0
-                goes = walk.compute_ramp((end - part) / REST_RAMP) if c.stop < time[-1] else 1.0
-                self.rest[:, foot, points] += (inside * comes * goes)[:, None]
-            overlap = walk.DOUBLE_SUPPORT / walk.STANCE * (c.stop - c.start) if c.shared else 0.0
-            self.load[:, foot] += (
-                inside
-                * (
-                    walk.compute_ramp((time - c.start) / overlap)
-                    * walk.compute_ramp((c.stop - time) / overlap)
-                )
-                if overlap
-                else inside
-            )
+        self.footsteps = np.zeros((nf, 2, len(walk.POINTS), 3))
+        self.rest = np.zeros((nf, 2, len(walk.POINTS)))
+        self.load, self.level = np.zeros((nf, 2)), np.zeros((nf, 2))
+        self.part = np.full((nf, 2), STANDING_PART)
+        flat = _make_flat_feet()
+        for contact in contacts:
+            self._add_contact(contact, flat[contact.foot], strides=strides)
         total = self.load.sum(axis=1)
         self.flight = total < np.finfo(float).eps
         self.load /= np.where(self.flight, 1.0, total)[:, None]
+
+    def _add_contact(self, c: Contact, flat: Array, *, strides: bool) -> None:
+        """Add a contact of a foot whose points (4, 3) are `flat` when it stands at the origin."""
+        time, foot = self.time, c.foot
+        part = (time - c.start) / (c.stop - c.start)
+        inside = (part >= 0.0) & (part <= 1.0)
+        # Feet that stand from the first or to the last frame neither come nor leave.
+        comes, leaves = c.start > time[0], c.stop < time[-1]
+
+        # The target position holds until the middle of the sway to the next foothold.
+        near = np.abs(time - 0.5 * (c.start + c.stop)) < 0.5 * (c.stop - c.start + SWAY_S)
+        self.footsteps[near, foot] = flat + np.array(c.foothold)
+        self.level[near, foot] = c.foothold[1]
+
+        if strides:
+            self.part[inside, foot] = PchipInterpolator(*walk.ROLL)(part[inside])
+        else:
+            # The load is at the ball while the heel is raised, at landing and before take-off.
+            raised = leaves * walk.compute_ramp((part - 0.8) / 0.15)
+            raised = raised + comes * walk.compute_ramp((0.2 - part) / 0.15)
+            self.part[inside, foot] += (BALL_PART - STANDING_PART) * raised[inside]
+
+        # Point 0 is the heel, points 2 and 3 are at the ball.
+        for points, (begin, end) in zip(([0], [2, 3]), REST_PHASES[strides], strict=True):
+            rests = walk.compute_ramp((part - begin) / REST_RAMP) if comes else 1.0
+            stays = walk.compute_ramp((end - part) / REST_RAMP) if leaves else 1.0
+            self.rest[:, foot, points] += (inside * rests * stays)[:, None]
+
+        # The load passes to the other foot in ramps while both stand.
+        handover: Array | float = 1.0
+        if c.shared:
+            overlap = walk.DOUBLE_SUPPORT / walk.STANCE * (c.stop - c.start)
+            rise = walk.compute_ramp((time - c.start) / overlap)
+            handover = rise * walk.compute_ramp((c.stop - time) / overlap)
+        self.load[:, foot] += inside * handover
 
     def place_pelvis(self, q: Array) -> Array:
         """Compute (nf, 3) m, the pelvis position: that of resting feet, interpolated in flight."""
@@ -322,18 +346,16 @@ class _Feet:
         at_origin[:, :3] = 0.0
         points = walk.compute_feet(published_model().parameters, at_origin).points
         weight = (self.rest * self.load[:, :, None])[..., None]
-        target = ((self.footsteps - points) * weight).sum(axis=(1, 2)) / np.maximum(
-            weight.sum(axis=(1, 2)), 1e-9
-        )
-        known = weight.sum(axis=(1, 2, 3)) > 0.3
+        total = weight.sum(axis=(1, 2))
+        target = ((self.footsteps - points) * weight).sum(axis=(1, 2)) / np.maximum(total, 1e-9)
+        known = weight.sum(axis=(1, 2, 3)) > KNOWN_WEIGHT
         out = np.empty((len(q), 3))
-        for i in range(3):
-            out[:, i] = (
-                CubicSpline(self.time[known], target[known, i])(self.time)
-                if i == 1
-                else np.interp(self.time, self.time[known], target[known, i])
-            )
-        smooth = build_spline_basis(self.time, max(8, round(float(np.ptp(self.time)) / 0.1)))
+        for i in (0, 2):
+            out[:, i] = np.interp(self.time, self.time[known], target[known, i])
+        # The height in flight is smooth; horizontally the pelvis moves uniformly.
+        out[:, 1] = CubicSpline(self.time[known], target[known, 1])(self.time)
+        spans = max(8, round(float(np.ptp(self.time)) / PELVIS_SPAN_S))
+        smooth = build_spline_basis(self.time, spans)
         return smooth.evaluate(smooth.fit(out))
 
     def build_ground(self, q: Array, seat: Array) -> walk.Ground:

@@ -189,9 +189,9 @@ def compute_rest_weights(phase: Array) -> Array:
 def _get_local_points() -> Array:
     """Get (2, 4, 3) m, points of the right and the left foot in their segments, of all subjects."""
     markers = nominal.published_model().markers
-    rows = [[markers.labels.index(f"{side.upper()}.{name}") for name in POINTS] for side in SIDES]
-    out: Array = markers.local[rows]
-    return out
+    labels = [f"{side.upper()}.{name}" for side in SIDES for name in POINTS]
+    rows = [markers.labels.index(label) for label in labels]
+    return np.asarray(markers.local[rows]).reshape(len(SIDES), len(POINTS), 3)
 
 
 @cache

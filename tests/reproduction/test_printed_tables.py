@@ -269,7 +269,7 @@ def test_command_refuses_a_foreign_folder_and_data_that_are_not_there_before_it_
 ) -> None:
     monkeypatch.setattr(command, "reproduce", lambda *_: pytest.fail("worked first"))
     monkeypatch.setenv("GAITCAL_DATA", str(tmp_path / "nowhere"))
-    assert "no folder" in refusal(reproduced, tmp_path / "out")
+    assert "is not a folder" in refusal(reproduced, tmp_path / "out")
     assert not (tmp_path / "out").exists()
     monkeypatch.delenv("GAITCAL_DATA")
     (tmp_path / "notes.txt").write_text("mine")

@@ -59,7 +59,7 @@ def test_command_writes_a_trial_of_each_movement(
     stands = simulate_static_trial(standing=make_standing_pose())
     monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
     monkeypatch.setattr("gaitcal.synthetic.synthetic_motion.simulate_two_strides", lambda _: stands)
-    monkeypatch.setattr(subject, "movement", lambda *_: SyntheticMovement(motion=stands))
+    monkeypatch.setattr(subject, "simulate_movement", lambda *_: SyntheticMovement(motion=stands))
     words = (
         "synthesize",
         "--out",
