@@ -55,8 +55,10 @@ from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, view_as_table
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 
-GROUND = "ground"  # The laboratory: y up, x forward, z right
-DOCUMENT_VERSION = "40000"  # Of the oldest OpenSim 4; later versions read it unchanged
+GROUND = "ground"
+"""Name of the laboratory's frame: x forward, y up, z right."""
+DOCUMENT_VERSION = "40000"
+"""Version of the oldest OpenSim 4; later ones read it unchanged."""
 
 # --------------------------------------------------------------------------------------------- joints and segments
 
@@ -70,8 +72,8 @@ class JointFrames:
     child: str
     in_parent: pin.SE3  # X_parent_J, constant
     motions: tuple[Element, ...]
-    """The coordinates in order from parent to child; each along or about an axis of the frame left
-    by those before.
+    """Coordinates in order from parent to child, each along or about an axis of the frame after the
+    ones before.
     """
     to_child: pin.SE3  # X_J_child, constant
 
@@ -166,8 +168,9 @@ def convert_to_body_fixed_xyz(rotation: Array) -> Array:
         rad, a, b, c.
     """
     a = np.arctan2(-rotation[1, 2], rotation[2, 2])
-    rest = make_axis_rotation(0, -float(a)) @ rotation
-    return np.array([a, np.arctan2(rest[0, 2], rest[2, 2]), np.arctan2(rest[1, 0], rest[1, 1])])
+    # Ry(b) Rz(c), see the module.
+    bc = make_axis_rotation(0, -float(a)) @ rotation
+    return np.array([a, np.arctan2(bc[0, 2], bc[2, 2]), np.arctan2(bc[1, 0], bc[1, 1])])
 
 
 def convert_to_space_fixed_xyz(rotation: Array) -> Array:
@@ -224,9 +227,11 @@ def encode_name(name: str) -> str:
     """
     out = ""
     for character in name:
-        is_plain = character.isprintable() and not character.isspace() and character not in _ESCAPED
-        octets = b"" if is_plain else character.encode("utf-8", errors="surrogatepass")
-        out += character if is_plain else "".join(f"%{byte:02X}" for byte in octets)
+        if character.isprintable() and not character.isspace() and character not in _ESCAPED:
+            out += character
+        else:
+            octets = character.encode("utf-8", errors="surrogatepass")
+            out += "".join(f"%{byte:02X}" for byte in octets)
     return out or _EMPTY
 
 
@@ -335,6 +340,7 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
     in_parent, in_child = f"{frames.parent}_offset", f"{frames.child}_offset"
     add_child(joint, "socket_parent_frame", in_parent)
     add_child(joint, "socket_child_frame", in_child)
+    # OpenSim lists rotations before translations.
     coordinates = add_child(joint, "coordinates")
     for motion in sorted(frames.motions, key=lambda m: not m.rotates):
         coordinate = add_child(coordinates, "Coordinate", name=motion.name)
