@@ -103,22 +103,43 @@ class Bone:
     stretch: float  # k
 
     def map_point(self, x: Array) -> Array:
-        """Map a point (3,) m of the bone to its new position (3,) m."""
+        """Map a point of the bone to its new position.
+
+        Parameters
+        ----------
+        x : (3,) Array
+            m, in the body.
+
+        Returns
+        -------
+        (3,) Array
+            m, x' of the module.
+        """
         from_middle = x - self.middle_before
         long = self.direction * float(self.direction @ from_middle)
         out: Array = self.middle_after + self.rotation @ (from_middle + (self.stretch - 1.0) * long)
         return out
 
     def express_in(self, frame: pin.SE3) -> "Bone":
-        """Express the map in the axes of a frame in the body (`frame`: pose in the body)."""
-        turn = frame.rotation.T
+        """Express the map in the axes of a frame in the body.
+
+        Parameters
+        ----------
+        frame : pin.SE3
+            Pose of the frame in the body, m.
+
+        Returns
+        -------
+        Bone
+        """
+        to_frame = frame.rotation.T
         was, now = frame.actInv(self.middle_before), frame.actInv(self.middle_after)
         return replace(
             self,
             middle_before=was,
             middle_after=now,
-            rotation=turn @ self.rotation @ turn.T,
-            direction=turn @ self.direction,
+            rotation=to_frame @ self.rotation @ to_frame.T,
+            direction=to_frame @ self.direction,
         )
 
     @property
@@ -361,7 +382,18 @@ def format_joints_csv(moves: Sequence[JointMove]) -> str:
 
 
 def format_moved_points_csv(points: Sequence[MovedPoints]) -> str:
-    """Format a CSV file with a row for each muscle (columns `MOVED_POINTS_HEADER`)."""
+    """Format a CSV file with a row for each muscle.
+
+    Parameters
+    ----------
+    points : sequence of MovedPoints
+        Moved points of each muscle.
+
+    Returns
+    -------
+    str
+        Columns `MOVED_POINTS_HEADER`.
+    """
     rows = [f'"{m.muscle}",{m.points},{1e3 * m.farthest:.4f}' for m in points]
     return "\n".join([MOVED_POINTS_HEADER, *rows]) + "\n"
 

@@ -220,7 +220,12 @@ class Transfer:
     """Whether what is fixed to a bone moves with its joints."""
 
     def apply(self) -> CalibratedOsim:
-        """Apply the calibrated parameters."""
+        """Apply the calibrated parameters.
+
+        Returns
+        -------
+        CalibratedOsim
+        """
         moves, (weights, masses) = self.compute_moves(), self._compute_masses()
         bones = self._find_bones(moves)
         return CalibratedOsim(
@@ -238,6 +243,16 @@ class Transfer:
         """Draw a file: joints, masses if they are transferred, and registrations from their errors.
 
         Joints that stay vary about their position.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        bytes
+            Content of the file.
         """
         calibrated = self.model.parameters
         parameters = self._draw_parameters(rng)
@@ -327,7 +342,13 @@ class Transfer:
         return joint_moves.find_moved_bones(moves, self.peer, self.legs) if self.follow else {}
 
     def compute_moves(self) -> tuple[joint_moves.JointMove, ...]:
-        """Compute the new frames of every joint of both legs, and whether it moves."""
+        """Compute the new frames of every joint of both legs, and whether it moves.
+
+        Returns
+        -------
+        tuple of JointMove
+            Right leg, then left, from hip to subtalar joint; joints that the model lacks as well.
+        """
         segments = osim_registration.fit_standing_segments(self.model, self.model.parameters)
         stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
         found: dict[str, joint_moves.JointMove] = {}

@@ -59,7 +59,18 @@ class Hinge:
     """m RMS, distance of points at `LEVER` from the centre from those of the rolling joint."""
 
     def measure_angle(self, pose: pin.SE3) -> float:
-        """Measure the hinge's angle (rad) that is nearest to a pose of the child in the parent."""
+        """Measure the hinge's angle that is nearest to a pose.
+
+        Parameters
+        ----------
+        pose : pin.SE3
+            Pose of the child in the parent.
+
+        Returns
+        -------
+        float
+            rad
+        """
         r = (self.in_parent.rotation.T @ pose.rotation) @ self.in_child.rotation
         return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
 
@@ -413,7 +424,19 @@ def move_ball_joint(
 
 
 def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> MovedJoint:
-    """Move the axis of a joint to `target`; parameters and result as of `move_ball_joint`."""
+    """Move the axis of a joint to a line.
+
+    Parameters
+    ----------
+    leg, was, standing
+        As of `move_ball_joint`.
+    target : Axis
+        New axis (m, in the parent).
+
+    Returns
+    -------
+    MovedJoint
+    """
     joint, hinge = leg.theirs, leg.hinge
     if hinge is None:
         raise ValueError(f"{leg.ours} is no hinge")
@@ -572,7 +595,18 @@ def is_sliding_body(body: str) -> bool:
 
 
 def find_segment(body: str) -> str | None:
-    """Find our segment of a body (the talus belongs to the foot); None without one."""
+    """Find our segment of a body of another model.
+
+    Parameters
+    ----------
+    body : str
+        Name of the body: one of the usual OpenSim models, or ours.
+
+    Returns
+    -------
+    str or None
+        The talus belongs to the foot, the patella to the thigh; None for an unknown body.
+    """
     if body in MASSIVE_SEGMENTS:
         return body
     if body in _MIDDLE:

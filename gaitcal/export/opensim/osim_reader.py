@@ -93,7 +93,17 @@ class OsimDocument:
         return next(e for e in self.list_joints() if e.get("name", "") == name)
 
     def find_body(self, name: str) -> ET.Element:
-        """Find the element of a body."""
+        """Find the element of a body.
+
+        Parameters
+        ----------
+        name : str
+            Name of a body of the model.
+
+        Returns
+        -------
+        ET.Element
+        """
         bodies = self.model.findall("BodySet/objects/Body")
         return next(e for e in bodies if e.get("name", "") == name)
 
@@ -126,12 +136,28 @@ class OsimDocument:
         return read_numbers(self.find_body(name), "mass_center", self.source, count=3)
 
     def list_joints(self) -> Iterator[ET.Element]:
-        """List all joints of a file of either generation."""
+        """List all joints of a file of either generation.
+
+        Yields
+        ------
+        ET.Element
+        """
         yield from self.model.findall("BodySet/objects/Body/Joint/*")
         yield from self.model.findall("JointSet/objects/*")
 
     def list_attached_elements(self, joint: str) -> list[str]:
-        """List names of elements that are fixed to a frame of this joint and move with it."""
+        """List elements that are fixed to a frame of this joint and move with it.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+
+        Returns
+        -------
+        list of str
+            Names of the elements.
+        """
         elements = self.find_joint(joint).findall("frames/*")
         frames = tuple({f"{joint}/{frame.get('name')}" for frame in elements})
         out = []
@@ -374,20 +400,20 @@ def _parse(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
     spans: dict[ET.Element, _Span] = {}
     opened: list[tuple[ET.Element, int, int]] = []
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def open_element(tag: str, attributes: dict[str, str]) -> None:
         at = parser.CurrentByteIndex
         whole = _TAG.match(content, at)
         if whole is None:
             raise ValueError("a tag could not be found again")
         opened.append((builder.start(tag, attributes), at, whole.end()))
 
-    def end(tag: str) -> None:
+    def close_element(tag: str) -> None:
         builder.end(tag)
         element, at, inside = opened.pop()
         alone = content[inside - 2 : inside] == b"/>"
         spans[element] = _Span(at, inside, inside if alone else parser.CurrentByteIndex)
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler, parser.EndElementHandler = open_element, close_element
     parser.CharacterDataHandler = builder.data
     parser.Parse(content, True)
     return builder.close(), spans
@@ -494,7 +520,7 @@ def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> Pe
     """Read a joint of OpenSim 4, or with `child` one of OpenSim 3, inside that body."""
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
 
-    def end(socket: str) -> tuple[str, pin.SE3]:
+    def read_end(socket: str) -> tuple[str, pin.SE3]:
         body = _read_socket(element, socket).rpartition("/")[2]
         if body not in frames:
             return body, pin.SE3.Identity()
@@ -505,8 +531,8 @@ def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> Pe
 
     if child is None:
         (parent, in_parent), (child, in_child) = (
-            end("socket_parent_frame"),
-            end("socket_child_frame"),
+            read_end("socket_parent_frame"),
+            read_end("socket_child_frame"),
         )
     else:
         parent = (element.findtext("parent_body") or "").strip()

@@ -73,13 +73,35 @@ class Registration:
     """m^2, of `centre` in each direction."""
 
     def compute_point_covariance(self, point: Array) -> Array:
-        """Compute the covariance (3, 3) m^2 of a point (3,) m of our segment in the body."""
+        """Compute the covariance of a point as a position in the body.
+
+        Parameters
+        ----------
+        point : (3,) Array
+            m, in our segment.
+
+        Returns
+        -------
+        (3, 3) Array
+            m^2, axes of our segment.
+        """
         arm = pin.skew(point - self.centre)
         out: Array = self.translation_variance * np.eye(3) + arm @ self.rotation_covariance @ arm.T
         return out
 
     def draw_pose(self, rng: np.random.Generator) -> pin.SE3:
-        """Draw the pose of the body in our segment from its errors."""
+        """Draw the pose of the body from its errors.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        pin.SE3
+            In our segment, m.
+        """
         rotation = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
         translation = rng.normal(size=3) * np.sqrt(self.translation_variance)
         # Rotation about the centre of the common points.

@@ -140,14 +140,36 @@ def _undo_half_turn(motion: Element) -> pin.SE3:
 
 
 def make_axis_vector(element: Element) -> Array:
-    """Make the unit axis (3,) of a coordinate, with its sign."""
+    """Make the unit axis of a coordinate, with its sign.
+
+    Parameters
+    ----------
+    element : Element
+        Elementary motion of the linkage.
+
+    Returns
+    -------
+    (3,) Array
+    """
     axis = np.zeros(3)
     axis[element.axis] = element.sign
     return axis
 
 
 def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
-    """Get mass (kg), mass centre (m) and principal moments (kg m^2) of one segment."""
+    """Get the inertia of one segment.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Inertial parameters.
+    segment : str
+        Segment; the talus has no mass.
+
+    Returns
+    -------
+    SegmentInertia
+    """
     if segment not in MASSIVE_SEGMENTS:
         return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
     row = view_as_table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
@@ -190,7 +212,18 @@ def convert_to_space_fixed_xyz(rotation: Array) -> Array:
 
 
 def convert_from_body_fixed_xyz(angles: Array) -> Array:
-    """Convert body-fixed x-y-z angles (3,) rad to the rotation (3, 3) Rx(a) Ry(b) Rz(c)."""
+    """Convert body-fixed x-y-z angles to a rotation.
+
+    Parameters
+    ----------
+    angles : (3,) Array
+        rad, a, b, c.
+
+    Returns
+    -------
+    (3, 3) Array
+        Rx(a) Ry(b) Rz(c).
+    """
     a, b, c = (float(angle) for angle in angles)
     rotation: Array = make_axis_rotation(0, a) @ make_axis_rotation(1, b) @ make_axis_rotation(2, c)
     return rotation
@@ -286,7 +319,15 @@ def add_child(
 
 
 def write_xml(root: ET.Element, path: Path | str) -> None:
-    """Write an indented UTF-8 document, completely or not at all."""
+    """Write an indented UTF-8 document, completely or not at all.
+
+    Parameters
+    ----------
+    root : ET.Element
+        Root of the document.
+    path : Path or str
+        File to write.
+    """
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     write_text_atomically(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
@@ -366,7 +407,8 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
 
 def _add_axes(transform: ET.Element, kind: str, motions: list[Element]) -> None:
     """Add three axes of the transform: those of the coordinates, then the remaining, fixed ones."""
-    idle = [axis for axis in range(3) if axis not in {m.axis for m in motions}]
+    used = {motion.axis for motion in motions}
+    idle = [axis for axis in range(3) if axis not in used]
     for number in range(3):
         axis = add_child(transform, "TransformAxis", name=f"{kind}{number + 1}")
         if number < len(motions):

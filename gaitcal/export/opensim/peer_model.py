@@ -90,10 +90,10 @@ class PeerModel:
 
     def find_joint(self, coordinate: str) -> PeerJoint | None:
         """Find the joint that has a coordinate of this name; None without one."""
-        return next(
-            (j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)),
-            None,
-        )
+        for joint in self.joints.values():
+            if any(c.name == coordinate for c in joint.coordinates):
+                return joint
+        return None
 
     def replace_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
         """Replace joints by others between the same bodies."""
@@ -139,7 +139,25 @@ class PeerModel:
     def compute_body_pose(
         self, body: str, ancestor: str, values: Mapping[str, float] | None = None
     ) -> pin.SE3:
-        """Compute the pose of a body in an ancestor; parameters as of `compute_joint_pose`."""
+        """Compute the pose of a body in one of its ancestors.
+
+        Parameters
+        ----------
+        body, ancestor : str
+            Lower and upper body.
+        values : mapping, optional
+            Coordinate -> rad (m); others as in `compute_joint_pose`.
+
+        Returns
+        -------
+        pin.SE3
+            m
+
+        Raises
+        ------
+        InputError
+            The body is not below `ancestor`, or a joint in between is not supported.
+        """
         pose = pin.SE3.Identity()
         for joint in reversed(self.list_joints_between(ancestor, body)):
             pose = self.compute_joint_pose(joint, values or {}) * pose
@@ -344,7 +362,20 @@ class LegGeometry:
 
 
 def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
-    """Measure the geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
+    """Measure the geometry of one leg of our linkage.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Joint parameters.
+    side : {"r", "l"}
+        Leg.
+
+    Returns
+    -------
+    LegGeometry
+        In our segment frames, m.
+    """
     frames = {joint.name: joint for joint in list_joint_frames(parameters)}
     hip, knee, ankle, subtalar = (
         frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar")
@@ -369,11 +400,25 @@ def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
 
 
 def find_leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
-    """Find the bodies of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, if present."""
+    """Find the bodies of our segments of a leg.
+
+    Parameters
+    ----------
+    peer : PeerModel
+        Model.
+    side : {"r", "l"}
+        Leg.
+
+    Returns
+    -------
+    dict
+        `pelvis`, `thigh_r`, `shank_r`, `foot_r` -> body, as far as the model has them.
+    """
     bodies: dict[str, str] = {}
-    if hip := peer.find_joint(f"hip_flexion_{side}"):
+    hip, knee = peer.find_joint(f"hip_flexion_{side}"), peer.find_joint(f"knee_angle_{side}")
+    if hip is not None:
         bodies |= {"pelvis": hip.parent, f"thigh_{side}": hip.child}
-    if knee := peer.find_joint(f"knee_angle_{side}"):
+    if knee is not None:
         bodies |= {f"thigh_{side}": knee.parent, f"shank_{side}": knee.child}
     foot = peer.find_joint(f"subtalar_angle_{side}") or peer.find_joint(f"ankle_angle_{side}")
     if foot is not None:
@@ -519,7 +564,18 @@ class Axis:
         return Axis(pose.act(self.point), pose.rotation @ self.direction)
 
     def find_nearest(self, point: Array) -> Array:
-        """Find the point (3,) m of the line nearest to `point` (3,) m."""
+        """Find the point of the line that is nearest to a point.
+
+        Parameters
+        ----------
+        point : (3,) Array
+            m
+
+        Returns
+        -------
+        (3,) Array
+            m
+        """
         nearest: Array = self.point + self.direction * float(self.direction @ (point - self.point))
         return nearest
 
@@ -528,7 +584,18 @@ class Axis:
         return float(np.linalg.norm(self.find_nearest(point) - point))
 
     def find_crossing(self, axis: int) -> Array:
-        """Find the point (3,) m where the line crosses the plane with zero coordinate `axis`."""
+        """Find the point where the line crosses the plane on which one coordinate is zero.
+
+        Parameters
+        ----------
+        axis : int
+            Index of the coordinate.
+
+        Returns
+        -------
+        (3,) Array
+            m
+        """
         crossing: Array = self.point - self.direction * (self.point[axis] / self.direction[axis])
         return crossing
 
@@ -566,7 +633,18 @@ def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
 
 
 def measure_line_distance(a: Axis, b: Axis) -> float:
-    """Measure the shortest distance (m) of two lines."""
+    """Measure the shortest distance of two lines.
+
+    Parameters
+    ----------
+    a, b : Axis
+        Lines in one frame, m.
+
+    Returns
+    -------
+    float
+        m
+    """
     normal = np.cross(a.direction, b.direction)
     size = float(np.linalg.norm(normal))
     # Parallel lines have no common normal.

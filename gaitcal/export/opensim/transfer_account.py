@@ -87,14 +87,13 @@ def list_leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, A
     dict
         Coordinate -> (n,) rad.
     """
-    return {
-        c.name: np.linspace(c.low, c.high, VALUES)
-        for leg in legs
-        for c in leg.theirs.coordinates
-        if not c.locked
-        and c.high > c.low
-        and any(a.coordinate == c.name and a.rotates for a in leg.theirs.axes or ())
-    }
+    ranges = {}
+    for leg in legs:
+        rotating = {axis.coordinate for axis in leg.theirs.axes or () if axis.rotates}
+        for c in leg.theirs.coordinates:
+            if c.name in rotating and not c.locked and c.high > c.low:
+                ranges[c.name] = np.linspace(c.low, c.high, VALUES)
+    return ranges
 
 
 def compute_muscle_paths(
@@ -186,7 +185,20 @@ def compare_muscles(
 def compute_arm_deviations(
     change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]
 ) -> Array | None:
-    """Compute standard deviations (n,) m of a moment arm over draws; None with fewer than two."""
+    """Compute standard deviations of a moment arm over draws of the model.
+
+    Parameters
+    ----------
+    change : MuscleChange
+        Muscle and coordinate.
+    draws : sequence of mapping
+        Paths of each draw.
+
+    Returns
+    -------
+    (n,) Array or None
+        m, at the values of the coordinate; None with fewer than two draws.
+    """
     key = change.before.muscle, change.before.coordinate
     arms = np.array([draw[key].arm for draw in draws if key in draw])  # (draws, n)
     return arms.std(axis=0, ddof=1) if len(arms) > 1 else None
