@@ -51,13 +51,16 @@ from gaitcal.model.parameters import MASSIVE_SEGMENTS, is_physical
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 
 TALUS_MASS = 1e-12
-"""kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here
-resolves.
+"""kg, of a talus that carries a marker: its weight of 1e-11 N is far below the resolution of any
+result.
 """
-_TALUS_MOMENT = 1e-14  # kg m^2; MuJoCo accepts nothing below 1e-15
-_SITE_RADIUS = 0.008  # m, of the spheres that show markers
+_TALUS_MOMENT = 1e-14
+"""kg m^2: MuJoCo accepts nothing below 1e-15."""
+_SITE_RADIUS = 0.008
+"""m, of the spheres that show markers."""
 MARKER_PREFIX = "marker_"
-_UNLIMITED = 1e4  # N or N·m, m/s or rad/s: URDF demands a bound of effort and speed, we have none
+_UNLIMITED = 1e4
+"""N or N·m, m/s or rad/s: URDF requires limits of effort and speed, which we do not have."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,8 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
             raise InputError(
                 f"found mass {inertia.mass:.4g} kg, principal moments {inertia.moments[0]:.4g}, "
                 f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body "
-                "has; MuJoCo takes "
-                "only positive ones, none larger than the sum of the other two (osim and urdf can "
-                "be written)",
+                "can have; MuJoCo accepts only positive ones, none larger than the sum of the "
+                "other two (osim and urdf can be written)",
                 source=path,
                 field=segment,
                 code=Code.IMPOSSIBLE_BODY,
@@ -120,14 +122,12 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
         frictionloss="0",
     )
     parents = {osim_writer.GROUND: osim_writer.add_child(document, "worldbody")}
+    # Segment that is merged into the one below -> joints above it.
     chains: dict[str, tuple[osim_writer.JointFrames, ...]] = {}
-    """Joints above a segment that is folded away."""
     for joint in osim_writer.list_joint_frames(model.parameters):
         chain = (*chains.pop(joint.parent, ()), joint)
-        if (
-            osim_writer.get_segment_inertia(model.parameters, joint.child).mass == 0.0
-            and joint.child not in model.markers.segments
-        ):
+        mass = osim_writer.get_segment_inertia(model.parameters, joint.child).mass
+        if mass == 0.0 and joint.child not in model.markers.segments:
             chains[joint.child] = chain
         else:
             parents[joint.child] = _add_body(parents[chain[0].parent], chain, model)
@@ -155,19 +155,15 @@ def convert_to_body_joints(
     tuple of BodyJoint
         Coordinates in between, in order.
     """
-    to_end = pin.SE3.Identity()  # S_k: all constants that come after the coordinate in hand
+    # S_k of the module: all constants after the coordinate.
+    to_end = pin.SE3.Identity()
     joints: list[BodyJoint] = []
     for frames in reversed(chain):
         to_end = frames.to_child * to_end
         inverse = to_end.inverse()
         for motion in reversed(frames.motions):
-            joints.append(
-                BodyJoint(
-                    motion,
-                    inverse.rotation @ osim_writer.make_axis_vector(motion),
-                    inverse.translation,
-                )
-            )
+            axis = inverse.rotation @ osim_writer.make_axis_vector(motion)
+            joints.append(BodyJoint(motion, axis, inverse.translation))
         to_end = frames.in_parent * to_end
     return to_end, tuple(reversed(joints))
 
@@ -209,8 +205,8 @@ def _add_body(
             "range", osim_writer.format_numbers(osim_writer.COORDINATE_RANGES[joint.motion.name])
         )
     markers = model.markers
-    for label, carrier, local in zip(markers.labels, markers.segments, markers.local, strict=True):
-        if carrier == segment:
+    for label, holder, local in zip(markers.labels, markers.segments, markers.local, strict=True):
+        if holder == segment:
             osim_writer.add_child(
                 body,
                 "site",

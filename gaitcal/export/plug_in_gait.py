@@ -40,38 +40,38 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY
 
 ANGLE_UNITS = {"deg": 180.0 / np.pi, "degrees": 180.0 / np.pi, "rad": 1.0, "radians": 1.0}
-"""Spellings of POINT:ANGLE_UNITS, and each a radian."""
+"""Spelling of POINT:ANGLE_UNITS -> value of one radian."""
 MOMENT_UNITS = {"nmm": 1e3, "nmm/kg": 1e3, "nm": 1.0, "nm/kg": 1.0}
-"""Spellings of POINT:MOMENT_UNITS, and each in 1 N·m; of all of them that per kg is meant."""
+"""Spelling of POINT:MOMENT_UNITS -> value of 1 N·m; all of them mean per kg."""
 
 _MOMENTS: dict[str, list[Coordinate]] = {}
 for _row in COORDINATE_TABLE.values():
     if _row.point:
         _MOMENTS.setdefault(_row.point, []).append(_row)
-"""First word of a point -> what its axes hold, in their order."""
+"""First word of a point -> coordinates of its axes, in order."""
 
 
 def _describe_angles(rows: Sequence[Coordinate]) -> str:
     """Describe the axes of angles: `flexion, 0, 0 (a hinge)`."""
-    words = [
+    senses = [
         row.clinical.positive if row.clinical else (row.senses or (row.angle,))[0] for row in rows
     ]
-    return ", ".join([*words, "0", "0"][:3]) + (" (a hinge)" if len(rows) == 1 else "")
+    return ", ".join([*senses, "0", "0"][:3]) + (" (a hinge)" if len(rows) == 1 else "")
 
 
 def _describe_moments(rows: Sequence[Coordinate]) -> str:
     """Describe the axes of moments, which take the other sense: `internal, per kg: ...`."""
-    return "internal, per kg: " + ", ".join(
-        [*(row.senses[1] for row in rows if row.senses), "0", "0"][:3]
-    )
+    senses = [row.senses[1] for row in rows if row.senses]
+    return "internal, per kg: " + ", ".join([*senses, "0", "0"][:3])
 
 
 _ANGLES = {
     point: [row for row in rows if row.name not in LOCKED] for point, rows in _MOMENTS.items()
 }
-del _MOMENTS["Pelvis"]  # its residual is none of the body's
+# The moment of the pelvis is the residual, no moment of a joint.
+del _MOMENTS["Pelvis"]
 _POWERS = ("Hip", "Knee", "Ankle")
-_WORDS = {
+_DESCRIPTIONS = {
     **{f"{point}Angles": _describe_angles(rows) for point, rows in _ANGLES.items()},
     **{f"{point}Moment": _describe_moments(rows) for point, rows in _MOMENTS.items()},
     "FootProgressAngles": "0, 0, toes in, against the room's axis of progression",
@@ -95,13 +95,15 @@ class SavedMotion:
     """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is
     refused.
     """
-    valid: Mapping[str, BoolArray]  # Side -> (nf,) frames whose torques count
-    mass: float  # kg, of the body
+    valid: Mapping[str, BoolArray]
+    """Side -> (nf,) frames with valid torques."""
+    mass: float
+    """kg, of the body."""
     parameters: Parameters
-    reactions: Mapping[str, Array] = field(
-        default_factory=dict
-    )  # Side -> (nf, 3) N on its foot, laboratory's axes
-    frozen: tuple[str, ...] = ()  # Coordinates that the model holds at zero, which say nothing
+    reactions: Mapping[str, Array] = field(default_factory=dict)
+    """Side -> (nf, 3) N on its foot, in the laboratory's axes."""
+    frozen: tuple[str, ...] = ()
+    """Coordinates that the model holds at zero; they have no points."""
 
 
 def make_plug_in_gait_points(
@@ -124,8 +126,8 @@ def make_plug_in_gait_points(
         In the laboratory's axes (x forward, y up, z right), positions in m. Torques and powers are
         NaN in frames that are not valid.
     """
-    placed = Kinematics(get_chain().body(motion.parameters), motion.q, columns=False)
-    axes, origins = placed.axes, placed.origins
+    kinematics = Kinematics(get_chain().body(motion.parameters), motion.q, columns=False)
+    axes, origins = kinematics.axes, kinematics.origins
     points = [
         *_make_angles(motion, angle),
         *_make_foot_progress(motion, angle, axes),
@@ -191,7 +193,8 @@ def _make_reactions(motion: SavedMotion) -> Iterator[AddedPoint]:
     """Make the points of ground reactions, NaN in frames that are not valid."""
     for side, force in motion.reactions.items():
         values = 100.0 * force[:, [0, 2, 1]] / (motion.mass * GRAVITY)
-        values[:, 1] *= 1.0 if side == "l" else -1.0  # z is to the right, medial of the left foot
+        # z is to the right: medial of the left foot.
+        values[:, 1] *= 1.0 if side == "l" else -1.0
         values[~motion.valid[side]] = np.nan
         yield _make_point(side, "NormalisedGRF", PointKind.FORCE, values)
 
@@ -212,16 +215,17 @@ def _make_joint_centres(motion: SavedMotion, axes: Array, origins: Array) -> Ite
     frames = {joint.name: joint for joint in list_joint_frames(motion.parameters)}
     for joint, name in (("hip", "HJC"), ("knee", "KJC"), ("talocrural", "AJC")):
         for side in SIDES:
-            of = frames[f"{joint}_{side}"]
-            segment = SEGMENTS.index(of.parent)
-            place = (
-                np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
-            )
-            yield _make_point(side, name, PointKind.POSITION, place)
+            frame = frames[f"{joint}_{side}"]
+            segment = SEGMENTS.index(frame.parent)
+            offset = np.einsum("j,jif->fi", frame.in_parent.translation, axes[segment])
+            yield _make_point(side, name, PointKind.POSITION, offset + origins[segment].T)
 
 
 def _make_point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:
     """Make a point with its description."""
     return AddedPoint(
-        name=side.upper() + name, kind=kind, values=values, description=f"gaitcal: {_WORDS[name]}"
+        name=side.upper() + name,
+        kind=kind,
+        values=values,
+        description=f"gaitcal: {_DESCRIPTIONS[name]}",
     )

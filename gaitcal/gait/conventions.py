@@ -184,7 +184,18 @@ class Convention:
         return (angle[1], angle[0]) if opposed else angle
 
     def make_title(self, variable: str) -> str:
-        """Make the title of a variable from its positive sense: `Hip extension moment`."""
+        """Make the title of a variable from its positive sense.
+
+        Parameters
+        ----------
+        variable : str
+            Variable of `cycles.csv`.
+
+        Returns
+        -------
+        str
+            `Hip flexion`, `Hip extension moment`, `Hip power`.
+        """
         name, kind = get_coordinate(variable), get_curve_kind(variable)
         if kind is CurveKind.FORCE:
             return GROUND_FORCES[name].title

@@ -68,7 +68,18 @@ class GaitEvent(FootEvent):
 
 
 def describe_sources(sources: Iterable[EventSource]) -> str:
-    """Name each source once, in order of precedence: `force plates and the motion of the feet`."""
+    """Describe the sources of events.
+
+    Parameters
+    ----------
+    sources : iterable of EventSource
+        Sources, in any order.
+
+    Returns
+    -------
+    str
+        Each source once, in order of precedence: `force plates and the motion of the feet`.
+    """
     found = set(sources)
     return " and ".join(label for source, label in _SOURCE_LABELS.items() if source in found)
 
@@ -291,7 +302,18 @@ GROUND_REACTION = "ground_reaction_vertical"
 
 
 def get_curve_kind(variable: str) -> CurveKind:
-    """Get the kind of a variable of `cycles.csv`: `knee_angle_moment` is a moment."""
+    """Get the kind of a variable.
+
+    Parameters
+    ----------
+    variable : str
+        Variable of `cycles.csv`.
+
+    Returns
+    -------
+    CurveKind
+        `knee_angle` is an angle, `knee_angle_moment` a moment.
+    """
     if variable.startswith("ground_reaction_"):
         return CurveKind.FORCE
     return next(
@@ -306,13 +328,30 @@ def get_unit(variable: str) -> str:
 
 
 def get_coordinate(variable: str) -> str:
-    """Get the coordinate of a variable, without a side: `knee_angle_moment` -> `knee_angle`."""
+    """Get the coordinate of a variable.
+
+    Parameters
+    ----------
+    variable : str
+        Variable of `cycles.csv`.
+
+    Returns
+    -------
+    str
+        Coordinate without a side: `knee_angle_moment` -> `knee_angle`.
+    """
     kind = get_curve_kind(variable)
     return variable.removesuffix(kind.ending) if kind.ending else variable
 
 
 def list_variables() -> tuple[str, ...]:
-    """List every variable that a table of strides may hold, without sides; arms are left out."""
+    """List every variable that a table of strides may hold.
+
+    Returns
+    -------
+    tuple of str
+        Without sides; coordinates of the arms are left out.
+    """
     rows = [row for row in COORDINATE_TABLE.values() if row.group != "arm"]
     angles = tuple(row.name for row in rows if row.name not in LOCKED)
     moved = (*(n for n in angles if COORDINATE_TABLE[n].group != "pelvis"), *LOCKED)

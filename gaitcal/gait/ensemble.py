@@ -144,9 +144,17 @@ ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 
 
 def require_unique_strides(strides: "pd.DataFrame") -> None:
-    """Raise InputError where a table of strides contains a stride twice.
+    """Require that a table of strides contains each stride once.
 
-    This happens where two sessions without a name are joined.
+    Parameters
+    ----------
+    strides : pandas.DataFrame
+        Table with the columns `SAMPLE_COLUMNS`.
+
+    Raises
+    ------
+    InputError
+        A stride appears twice, as where two sessions without a name are joined.
     """
     twice = strides.duplicated(SAMPLE_COLUMNS)
     if twice.any():

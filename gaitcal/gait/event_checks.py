@@ -179,7 +179,7 @@ def check_corrected_events(
     """
     low, high = time[0] + EDGE, time[-1] - EDGE
     inside = [e for e in events if shown and low < e.time < high]
-    apart = [_format_event(e) for e in inside if abs(_measure_nearest(e, shown)) > AGREE]
+    different = [_format_event(e) for e in inside if abs(_measure_nearest(e, shown)) > AGREE]
     lacking = list[FootEvent]()
     for event in (e for e in shown if low < e.time < high):
         # Plates and motion may both show the same event: count it once.
@@ -205,9 +205,9 @@ def check_corrected_events(
         names = listed([_format_event(e) for e in sorted(lacking, key=lambda e: e.time)])
         cause = "corrected events lack some that forces and motion show"
         findings.append(_make_note(cause, f"{names}; not used"))
-    if apart:
+    if different:
         limit = f"more than {1e3 * AGREE:.0f} ms from the events of forces and motion"
-        found = f"{', '.join(apart)}: {limit}; used as given"
+        found = f"{', '.join(different)}: {limit}; used as given"
         findings.append(_make_note("corrected events differ from forces and motion", found))
     return tuple(findings)
 
@@ -283,11 +283,12 @@ def _remove_offset_events(
         if offset is not None:
             count = len(_list_differences(inside, motion))
             return [], (_report_offset("", offset, f"{count} against the motion of the feet"),)
+    # Label in messages -> events that may share an offset.
     groups = {"": inside}
-    groups |= {f"{m.value} ": [e for e in inside if e.moment is m] for m in FootMoment}
-    groups |= {
-        f"{word} ": [e for e in inside if e.side == side] for side, word in SIDE_WORDS.items()
-    }
+    for moment in FootMoment:
+        groups[f"{moment.value} "] = [e for e in inside if e.moment is moment]
+    for side, word in SIDE_WORDS.items():
+        groups[f"{word} "] = [e for e in inside if e.side == side]
     used, findings = inside, []
     for single, word in itertools.product((False, True), groups):
         group = groups[word]
@@ -295,7 +296,7 @@ def _remove_offset_events(
         against = [d for d in from_plate if abs(d) <= AGREE]
         enough = len(against) >= (2 if word else FEWEST - 1)
         if single:
-            # One event on a plate stands for others that are as late against the motion.
+            # One event on a plate represents others that are as late relative to the motion.
             by_motion = _list_differences(group, motion)
             enough = (
                 bool(against and word)
@@ -458,7 +459,18 @@ def is_down(before: bool | None, after: bool | None) -> bool | None:
 
 
 def check_event_order(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
-    """Report feet (`r`, `l`) whose strikes and offs do not alternate."""
+    """Report feet whose strikes and offs do not alternate.
+
+    Parameters
+    ----------
+    feet : mapping
+        `r`, `l` -> events of the foot.
+
+    Returns
+    -------
+    tuple of Finding
+        At most one, without the name of the trial.
+    """
     named = []
     for side, foot in feet.items():
         # A foot with events of one kind only has nothing to alternate.

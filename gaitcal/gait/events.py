@@ -67,37 +67,52 @@ from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.tracking.motion import Motion
 
 PLATE_AGREES = 0.1
-"""s between a plate's loading and the motion's strike: more, and the foot came onto the plate
-otherwise.
+"""s between the loading of a plate and the strike of the motion: with more, the foot did not come
+down on the plate.
 """
-# s at either end of a trial, where the swing before a strike or after an off is not in the
-# recording
 EDGE_S = 0.2
-STRIKE: Final = 0.10  # of the swing's peak
-OFF: Final = 0.25  # of the swing's peak
-SLOWEST_SWING: Final = 0.25  # m/s: a foot that is never faster does not swing
-SMALLEST_SWING: Final = 0.12  # of the trial's fastest swing: a lower peak is a shuffle on the spot
-# of the peak, by which the speed falls on both sides of a swing: less is a dip within one swing
+"""s at both ends of a trial, where the swing before a strike or after an off is not recorded."""
+STRIKE: Final = 0.10
+"""Threshold of a strike, relative to the peak of the swing."""
+OFF: Final = 0.25
+"""Threshold of an off, relative to the peak of the swing."""
+SLOWEST_SWING: Final = 0.25
+"""m/s: a foot that is never faster does not swing."""
+SMALLEST_SWING: Final = 0.12
+"""Of the trial's fastest swing: a lower peak is a shuffle on the spot."""
 DIP: Final = 0.7
-# m that the slower end of the foot travels in a swing, as far as it is seen: less is no step
+"""Of the peak, decrease of speed on both sides of a swing: less is a dip within one swing."""
 LEAST_TRAVEL: Final = 0.1
+"""m, path of the slower end of the foot in a swing, as far as it is recorded: less is no step."""
 
 
 @dataclass(frozen=True)
 class GaitEvents:
     """Events of one trial, and findings on those of its file."""
 
-    events: tuple[GaitEvent, ...] = ()  # in order of time
-    findings: tuple[Finding, ...] = ()  # without the name of the trial
-    repeats: tuple[GaitCycle, ...] = ()  # of an activity that is no gait, instead of strides
+    events: tuple[GaitEvent, ...] = ()
+    """In order of time."""
+    findings: tuple[Finding, ...] = ()
+    """Without the name of the trial."""
+    repeats: tuple[GaitCycle, ...] = ()
+    """Repetitions of an activity that is no gait, instead of strides."""
 
     def select_foot(self, side: str) -> FootEvents:
-        """Select strikes and offs of one foot (`r`, `l`)."""
+        """Select strikes and offs of one foot.
+
+        Parameters
+        ----------
+        side : {"r", "l"}
+            Foot.
+
+        Returns
+        -------
+        FootEvents
+        """
         strikes = [e for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
+        times = np.array([e.time for e in strikes])
         offs = np.array(select_event_times(self.events, side, FootMoment.OFF))
-        return FootEvents(
-            np.array([e.time for e in strikes]), offs, tuple(e.source for e in strikes)
-        )
+        return FootEvents(times, offs, tuple(e.source for e in strikes))
 
 
 def find_trial_events(
@@ -124,14 +139,12 @@ def find_trial_events(
     if has_feet(model):
         feet = compute_foot_points(model, motion, model.parameters)
         by_motion = find_motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
-    by_plates = (
-        []
-        if reactions is None
-        else find_plate_events(motion.time, reactions.loaded, recording.plates)
-    )
+    by_plates: list[FootEvent] = []
+    if reactions is not None:
+        by_plates = find_plate_events(motion.time, reactions.loaded, recording.plates)
     if recording.corrected:
-        own = _select_confirmed_plate_events(by_plates, by_motion, motion.time)
-        return use_corrected_events(motion.time, recording.events, [*own, *by_motion])
+        confirmed = _select_confirmed_plate_events(by_plates, by_motion, motion.time)
+        return use_corrected_events(motion.time, recording.events, [*confirmed, *by_motion])
     return combine_events(motion.time, recording.events, by_plates, by_motion)
 
 
@@ -212,21 +225,16 @@ def combine_events(
                 GaitEvent(moment, side, t, EventSource.FILE)
                 for t in select_event_times(used, side, moment)
             ]
-            known += _select_further_events(
-                known, select_event_times(plates, side, moment), EventSource.PLATES, moment, side
-            )
-            alone = select_event_times(motion, side, moment)
-            shift = _compute_median_difference([e.time for e in known], alone)
-            alone = [t + shift for t in alone if time[0] <= t + shift <= time[-1]]
-            events += known + _select_further_events(known, alone, EventSource.MOTION, moment, side)
-    joined = GaitEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
-    return replace(
-        joined,
-        findings=(
-            *findings,
-            *check_event_order({side: joined.select_foot(side) for side in SIDES}),
-        ),
-    )
+            by_plates = select_event_times(plates, side, moment)
+            known += _select_further_events(known, by_plates, EventSource.PLATES, moment, side)
+            # Events of the motion get the meaning of the better-known ones.
+            times = select_event_times(motion, side, moment)
+            shift = _compute_median_difference([e.time for e in known], times)
+            times = [t + shift for t in times if time[0] <= t + shift <= time[-1]]
+            events += known + _select_further_events(known, times, EventSource.MOTION, moment, side)
+    combined = GaitEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
+    order = check_event_order({side: combined.select_foot(side) for side in SIDES})
+    return replace(combined, findings=(*findings, *order))
 
 
 def _select_confirmed_plate_events(
@@ -234,12 +242,13 @@ def _select_confirmed_plate_events(
 ) -> list[FootEvent]:
     """Select plate events that the motion confirms, or cannot show."""
 
-    def is_of_foot(event: FootEvent) -> bool:
-        of_foot = select_event_times(motion, event.side, event.moment)
-        unseen = not of_foot or event.time < time[0] + EDGE_S or event.time > time[-1] - EDGE_S
-        return unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES
+    def is_confirmed(event: FootEvent) -> bool:
+        times = select_event_times(motion, event.side, event.moment)
+        if not times or event.time < time[0] + EDGE_S or event.time > time[-1] - EDGE_S:
+            return True
+        return min(abs(t - event.time) for t in times) <= PLATE_AGREES
 
-    return [event for event in plates if is_of_foot(event)]
+    return [event for event in plates if is_confirmed(event)]
 
 
 def _select_further_events(
@@ -250,15 +259,23 @@ def _select_further_events(
     side: str,
 ) -> list[GaitEvent]:
     """Make events at those times that are no event known already."""
-    new = [t for t in times if all(abs(t - e.time) >= SAME_EVENT for e in known)]
-    return [GaitEvent(moment, side, t, source) for t in new]
+    out = []
+    for time in times:
+        if not any(abs(time - e.time) < SAME_EVENT for e in known):
+            out.append(GaitEvent(moment, side, time, source))
+    return out
 
 
 def _compute_median_difference(known: Sequence[float], other: Sequence[float]) -> float:
     """Compute the median delay (s) of known events after those of another source; 0 without any."""
-    pairs = [min((k - t for k in known), key=abs) for t in other] if known else []
-    near = [d for d in pairs if abs(d) < SAME_EVENT]
-    return float(np.median(near)) if near else 0.0
+    if not known:
+        return 0.0
+    delays = []
+    for time in other:
+        nearest = min(known, key=lambda k: abs(k - time))
+        if abs(nearest - time) < SAME_EVENT:
+            delays.append(nearest - time)
+    return float(np.median(delays)) if delays else 0.0
 
 
 def find_motion_events(time: Array, slower: Array) -> list[FootEvent]:
@@ -305,16 +322,15 @@ def find_plate_events(
     inner = find_covered_frames(plates, time) if plates else slice(0, len(time))
     for foot, side in enumerate(SIDES):
         for run in find_runs(remove_flicker(time, loaded[:, foot])):
+            # A contact with which the record of the plates begins or ends is no event.
             if run.start > inner.start:
-                moment = _find_threshold_time(
-                    plates, float(time[run.start - 1]), float(time[run.start]), rising=True
-                )
-                events.append(FootEvent(FootMoment.STRIKE, side, moment))
+                frames = float(time[run.start - 1]), float(time[run.start])
+                strike = _find_threshold_time(plates, *frames, rising=True)
+                events.append(FootEvent(FootMoment.STRIKE, side, strike))
             if run.stop < inner.stop:
-                moment = _find_threshold_time(
-                    plates, float(time[run.stop - 1]), float(time[run.stop]), rising=False
-                )
-                events.append(FootEvent(FootMoment.OFF, side, moment))
+                frames = float(time[run.stop - 1]), float(time[run.stop])
+                off = _find_threshold_time(plates, *frames, rising=False)
+                events.append(FootEvent(FootMoment.OFF, side, off))
     return events
 
 
@@ -356,14 +372,13 @@ def find_swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
     inner = [float(slower[k]) for k in peaks if 0 < k < len(time) - 1]
     strikes, offs = [], []
     for k in peaks:
-        # A swing that the trial cuts has its peak outside: the others tell how fast it was.
-        cut = k in (0, len(time) - 1)
-        peak = max(float(slower[k]), float(np.median(inner))) if cut and inner else float(slower[k])
-        begin, end = (
-            _find_slow_frame(slower, int(k), OFF * peak, -1),
-            _find_slow_frame(slower, int(k), STRIKE * peak, 1),
-        )
-        path = slower[slice((begin or 0), (len(time) if end is None else end + 1))]
+        peak = float(slower[k])
+        # A swing that the trial cuts may have its peak outside: use the median of the other ones.
+        if k in (0, len(time) - 1) and inner:
+            peak = max(peak, float(np.median(inner)))
+        begin = _find_slow_frame(slower, k, OFF * peak, -1)
+        end = _find_slow_frame(slower, k, STRIKE * peak, 1)
+        path = slower[(begin or 0) : (len(time) if end is None else end + 1)]
         if float(path.sum()) * float(np.median(np.diff(time))) < LEAST_TRAVEL:
             continue
         if end is not None:
@@ -378,10 +393,10 @@ def _find_peaks(values: Array, least: float) -> Array:
 
     Same as `scipy.signal.find_peaks`, whose package takes half a second to load.
     """
-    turns = np.flatnonzero(
-        np.diff(values)
-    )  # the last sample of each flat stretch, whose length is mostly one
-    starts, ends = np.concatenate([[0], turns + 1]), np.concatenate([turns, [len(values) - 1]])
+    # First and last sample of each stretch of equal values; most have one sample.
+    changes = np.flatnonzero(np.diff(values))
+    starts = np.concatenate([[0], changes + 1])
+    ends = np.concatenate([changes, [len(values) - 1]])
     height = values[starts]
     top = np.zeros(len(height), dtype=bool)
     top[1:-1] = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])
@@ -394,13 +409,13 @@ def _is_separate_peak(speed: Array, peak: int) -> bool:
     Of equal peaks the first counts.
     """
 
-    def first(marked: BoolArray) -> int:
+    def find_first(marked: BoolArray) -> int:
         return int(np.argmax(marked)) if marked.any() else len(marked)
 
     low, before, after = (1.0 - DIP) * speed[peak], speed[:peak][::-1], speed[peak + 1 :]
-    return first(before < low) < first(before >= speed[peak]) and first(after < low) < first(
-        after > speed[peak]
-    )
+    separate_before = find_first(before < low) < find_first(before >= speed[peak])
+    separate_after = find_first(after < low) < find_first(after > speed[peak])
+    return separate_before and separate_after
 
 
 def _find_slow_frame(speed: Array, start: int, threshold: float, step: int) -> int | None:
@@ -416,20 +431,24 @@ def _interpolate_crossing(time: Array, speed: Array, before: int, threshold: flo
     return float(time[before] + part * (time[before + 1] - time[before]))
 
 
-STILL, NEAR, FAR = 0.05, 0.1, 0.5  # Parts of the fastest rate, and of the range of heights
-# Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on
-# nothing
+STILL = 0.05
+"""Of the fastest rate: a slower pelvis is still."""
+NEAR, FAR = 0.1, 0.5
+"""Of the range of heights: distance from the rest of a pelvis at rest, and in a repetition."""
 FALLING = 0.8
-LEAST_RANGE_M = (
-    0.05  # m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump
-)
-# m that a pelvis goes down and up while no foot strikes or leaves: who walks or runs, by less than
-# 0.1
+"""Of gravity, downward acceleration of the pelvis in flight."""
+LEAST_RANGE_M = 0.05
+"""m, vertical range of the pelvis in walking: less is no squat, rise or jump."""
 CROUCH_M = 0.12
-SHORTEST_FLIGHT_S = 0.1  # s that the pelvis falls: a hop of 12 mm
+"""m, by which the pelvis goes down and up between two events of the feet: less than 0.1 in walking
+and running.
+"""
+SHORTEST_FLIGHT_S = 0.1
+"""s of fall: a hop of 12 mm."""
 TOGETHER_S = 0.1
-"""s between the pelvis' fall and the feet's events in a jump, and between the strikes of both feet
-of one, at most; sprinters' steps last 0.2 s."""
+"""s, largest difference between the fall of the pelvis and the events of the feet in a jump, and
+between the strikes of both feet; steps of sprinters last 0.2 s.
+"""
 
 
 def is_alternating(right: FootEvents, left: FootEvents) -> bool:
@@ -449,12 +468,13 @@ def is_alternating(right: FootEvents, left: FootEvents) -> bool:
     """
     if not len(right.strikes) or not len(left.strikes):
         return False
-    both = ((right.strikes, left.strikes), (right.toe_offs, left.toe_offs))
-    apart = [np.abs(a[:, None] - b) for a, b in both if len(a) and len(b)]
-    return (
-        float(np.median(np.concatenate([[*d.min(axis=0), *d.min(axis=1)] for d in apart])))
-        > TOGETHER_S
-    )
+    # Time from each event to the nearest one of the same kind of the other foot.
+    nearest: list[float] = []
+    for a, b in ((right.strikes, left.strikes), (right.toe_offs, left.toe_offs)):
+        if len(a) and len(b):
+            differences = np.abs(a[:, None] - b)
+            nearest += [*differences.min(axis=0), *differences.min(axis=1)]
+    return float(np.median(nearest)) > TOGETHER_S
 
 
 def find_repetitions(
@@ -478,33 +498,30 @@ def find_repetitions(
         return ()
     rate = np.gradient(height, time)
     falls = np.gradient(rate, time) < -FALLING * GRAVITY
-    turns = np.append(
-        rate[1:] * rate[:-1] < 0.0, False
-    )  # of who goes on at once there may be no slow frame
-    still = np.flatnonzero(((np.abs(rate) < STILL * np.abs(rate).max()) | turns) & ~falls)
+    # A movement that reverses at once may have no slow frame: a change of sign counts as well.
+    reverses = np.append(rate[1:] * rate[:-1] < 0.0, False)
+    slow = np.abs(rate) < STILL * np.abs(rate).max()
+    still = np.flatnonzero((slow | reverses) & ~falls)
     if not len(still):
         return ()
-    level = height[still[0]]
-    away = np.abs(height - level)
+    away = np.abs(height - height[still[0]])
     rests = np.zeros(len(time), dtype=bool)
     rests[still] = away[still] < NEAR * reach
     spans = [
         (run.start - 1, run.stop) for run in find_runs(~rests) if away[run].max() > FAR * reach
     ]
-    inner = [(a, b) for a, b in spans if a >= 0 and b < len(time)]
+    inner = [(first, last) for first, last in spans if first >= 0 and last < len(time)]
+    # A movement that ends elsewhere is one repetition, to where the pelvis comes to stay.
     if not inner and spans and 0 <= spans[0][0] < still[-1]:
-        there = find_runs(np.abs(height - height[still[-1]]) < NEAR * reach)[-1]
-        inner = [(spans[0][0], there.start)]
+        last_level = find_runs(np.abs(height - height[still[-1]]) < NEAR * reach)[-1]
+        inner = [(spans[0][0], last_level.start)]
     flights = list(_find_flights(time, falls, feet))
-    return tuple(
-        GaitCycle(
-            start,
-            stop,
-            None,
-            parts=tuple(_split_phases(time, height, (start, stop), flights, NEAR * reach)),
-        )
-        for start, stop in ((float(time[a]), float(time[b])) for a, b in inner)
-    )
+    out = []
+    for first, last in inner:
+        ends = float(time[first]), float(time[last])
+        phases = tuple(_split_phases(time, height, ends, flights, NEAR * reach))
+        out.append(GaitCycle(*ends, None, parts=phases))
+    return tuple(out)
 
 
 def find_crouches(
@@ -524,11 +541,9 @@ def find_crouches(
     list of tuple
         s, times of the events before and after each crouch.
     """
-    moments = [
-        float(time[0]),
-        *(t for foot in feet for t in (*foot.strikes, *foot.toe_offs)),
-        float(time[-1]),
-    ]
+    moments = [float(time[0]), float(time[-1])]
+    for foot in feet:
+        moments += [*foot.strikes, *foot.toe_offs]
     out = []
     for start, stop in pairwise(sorted(moments)):
         inner = height[(time >= start) & (time <= stop)]
@@ -543,14 +558,14 @@ def _find_flights(
     """Find take-off and landing (s) of each flight."""
     for run in find_runs(falls):
         begin, end = float(time[run.start]), float(time[run.stop - 1])
-        if end - begin >= SHORTEST_FLIGHT_S:
-            offs = [
-                t for foot in feet for t in foot.toe_offs.tolist() if abs(t - begin) < TOGETHER_S
-            ]
-            strikes = [
-                t for foot in feet for t in foot.strikes.tolist() if abs(t - end) < TOGETHER_S
-            ]
-            yield max(offs, default=begin), min(strikes, default=end)
+        if end - begin < SHORTEST_FLIGHT_S:
+            continue
+        # The last off and the first strike of the feet, where they are known.
+        offs, strikes = list[float](), list[float]()
+        for foot in feet:
+            offs += [t for t in foot.toe_offs.tolist() if abs(t - begin) < TOGETHER_S]
+            strikes += [t for t in foot.strikes.tolist() if abs(t - end) < TOGETHER_S]
+        yield max(offs, default=begin), min(strikes, default=end)
 
 
 def _split_phases(
@@ -564,17 +579,24 @@ def _split_phases(
 
     `least`: m, smallest depth of a turning point at which a stretch on the ground is split.
     """
-    inner = [flight for flight in flights if ends[0] < flight[0] and flight[1] < ends[1]]
-    moments = [ends[0], *(t for flight in inner for t in flight), ends[1]]
+    moments = [ends[0]]
+    for takeoff, landing in flights:
+        if ends[0] < takeoff and landing < ends[1]:
+            moments += [takeoff, landing]
+    moments.append(ends[1])
+    # Stretches on the ground and flights alternate.
     for k, (start, stop) in enumerate(pairwise(moments)):
         if k % 2:
             yield "flight", stop
             continue
         frames = np.flatnonzero((time >= start) & (time <= stop))
         h = height[frames]
+        # Split at the highest or lowest height, if it is far enough from both ends.
         over, under = h.max() - max(h[0], h[-1]), min(h[0], h[-1]) - h.min()
-        turn = [int(h.argmax() if over > under else h.argmin())] if max(over, under) > least else []
-        for a, b in pairwise([0, *turn, len(h) - 1]):
+        middle = []
+        if max(over, under) > least:
+            middle = [int(h.argmax() if over > under else h.argmin())]
+        for a, b in pairwise([0, *middle, len(h) - 1]):
             is_last = b == len(h) - 1
             rising = "push-off" if is_last and k < len(moments) - 2 else "rising"
             lowering = "landing" if a == 0 and k else "lowering"

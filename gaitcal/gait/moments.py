@@ -30,7 +30,18 @@ from gaitcal.study.study_trial import Role
 
 
 def list_moments(model: SubjectModel) -> list[str]:
-    """List all joint moments that the model moves, knee adduction after knee flexion."""
+    """List all joint moments that the model moves.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        Model; its frozen coordinates are left out.
+
+    Returns
+    -------
+    list of str
+        Coordinates and knee reactions; knee adduction follows knee flexion.
+    """
     elements = (e for joint in JOINTS for e in list_joint_elements(joint, reactions=True))
     return [e.name for e in elements if e.name in FORCES and e.name not in model.frozen]
 
@@ -245,7 +256,18 @@ def describe_parameter(name: str) -> str:
 
 
 def explain_parameters(text: str) -> str:
-    """Add its description after each parameter in a text: `hip_r.pelvis.ant (right hip ...)`."""
+    """Explain the parameters that a text names.
+
+    Parameters
+    ----------
+    text : str
+        Message.
+
+    Returns
+    -------
+    str
+        Text with a description after each parameter: `hip_r.pelvis.ant (right hip centre ...)`.
+    """
 
     def explain(match: re.Match[str]) -> str:
         name = match[0]
@@ -260,7 +282,20 @@ def explain_parameters(text: str) -> str:
 
 
 def describe_role(role: Role, joint: str | None) -> str:
-    """Describe what a trial is for: `right hip alone`, `walking`."""
+    """Describe what a trial is for.
+
+    Parameters
+    ----------
+    role : Role
+        Role in the study.
+    joint : str or None
+        Joint of a functional trial (`hip_r`).
+
+    Returns
+    -------
+    str
+        `right hip alone`, `walking`.
+    """
     if role is Role.STATIC:
         return "standing still"
     if joint:

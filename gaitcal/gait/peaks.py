@@ -400,7 +400,18 @@ def average_peaks(
 
 
 def make_peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
-    """Make the columns `PEAK_COLUMNS` of `peaks.csv` from means."""
+    """Make the columns of `peaks.csv`.
+
+    Parameters
+    ----------
+    means : sequence of PeakMean
+        Means of peaks, a row each.
+
+    Returns
+    -------
+    dict
+        `PEAK_COLUMNS` -> values.
+    """
     columns: dict[str, list[object]] = {name: [] for name in PEAK_COLUMNS}
     for m in means:
         row: tuple[object, ...] = (

@@ -60,7 +60,17 @@ class Layout:
         return side or ("r" if self.cycles["r"] else "l")
 
     def select_main_cycle(self, side: str) -> GaitCycle:
-        """Select the stride of a side with the largest share of valid frames, drawn in full."""
+        """Select the stride that is drawn in full: the one with the largest share of valid frames.
+
+        Parameters
+        ----------
+        side : {"r", "l", ""}
+            Leg, or the whole body.
+
+        Returns
+        -------
+        GaitCycle
+        """
         foot = self._get_foot(side)
         return select_best_cycle(self.cycles[foot], self.time, self.get_valid_frames(foot))
 
@@ -69,7 +79,17 @@ class Layout:
         return np.asarray(self.valid_legs[:, SIDES.index(side)]) if side else self.valid
 
     def count_complete(self, side: str) -> int:
-        """Count the strides of a leg in which all frames have valid torques."""
+        """Count the strides of a leg in which all frames have valid torques.
+
+        Parameters
+        ----------
+        side : {"r", "l", ""}
+            Leg, or the whole body.
+
+        Returns
+        -------
+        int
+        """
         valid = self.get_valid_frames(side)
         inside = (
             valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ())
@@ -77,7 +97,17 @@ class Layout:
         return sum(bool(frames.size and frames.all()) for frames in inside)
 
     def select_drawn_frames(self, side: str) -> BoolArray:
-        """Select the frames (nf,) of the main stride, or all."""
+        """Select the frames of the main stride, or all where curves are drawn over time.
+
+        Parameters
+        ----------
+        side : {"r", "l", ""}
+            Leg, or the whole body.
+
+        Returns
+        -------
+        (nf,) BoolArray
+        """
         if not self.by_cycle:
             return np.ones(len(self.time), dtype=bool)
         cycle = self.select_main_cycle(side)
@@ -253,14 +283,27 @@ def compute_foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> t
 
 
 def measure_turn(time: Array, faced: Array, start: float, stop: float) -> float:
-    """Measure the turn (deg, to the left) of the direction `faced` (nf,) rad between times (s)."""
+    """Measure the turn of the pelvis between two times.
+
+    Parameters
+    ----------
+    time, faced : (nf,) Array
+        s; rad, direction of the pelvis (`compute_facing`).
+    start, stop : float
+        s
+
+    Returns
+    -------
+    float
+        deg, to the left.
+    """
     begin, end = np.interp([start, stop], time, faced)
     return float(np.degrees(end - begin))
 
 
-def is_turning(turn: float | None) -> bool:
-    """Check whether a stride with this turn (deg) is not straight; unknown counts as straight."""
-    return turn is not None and abs(turn) > TURNING
+def is_turning(angle: float | None) -> bool:
+    """Check whether a stride that turns by this angle (deg) is not straight; None is straight."""
+    return angle is not None and abs(angle) > TURNING
 
 
 def express_along_line(angles: Array, line: float, inside: BoolArray) -> Array:

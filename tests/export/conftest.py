@@ -14,7 +14,7 @@ from tests.export.peer_programs import peer
 
 @pytest.fixture
 def osim() -> Any:
-    """OpenSim, told to be quiet and to leave no log file behind."""
+    """OpenSim without output and log file."""
     opensim = peer("opensim")
     opensim.Logger.removeFileSink()
     opensim.Logger.setLevelString("Error")
@@ -34,7 +34,7 @@ def published() -> SubjectModel:
 
 
 @pytest.fixture
-def own(published: SubjectModel, tmp_path: Path) -> Path:
+def osim_file(published: SubjectModel, tmp_path: Path) -> Path:
     """The subject as a file of OpenSim."""
     write_osim(published, tmp_path / "m.osim")
     return tmp_path / "m.osim"

@@ -1,4 +1,4 @@
-"""What a peer's answer is compared with: our own mechanics, and random states to ask for."""
+"""Reference for a peer's answers: our mechanics, and random states."""
 
 from dataclasses import dataclass, replace
 

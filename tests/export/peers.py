@@ -127,7 +127,7 @@ def mujoco_answers(
 
 
 def urdf_answers(path: Path, labels: tuple[str, ...], states: Sequence[State]) -> Answers:
-    """Pinocchio's own reader and RNEA on `model.urdf`."""
+    """Pinocchio's reader and RNEA on `model.urdf`."""
     peer = pin.buildModelFromUrdf(str(path))
     assert tuple(peer.names)[1:] == COORDINATES
     frames = [
@@ -137,7 +137,7 @@ def urdf_answers(path: Path, labels: tuple[str, ...], states: Sequence[State]) -
 
 
 def mjcf_answers(path: Path, labels: tuple[str, ...], states: Sequence[State]) -> Answers:
-    """Pinocchio's own reader and RNEA on `model.xml`."""
+    """Pinocchio's reader and RNEA on `model.xml`."""
     peer = pin.buildModelFromMJCF(str(path))
     frames = [peer.getFrameId(encode_name(label), pin.FrameType.OP_FRAME) for label in labels]
     return _pinocchio_answers(peer, frames, states)

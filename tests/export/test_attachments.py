@@ -1,4 +1,4 @@
-"""What is fixed to a bone goes with its two joints, or stays, as the user says."""
+"""What is fixed to a bone moves with its two joints, or stays, as the user chooses."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def shifted(source: Path, out: Path) -> Path:
         ):
             if not leg.ours.startswith(("hip", "knee", "talocrural")) or body.startswith("talus"):
                 continue
-            across = (1.0, 1.0, body == "pelvis")  # what tells where along its axis a hinge is?
+            across = (1.0, 1.0, body == "pelvis")  # nothing determines the point along a hinge
             way = by.setdefault(body, rng.uniform(-0.02, 0.02, size=3) * across)
             places[leg.theirs.name, end] = FramePlacement(frame.translation + way, None)
     out.write_bytes(document.apply_changes(places))
@@ -143,7 +143,7 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
 
 
 def test_meshes_in_offset_frames_follow(tmp_path: Path) -> None:
-    """What is drawn of a body and of an offset frame in it moves alike, each in axes of its own."""
+    """Meshes of a body and of an offset frame in it move alike, each in the axes of its frame."""
     drawn = "<attached_geometry><Mesh/></attached_geometry>"
     frame = f"""<PhysicalOffsetFrame name="f"><socket_parent>..</socket_parent><translation>1 2 3</translation>
         <orientation>0.3 0 1.5</orientation>{drawn}</PhysicalOffsetFrame>"""

@@ -67,8 +67,8 @@ def test_our_own_model(published: SubjectModel, tmp_path: Path, seed: int) -> No
     assert named["total mass"].ours == pytest.approx(model.parameters.mass)
 
 
-def test_values_are_the_joint_parameters(published: SubjectModel, own: Path) -> None:
-    named = as_dict(compare_with_osim(published, own))
+def test_values_are_the_joint_parameters(published: SubjectModel, osim_file: Path) -> None:
+    named = as_dict(compare_with_osim(published, osim_file))
     expected = {
         "hip_r centre in pelvis, ant": -47.3,
         "hip_l centre in pelvis, lat": -88.0,
@@ -172,12 +172,12 @@ def in_old_format(tree: ET.ElementTree) -> None:
 
 @pytest.mark.parametrize(("low", "high", "moved"), [(-0.3, 2.5, False), (-2.5, 0.3, True)])
 def test_a_rolling_knee_is_swept_the_way_it_bends(
-    published: SubjectModel, own: Path, low: float, high: float, moved: bool
+    published: SubjectModel, osim_file: Path, low: float, high: float, moved: bool
 ) -> None:
     """A knee that slides with negative angles only: its axis is another one where those are the
     flexion.
     """
-    with edited(own) as tree:
+    with edited(osim_file) as tree:
         (knee,) = tree.iterfind(".//CustomJoint[@name='knee_r']")
         (coordinate,) = knee.iter("Coordinate")
         put(coordinate, "range", np.array([low, high]))
@@ -186,7 +186,7 @@ def test_a_rolling_knee_is_swept_the_way_it_bends(
         slide.remove(slide.find("Constant"))
         function = ET.SubElement(slide, "PiecewiseLinearFunction")
         ET.SubElement(function, "x").text, ET.SubElement(function, "y").text = "-2 0 2", "0.02 0 0"
-    named = as_dict(compare_with_osim(published, own))
+    named = as_dict(compare_with_osim(published, osim_file))
     sup = named["knee_r axis in thigh_r, sup"].difference
     assert (abs(sup) > 1.0) is moved, "mm"
 
@@ -210,7 +210,7 @@ def in_beta_words(tree: ET.ElementTree) -> None:
 
 
 def with_a_shoulder_of_its_own(tree: ET.ElementTree) -> None:
-    """A function that nobody here knows, at a joint that no row asks for."""
+    """An unknown function, at a joint that no row needs."""
     shoulder = next(j for j in tree.iter("CustomJoint") if "shoulder" in j.get("name", ""))
     axis = next(a for a in shoulder.iter("TransformAxis") if a.find("LinearFunction") is not None)
     axis.find("LinearFunction").tag = "ExpressionBasedFunction"
@@ -236,8 +236,10 @@ def test_other_frames_and_formats(
     assert_same(compare_with_osim(model, tmp_path / "m.osim"))
 
 
-def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, own: Path) -> None:
-    with edited(own) as tree:
+def test_a_marker_in_an_offset_frame_is_where_it_was(
+    published: SubjectModel, osim_file: Path
+) -> None:
+    with edited(osim_file) as tree:
         (body,) = tree.iterfind(".//Body[@name='thigh_r']")
         frame = ET.SubElement(ET.SubElement(body, "components"), "PhysicalOffsetFrame", name="f")
         for tag, text in (
@@ -252,17 +254,17 @@ def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, ow
                 x, y, z = vector(marker, "location")
                 socket.text = "/bodyset/thigh_r/f"
                 put(marker, "location", np.array([y, 0.1 - x, z]))
-    assert_same(compare_with_osim(published, own))
+    assert_same(compare_with_osim(published, osim_file))
 
 
 def test_without_shared_markers_lengths_and_masses_remain(
-    published: SubjectModel, own: Path
+    published: SubjectModel, osim_file: Path
 ) -> None:
-    own.write_text(
-        own.read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other '),
+    osim_file.write_text(
+        osim_file.read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other '),
         encoding="utf-8",
     )
-    named = as_dict(compare_with_osim(published, own))
+    named = as_dict(compare_with_osim(published, osim_file))
     assert named["thigh_r length, hip centre to knee centre"].theirs == pytest.approx(419.8)
     assert named["thigh_r markers, and how many the peer shares"].theirs == 0
     assert not [q for q in named if "axis in" in q]
@@ -320,15 +322,15 @@ def test_real_models(published: SubjectModel, data_dir: Path) -> None:
     check_text(before, "upper_arm_l")
 
 
-def test_a_function_nobody_knows_is_told_where_it_is_needed(
-    published: SubjectModel, own: Path
+def test_an_unknown_function_is_an_error_where_it_is_needed(
+    published: SubjectModel, osim_file: Path
 ) -> None:
-    with edited(own) as tree:
+    with edited(osim_file) as tree:
         next(
             tree.iterfind(".//CustomJoint[@name='knee_r']//LinearFunction")
         ).tag = "ExpressionBasedFunction"
     with refuses(Code.OTHER_MODEL, field="joint knee_r", source="m.osim"):
-        compare_with_osim(published, own)
+        compare_with_osim(published, osim_file)
 
 
 def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ NEAR = 0.5e-3
 WITHIN_ERRORS = 2.5
 """Standard errors, in all directions together."""
 ALONG = ("subtalar_turn_r", "subtalar_turn_l")
-"""Second axes of universal joints: nothing tells where along the first one they meet it."""
+"""Second axes of universal joints: nothing determines where along the first one they meet it."""
 REAL_MODELS = (
     "opensim_truth/p01/subject01.osim",
     "opensim_truth/p18/subject18.osim",
@@ -72,7 +72,7 @@ def unchanged(tree: ET.ElementTree) -> None:
 
 
 def under_other_names(tree: ET.ElementTree) -> None:
-    """Bodies, joints and coordinates as nobody calls them, and no markers."""
+    """Bodies, joints and coordinates with unusual names, and no markers."""
     model = tree.getroot().find("Model")
     markers = model.find("MarkerSet")
     model.remove(markers)
@@ -172,7 +172,7 @@ def assert_moves_alike(a: PeerModel, b: PeerModel, within: float) -> None:
             poses = [
                 peer.compute_body_pose(leg.theirs.child, top, q).homogeneous for peer in (a, b)
             ]
-            # the talus is seen by nobody: it may lie elsewhere between shank and foot
+            # the talus has no markers: it may be elsewhere between shank and foot
             if not leg.ours.startswith("talocrural"):
                 assert np.abs(poses[0] - poses[1]).max() < within, leg.ours
 
@@ -280,14 +280,16 @@ def test_nothing_else_changes(published: SubjectModel, tmp_path: Path) -> None:
 
 
 def test_a_joint_without_offset_frames_gets_them(
-    published: SubjectModel, tmp_path: Path, own: Path
+    published: SubjectModel, tmp_path: Path, osim_file: Path
 ) -> None:
-    with edited(own) as tree:
+    with edited(osim_file) as tree:
         (joint,) = tree.iterfind(".//CustomJoint[@name='hip_r']")
         joint.find("frames").remove(joint.find("frames")[1])
         joint.find("socket_child_frame").text = "/bodyset/thigh_r"
-    assert np.abs(read_osim(own).joints["thigh_r"].in_child.homogeneous - np.eye(4)).max() == 0.0
-    done = transfer_joints(with_joints(published, hip_r__thigh__ant=0.007), own)
+    assert (
+        np.abs(read_osim(osim_file).joints["thigh_r"].in_child.homogeneous - np.eye(4)).max() == 0.0
+    )
+    done = transfer_joints(with_joints(published, hip_r__thigh__ant=0.007), osim_file)
     found = read_back(done.content, tmp_path).joints["thigh_r"]
     assert found.in_child.translation[0] == pytest.approx(0.007, abs=1e-9)
     with pytest.MonkeyPatch.context() as patch:
@@ -326,10 +328,10 @@ def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
 
     def misfit(off: pin.SE3) -> float:
         near = replace(hinge, in_parent=hinge.in_parent * off)
-        told = [near.compute_pose(near.measure_angle(p)) for p in poses]
+        reported = [near.compute_pose(near.measure_angle(p)) for p in poses]
         return sum(
             float(np.sum((t.act(x) - p.act(x)) ** 2))
-            for t, p in zip(told, poses, strict=True)
+            for t, p in zip(reported, poses, strict=True)
             for x in tips
         )
 
@@ -350,7 +352,9 @@ def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
 
 
 @pytest.mark.slow
-def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path, own: Path) -> None:
+def test_errors_are_those_of_the_draws(
+    published: SubjectModel, tmp_path: Path, osim_file: Path
+) -> None:
     """What is told of a joint's place is how far drawn files have it apart: parameters and
     registration.
     """
@@ -363,25 +367,25 @@ def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path, 
     worn = replace(published, markers=markers)
     spread = make_nominal_errors(JP_NAMES)
     small = ErrorSources(spread.free, 0.2 * spread.parameters, spread.clusters)
-    done = transfer_joints(worn, own, errors=small)
-    told = {m.joint: m for m in done.joints}
+    done = transfer_joints(worn, osim_file, errors=small)
+    reported = {m.joint: m for m in done.joints}
     drawn = []
     for k in range(40):
         (tmp_path / "d.osim").write_bytes(done.draw(np.random.default_rng(k)))
         drawn.append(read_osim(tmp_path / "d.osim").joints)
     for side in SIDES:
         hip = np.array([j[f"thigh_{side}"].in_parent.translation for j in drawn])
-        end = told[f"hip_{side}"].parent
+        end = reported[f"hip_{side}"].parent
         assert np.sqrt(hip.var(axis=0).sum()) == pytest.approx(end.errors[0], rel=DRAWN)
         knee = np.array([j[f"shank_{side}"].in_parent.rotation[:, 2] for j in drawn])
-        end = told[f"knee_{side}"].parent
+        end = reported[f"knee_{side}"].parent
         assert np.sqrt(knee.var(axis=0).sum()) == pytest.approx(end.errors[1], rel=DRAWN)
 
 
-def test_what_recordings_say_little_of_is_left(
-    published: SubjectModel, tmp_path: Path, own: Path
+def test_joints_that_recordings_hardly_determine_stay(
+    published: SubjectModel, tmp_path: Path, osim_file: Path
 ) -> None:
-    path = disturbed(own, tmp_path / "wrong.osim")
+    path = disturbed(osim_file, tmp_path / "wrong.osim")
     sizes = np.diag(get_prior_deviations(JP_NAMES))
     sizes[[k for k, name in enumerate(JP_NAMES) if not name.startswith("knee_r")]] *= 0.1
     done = transfer_joints(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
@@ -399,13 +403,13 @@ def test_what_recordings_say_little_of_is_left(
 
 
 @pytest.mark.slow
-def test_draws_have_left_joints_about_their_place(
-    published: SubjectModel, tmp_path: Path, own: Path
+def test_draws_vary_joints_that_stay_about_their_position(
+    published: SubjectModel, tmp_path: Path, osim_file: Path
 ) -> None:
     """Where the model has them, not where we have them, as far off in either body as is known
     before any trial.
     """
-    path = disturbed(own, tmp_path / "wrong.osim")
+    path = disturbed(osim_file, tmp_path / "wrong.osim")
     done = transfer_joints(published, path, errors=UNKNOWN)
     assert len(done.unchanged) == 2 * len(NEEDED_JOINTS) and done.content == path.read_bytes()
     drawn = []
@@ -438,25 +442,27 @@ def test_draws_have_left_joints_about_their_place(
         assert (max(turns) < BACK) == joint.startswith("hip")
 
 
-def test_the_users_own_names(tmp_path: Path, own: Path) -> None:
+def test_names_of_the_user(tmp_path: Path, osim_file: Path) -> None:
     names = tmp_path / "names.toml"
     names.write_text(
         '[joints]\ntalocrural_r = "subtalar_r"\n[coordinates]\nhip_r = "hip_rotation_r"\n'
     )
-    legs = {leg.ours: leg for leg in find_leg_joints(read_osim(own), names)}
+    legs = {leg.ours: leg for leg in find_leg_joints(read_osim(osim_file), names)}
     assert legs["talocrural_r"].theirs.name == "subtalar_r"
     check_text(legs["talocrural_r"].found_by)
     assert legs["hip_r"].coordinate == "hip_rotation_r"
     names.write_text('[joints]\nhip_r = "hipr"\n')
     with refuses(Code.UNKNOWN_FIELD, "hipr", "hip_r", field="joints", source="names.toml"):
-        find_leg_joints(read_osim(own), names)
+        find_leg_joints(read_osim(osim_file), names)
 
 
-def test_a_joint_of_three_turns_flexes_about_the_axis_across(tmp_path: Path, own: Path) -> None:
+def test_a_joint_of_three_turns_flexes_about_the_axis_across(
+    tmp_path: Path, osim_file: Path
+) -> None:
     """Whatever its coordinates are called, and whichever of them goes farthest: its bodies' axes
     may lie otherwise.
     """
-    peer = read_osim(own)
+    peer = read_osim(osim_file)
     ankle = next(leg.theirs for leg in find_leg_joints(peer) if leg.ours == "talocrural_r")
     turned = pin.SE3(pin.exp3(np.array([0.0, 1.4, 0.0])), ankle.in_parent.translation)
     across = turned.rotation.T @ [0.0, 0.0, 1.0]
@@ -482,15 +488,15 @@ def test_a_joint_of_three_turns_flexes_about_the_axis_across(tmp_path: Path, own
 
 
 def test_the_account_of_joints_and_muscles(
-    published: SubjectModel, tmp_path: Path, own: Path
+    published: SubjectModel, tmp_path: Path, osim_file: Path
 ) -> None:
     """A verdict for every joint; of a muscle the place of its largest change, and jumps that were
     not there before.
     """
-    wrong = disturbed(own, tmp_path / "wrong.osim")
+    wrong = disturbed(osim_file, tmp_path / "wrong.osim")
     done = (
         transfer_joints(published, wrong),
-        transfer_joints(published, own),
+        transfer_joints(published, osim_file),
         transfer_joints(published, wrong, errors=UNKNOWN),
     )
     for export, verdict in zip(done, ("moved", "in place", "left"), strict=True):
@@ -512,29 +518,34 @@ def test_the_account_of_joints_and_muscles(
         )
         for by in (0.0, 0.005, 0.007)
     ]
-    draws = [{("m", "knee_angle_r"): own} for own in paths[1:]]
+    draws = [{("m", "knee_angle_r"): osim_file} for osim_file in paths[1:]]
     (row,) = make_muscle_table(
         compare_muscles({("m", "knee_angle_r"): paths[0]}, draws[0]), draws
     ).rows
     assert row == ("m", "knee_angle_r", "10.0", "15.0", "1.4", "45", "-5.0", "68")
 
 
-def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, own: Path) -> None:
+def test_elements_fixed_to_a_joints_frame_are_reported(
+    published: SubjectModel, osim_file: Path
+) -> None:
     """It moves with the joint, which it should not: what belongs to a bone is fixed to the bone."""
-    with edited(own) as tree:
+    with edited(osim_file) as tree:
         marker = next(
             m for m in tree.iter("Marker") if m.findtext("socket_parent_frame").endswith("thigh_r")
         )
         marker.find("socket_parent_frame").text = "/jointset/hip_r/thigh_r_offset"
-    told = f"{marker.get('name')}: fixed to a frame of joint hip_r, and moved with it"
-    assert told not in transfer_joints(published, own).notes
-    assert told in transfer_joints(with_joints(published, hip_r__thigh__ant=0.007), own).notes
+    reported = f"{marker.get('name')}: fixed to a frame of joint hip_r, and moved with it"
+    assert reported not in transfer_joints(published, osim_file).notes
+    assert (
+        reported
+        in transfer_joints(with_joints(published, hip_r__thigh__ant=0.007), osim_file).notes
+    )
 
 
-def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(
-    published: SubjectModel, own: Path
+def test_a_thigh_of_two_bodies_without_a_joint_is_reported(
+    published: SubjectModel, osim_file: Path
 ) -> None:
-    with edited(own) as tree:
+    with edited(osim_file) as tree:
         bodies, joints = tree.find(".//BodySet/objects"), tree.find(".//JointSet/objects")
         ET.SubElement(ET.SubElement(bodies, "Body", name="condyle_r"), "mass").text = "0.2"
         weld = ET.SubElement(joints, "WeldJoint", name="condyle_r")
@@ -549,31 +560,31 @@ def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(
         "subtalar_r__foot__sup",
     )
     model = with_joints(published, **dict.fromkeys(names, 0.04))
-    told = {
-        follow: " ".join(transfer_joints(model, own, follow=follow).notes)
+    reported = {
+        follow: " ".join(transfer_joints(model, osim_file, follow=follow).notes)
         for follow in (False, True)
     }
-    assert "do not follow" not in told[False]
-    check_text(told[True], "condyle_r", "thigh_r")
-    assert "talus_r" not in told[True].partition("do not follow")[0]
-    check_text(told[True])
+    assert "do not follow" not in reported[False]
+    check_text(reported[True], "condyle_r", "thigh_r")
+    assert "talus_r" not in reported[True].partition("do not follow")[0]
+    check_text(reported[True])
 
 
-def test_a_model_of_one_leg(published: SubjectModel, own: Path) -> None:
-    with edited(own) as tree:
+def test_a_model_of_one_leg(published: SubjectModel, osim_file: Path) -> None:
+    with edited(osim_file) as tree:
         joints = [joint.name for joint in JOINTS if joint.child in LEGS["l"]]
         for tag, names in (("BodySet", LEGS["l"]), ("JointSet", joints)):
             objects = tree.find(f".//{tag}/objects")
             for element in [e for e in objects if e.get("name") in names]:
                 objects.remove(element)
-    done = transfer_joints(published, own)
-    assert done.content == own.read_bytes()
+    done = transfer_joints(published, osim_file)
+    assert done.content == osim_file.read_bytes()
     assert [m.joint for m in done.joints if m.outcome is MoveOutcome.ABSENT] == [
         f"{j}_l" for j in NEEDED_JOINTS
     ]
 
 
-def test_markers_of_the_static_trial_count(published: SubjectModel, own: Path) -> None:
+def test_markers_of_the_static_trial_count(published: SubjectModel, osim_file: Path) -> None:
     """Landmarks that the model wears as markers lay its bodies on our segments, too."""
     few = [k for k, s in enumerate(published.markers.segments) if s != "thigh_r"]
     three = [k for k, s in enumerate(published.markers.segments) if s == "thigh_r"][:3]
@@ -589,13 +600,15 @@ def test_markers_of_the_static_trial_count(published: SubjectModel, own: Path) -
     worn = {name: (m.labels[k],) for name, k in zip(names, three, strict=True)}
     marker_set = MarkerSet(name="few", description="", landmarks=worn, tracking={})
     person = replace(published, markers=fewer, landmarks=landmarks)
-    (told,) = [
+    (reported,) = [
         r
-        for r in transfer_joints(person, own, marker_set=marker_set).registrations
+        for r in transfer_joints(person, osim_file, marker_set=marker_set).registrations
         if r.segment == "thigh_r"
     ]
-    assert (told.markers, told.common) == (3, 3) and told.rms < BACK
-    (bare,) = [r for r in transfer_joints(person, own).registrations if r.segment == "thigh_r"]
+    assert (reported.markers, reported.common) == (3, 3) and reported.rms < BACK
+    (bare,) = [
+        r for r in transfer_joints(person, osim_file).registrations if r.segment == "thigh_r"
+    ]
     assert bare.common == 0
 
 
@@ -676,23 +689,25 @@ def misplaced_markers(tree: ET.ElementTree) -> None:
     [without_a_body, without_legs, with_other_names_of_ankles, misplaced_markers, of_a_child],
 )
 def test_a_model_of_something_else(
-    published: SubjectModel, own: Path, spoil: Callable[[ET.ElementTree], None]
+    published: SubjectModel, osim_file: Path, spoil: Callable[[ET.ElementTree], None]
 ) -> None:
-    with edited(own) as tree:
+    with edited(osim_file) as tree:
         spoil(tree)
     with refuses(Code.OTHER_MODEL, source="m.osim") as caught:
-        transfer_joints(published, own)
+        transfer_joints(published, osim_file)
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_laid_on_by_axes_says_so(published: SubjectModel, own: Path) -> None:
-    """Of markers that nobody shares nothing is said, but how far the joints' axes are."""
-    with edited(own) as tree:
+def test_registration_by_axes_is_reported(published: SubjectModel, osim_file: Path) -> None:
+    """Without shared markers only the distance of the joints' axes is reported."""
+    with edited(osim_file) as tree:
         of_a_child(tree, 0.94)
-    (said,) = [
-        note for note in transfer_joints(published, own).notes if note.startswith("pelvis, thigh_r")
+    (note_text,) = [
+        note
+        for note in transfer_joints(published, osim_file).notes
+        if note.startswith("pelvis, thigh_r")
     ]
-    check_text(said)
+    check_text(note_text)
 
 
 @pytest.mark.slow
@@ -709,7 +724,7 @@ def test_one_walk_brings_hips_and_knees_back(data_dir: Path, tmp_path: Path, per
         calibration.model, wrong, errors=calibration.uncertainty.joint, recorded=recorded
     )
     (tmp_path / "back.osim").write_bytes(done.content)
-    told = {move.joint: move.child for move in done.joints}
+    reported = {move.joint: move.child for move in done.joints}
     truth, found = (
         find_leg_joints(read_osim(p), recorded=recorded) for p in (path, tmp_path / "back.osim")
     )
@@ -719,8 +734,8 @@ def test_one_walk_brings_hips_and_knees_back(data_dir: Path, tmp_path: Path, per
             line = b.hinge.in_child
             apart = a.hinge.in_child.translation - line.translation
             apart = apart - line.rotation[:, 2] * (line.rotation[:, 2] @ apart)
-        end, off = told[a.ours], float(np.linalg.norm(apart))
-        if not a.ours.startswith("talocrural"):  # its place in the talus is nobody's
+        end, off = reported[a.ours], float(np.linalg.norm(apart))
+        if not a.ours.startswith("talocrural"):  # the talus has no segment of ours
             assert off < WITHIN_ERRORS * end.errors[0], a.ours
         if a.ours.startswith(("hip", "knee")):
             assert off < NEAR, a.ours
@@ -756,9 +771,9 @@ def test_muscles_pull_as_before(osim: Any, data_dir: Path, tmp_path: Path) -> No
     assert len(rows) == 1 + len(changes) * len(ranges["knee_angle_r"])
 
 
-def test_standing_hinges_need_no_recording(own: Path) -> None:
+def test_standing_hinges_need_no_recording(osim_file: Path) -> None:
     """A hinge is the same hinge whatever it was recorded over."""
-    peer = read_osim(own)
+    peer = read_osim(osim_file)
     recorded = {"knee_angle_r": np.array([0.2, 0.3, 0.5])}
     for one, other in zip(
         find_leg_joints(peer, recorded=recorded), find_leg_joints(peer), strict=True
@@ -814,8 +829,8 @@ def test_the_command(
     ]
     assert not (tmp_path / "mine.muscles.csv").exists()
     printed = " ".join(capsys.readouterr().out.split())
-    told = ("001.osim", "002.osim")
-    check_text(printed, f"{', '.join(f'mine_draws/{n}' for n in told)}", "mine.muscles.csv")
+    reported = ("001.osim", "002.osim")
+    check_text(printed, f"{', '.join(f'mine_draws/{n}' for n in reported)}", "mine.muscles.csv")
     assert "draws have" not in printed, "every joint is known"
     monkeypatch.setattr("gaitcal.export.opensim.joint_transfer.UNDETERMINED_SHARE", 0.0)
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0

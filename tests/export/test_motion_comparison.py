@@ -1,4 +1,4 @@
-"""OpenSim's own motion and moments with a model, beside ours."""
+"""OpenSim's motion and moments with a model, next to ours."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_our_own_model_moves_and_pulls_as_ours(
     assert max(found.marker_errors) < MISSED and not found.notes
 
 
-def test_what_is_another_zero_or_a_knee_that_rolls_is_said(data_dir: Path) -> None:
+def test_another_zero_and_a_rolling_knee_are_reported(data_dir: Path) -> None:
     peer = read_osim(data_dir / "subject01/reference/subject01_simbody.osim")
     knee = np.linspace(0.0, 90.0, 50)
     curve = BothCurves(

@@ -51,7 +51,7 @@ FEET = FootEvents(
 )
 
 
-def test_cycles_run_from_strike_to_next_strike_of_the_same_foot_and_say_what_told_these() -> None:
+def test_cycles_are_from_strike_to_next_strike_of_a_foot_with_their_sources() -> None:
     cycles = find_gait_cycles(FEET)
     assert cycles == (
         GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]), GaitCycle(1.3, 2.4, 1.96, sources=FEET.sources[1:]),
@@ -91,7 +91,7 @@ def test_a_straight_line_stays_one(
 
 
 @given(cycle_times, st.floats(-5, 5), st.floats(0.2, 5))
-def test_the_clock_does_not_matter(cycle: GaitCycle, shift: float, scale: float) -> None:
+def test_a_time_offset_does_not_matter(cycle: GaitCycle, shift: float, scale: float) -> None:
     values = np.stack([np.sin(5 * TIME), np.cos(3 * TIME)], axis=1)
     moved = GaitCycle(scale * cycle.start + shift, scale * cycle.stop + shift, None)
     here, there = normalise(TIME, values, cycle), normalise(scale * TIME + shift, values, moved)
@@ -121,7 +121,7 @@ def test_outside_the_trial_there_is_nothing() -> None:
     np.testing.assert_array_equal(out, [np.nan, 1.0, np.nan])
 
 
-def test_a_time_in_single_precision_takes_nothing_from_a_gap_beside_its_frame() -> None:
+def test_a_time_in_single_precision_takes_nothing_from_a_gap_next_to_its_frame() -> None:
     """As strikes of C3D files are: the sample at 100 % was invalid where the next frame is."""
     time = 1.23 + 0.01 * np.arange(200)
     values = np.full((200, 2), np.nan)
@@ -210,11 +210,11 @@ def test_variances_that_were_put_in_come_out() -> None:
     values = BETWEEN * rng.normal(size=(trials, 1, points)) + WITHIN * rng.normal(size=shape)
     values = values + OWN * rng.normal(size=shape) + SHARED * rng.normal(size=points)
     labels = np.repeat(np.arange(trials), strides)
-    own, total = (
+    individual, total = (
         np.full((len(labels), points), OWN),
         np.full((len(labels), points), np.hypot(OWN, SHARED)),
     )
-    found = compute_statistics(values.reshape(-1, points), labels, own, total)
+    found = compute_statistics(values.reshape(-1, points), labels, individual, total)
     rms = {
         name: float(np.sqrt(np.mean(getattr(found, name) ** 2)))
         for name in ("sd_within", "sd_between", "sd_error")
@@ -222,12 +222,12 @@ def test_variances_that_were_put_in_come_out() -> None:
     assert rms["sd_within"] == pytest.approx(np.hypot(WITHIN, OWN), rel=0.02)
     assert rms["sd_between"] == pytest.approx(BETWEEN, rel=0.03)
     assert rms["sd_error"] == pytest.approx(OWN)
-    # The mean misses 0 by what all share and by little more: its standard error says so.
+    # The mean differs from 0 by the shared error and little more, as its standard error says.
     assert float(np.sqrt(np.mean(found.mean**2))) == pytest.approx(SHARED, rel=0.1)
     assert found.se == pytest.approx(np.sqrt(SHARED**2 + found.sd**2 / len(labels)))
 
 
-def test_one_stride_has_its_own_standard_error_and_no_spread() -> None:
+def test_a_single_stride_has_a_standard_error_and_no_spread() -> None:
     found = ensemble(table({("a", "r", 1): np.arange(4.0)}))
     assert tuple(found.columns) == ENSEMBLE_COLUMNS
     assert found["mean"].tolist() == [0.0, 1.0, 2.0, 3.0] and found["sd"].isna().all()
@@ -235,7 +235,7 @@ def test_one_stride_has_its_own_standard_error_and_no_spread() -> None:
     assert (found["n"] == 1).all()
 
 
-def test_samples_that_are_not_valid_are_left_out_percent_by_percent_and_sides_stay_apart() -> None:
+def test_invalid_samples_are_left_out_percent_by_percent_and_sides_are_separate() -> None:
     strides = table(
         {
             ("a", "r", 1): np.full(3, 1.0),
@@ -262,7 +262,7 @@ def test_the_order_of_rows_is_no_matter() -> None:
     pd.testing.assert_frame_equal(one, other)
 
 
-def test_people_and_sessions_are_apart_and_a_stride_twice_is_refused() -> None:
+def test_people_and_sessions_are_separate_and_a_stride_twice_is_refused() -> None:
     strides = table({("a", "r", 1): np.zeros(3)})
     found = ensemble(
         pd.concat([strides, strides.assign(session="second", value=5.0)], ignore_index=True)
@@ -358,24 +358,24 @@ def test_a_peak_is_where_its_curve_turns_within_the_window_of_its_phase(
 
 
 def test_a_range_shares_what_its_ends_share() -> None:
-    """5 deg that all strides share is at both ends: what is left is the stride's own 1 deg at each."""
-    curve, error, own = (
+    """5 deg that all strides share is at both ends: only the stride's 1 deg at each end remains."""
+    curve, error, individual = (
         10.0 * np.sin(PERCENT / 16.0),
         np.full(POINTS, np.sqrt(26.0)),
         np.ones(POINTS),
     )
-    value, total, alone, _ = find_stride_peaks({"pelvis_list": (curve, error, own)}, 62.0)[
+    value, total, alone, _ = find_stride_peaks({"pelvis_list": (curve, error, individual)}, 62.0)[
         "pelvis_list_range"
     ]
     assert value == pytest.approx(np.ptp(curve)) and total == pytest.approx(alone) == pytest.approx(
         np.sqrt(2.0)
     )
-    assert find_stride_peaks({"pelvis_tilt": (curve, error, own)}, 62.0)["pelvis_tilt_mean"][
+    assert find_stride_peaks({"pelvis_tilt": (curve, error, individual)}, 62.0)["pelvis_tilt_mean"][
         :2
     ] == pytest.approx((curve.mean(), np.sqrt(26.0)))
 
 
-def test_peaks_of_phases_count_at_their_ends_but_not_beside_a_seat() -> None:
+def test_peaks_of_phases_count_at_their_ends_but_not_next_to_a_seat() -> None:
     phases = ["lowering"] * 50 + ["rising"] * 51
     curve, lost = bump((50.0, -60.0)), np.where(PERCENT < 20, np.nan, -PERCENT)
 
@@ -401,7 +401,7 @@ def test_peaks_of_phases_count_at_their_ends_but_not_beside_a_seat() -> None:
 
 
 def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
-    """Peaks of 10 and 14 at other percents; c = 2 shared, 1 own: se^2 = 8 / 2 + 2^2."""
+    """Peaks of 10 and 14 at other percents; c = 2 shared, 1 individual: se^2 = 8 / 2 + 2^2."""
     shared = np.sqrt(5.0)
     strides = [
         ("gait", "walk", "r", find_stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)}, 62.0) | {

@@ -41,7 +41,7 @@ def test_the_file_comes_first_then_plates_then_motion() -> None:
     assert [e.time for e in found.events[:of_file]] == [e.time for e in file]
 
 
-def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
+def test_only_corrected_events_are_used_and_differences_are_reported() -> None:
     """No other joins them, none is moved; the trial's ends cut; forces and motion are a finding, no
     reason.
     """
@@ -62,7 +62,7 @@ def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
     assert not use_corrected_events(TIME, walk(), walk()).findings
 
 
-def test_what_corrected_events_leave_out_is_told_and_a_foot_without_a_kind_is_warned_of() -> None:
+def test_missing_corrected_events_are_reported_and_a_foot_without_a_kind_is_a_warning() -> None:
     """Both sources have each event once; one that is moved is apart, not left out."""
     shown = [*walk(3.0, 4.5), *moved(walk(), 0.05)]
     one_off = next(e for e in walk() if e.time > 3.0 and e.moment is FootMoment.OFF)
@@ -110,7 +110,7 @@ def test_an_event_of_a_plate_near_an_end_of_the_trial_needs_no_swing() -> None:
         assert [e.time for e in found.events if e.source is EventSource.PLATES] == [time]
 
 
-def test_a_plate_whose_record_begins_and_ends_under_load_tells_no_event_there() -> None:
+def test_a_plate_whose_record_begins_and_ends_under_load_has_no_event_there() -> None:
     frames = np.arange(0.0, 2.0, 0.02)
     samples = frames[(frames > 0.5) & (frames < 1.5)]
     force = np.column_stack([0 * samples, np.full(len(samples), 700.0), 0 * samples])
@@ -120,7 +120,7 @@ def test_a_plate_whose_record_begins_and_ends_under_load_tells_no_event_there() 
     assert len(find_plate_events(frames, loaded, [])) == 2
 
 
-def test_plates_tell_the_moment_between_frames() -> None:
+def test_plates_give_the_time_between_frames() -> None:
     frames, samples = np.arange(0.0, 2.0, 0.02), np.arange(0.0, 2.0, SAMPLE)
     force = np.zeros((len(samples), 3))
     force[:, 1] = np.where((samples > 0.4514) & (samples < 1.1237), 700.0, 0.0)
@@ -186,7 +186,7 @@ def test_events_are_where_the_speed_passes_its_thresholds(rate: float) -> None:
 
 
 @given(st.floats(0.3, 4.0), st.floats(0.5, 2.0), st.floats(-50.0, 50.0))
-def test_speed_of_walking_and_begin_of_the_clock_do_not_matter(
+def test_walking_speed_and_time_offset_do_not_matter(
     slower: float, stretch: float, shift: float
 ) -> None:
     there = find_swing_events(shift + stretch * FRAMES, speed(FRAMES, peak=slower * 3.0))
@@ -212,14 +212,14 @@ def test_a_foot_that_sways_or_shuffles_on_the_spot_makes_no_step() -> None:
     assert [len(found) for found in find_swing_events(FRAMES, knock)] == [3, 2]
 
 
-def test_a_swing_that_the_trial_cuts_tells_the_end_that_it_shows() -> None:
+def test_a_swing_that_the_trial_cuts_gives_the_recorded_event() -> None:
     def of(frames: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return find_swing_events(FRAMES[frames], values[frames])
 
     strikes, offs = RESTED
     assert of(FRAMES > 0.15, speed(FRAMES))[0] == pytest.approx(strikes, abs=1e-9)
     assert of(FRAMES < 2.3, speed(FRAMES))[1] == pytest.approx(offs, abs=1e-9)
-    # too little of the swing to tell it from what filters do at an end
+    # too little of the swing to distinguish it from effects of filters at an end
     assert of(FRAMES > 0.26, speed(FRAMES))[0] == pytest.approx(strikes[1:], abs=1e-9)
     shaken = np.where(FRAMES < 0.47, 0.0, speed(FRAMES))
     shaken[:4] = (0.9, 0.5, 0.2, 0.05)
@@ -234,9 +234,9 @@ def test_nothing_is_made_of_nothing(values: np.ndarray) -> None:
 
 
 BY_EYE = 0.012
-"""s, deviation of events that somebody set by eye, or that motion told."""
+"""s, deviation of events that are set by eye or found by motion."""
 NEAR = 0.02 + 0.005
-"""s, of an offset that is the median of a dozen such events, told in hundredths."""
+"""s, of an offset that is the median of a dozen such events, reported in hundredths."""
 few = settings(max_examples=20)
 seeds = st.integers(0, 10_000)
 
@@ -247,7 +247,7 @@ def causes(file: list[FootEvent], plates: list[FootEvent], motion: list[FootEven
 
 @few
 @given(seeds)
-def test_events_set_by_eye_are_used_and_nothing_is_said(seed: int) -> None:
+def test_events_set_by_eye_are_used_without_a_finding(seed: int) -> None:
     file = moved(walk(), 0.0, BY_EYE, seed)
     inside = [e for e in file if TIME[0] - 0.005 <= e.time <= TIME[-1] + 0.005]
     assert check_file_events(file, walk(3.0, 4.5), moved(walk(), 0.01, BY_EYE, seed + 1), TIME) == (
@@ -258,7 +258,7 @@ def test_events_set_by_eye_are_used_and_nothing_is_said(seed: int) -> None:
 
 @few
 @given(seeds)
-def test_a_foot_that_drags_is_no_wrong_clock(seed: int) -> None:
+def test_a_foot_that_drags_is_no_time_offset(seed: int) -> None:
     """Its motion tells strikes late and offs early, as long as it lasts; the file may tell fewer
     offs than strikes.
     """
@@ -274,7 +274,7 @@ def test_a_foot_that_drags_is_no_wrong_clock(seed: int) -> None:
 @pytest.mark.parametrize("offset", [-0.45, -0.2, 0.13, 0.35])
 @few
 @given(seeds)
-def test_one_offset_of_all_events_is_told_with_its_size(offset: float, seed: int) -> None:
+def test_a_common_offset_of_all_events_is_reported_with_its_size(offset: float, seed: int) -> None:
     used, (finding,) = check_file_events(
         moved(walk(), offset, BY_EYE, seed), [], moved(walk(), 0.0, BY_EYE, seed + 1), TIME
     )
@@ -342,7 +342,7 @@ def others(side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
         pytest.param([*walk(), *moved(walk(), 0.06)], PLATES, walk(), walk(), "more than once", "", "INFO", id="twice"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_events_is_told_and_the_others_stay(
+def test_wrong_events_are_reported_and_the_others_stay(
     file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent], cause: str,
     found: str, severity: str,
 ) -> None:  # fmt: skip
@@ -361,7 +361,7 @@ def test_what_is_wrong_with_events_is_told_and_the_others_stay(
             PLATES,
             walk(),
             moved(walk(), 0.035),
-            id="an offset that nobody could tell",
+            id="an offset too small to recognise",
         ),
         pytest.param(
             walk(0.5, 9.0), [], walk(), walk(), id="before and after a trial that was cut"
@@ -377,21 +377,21 @@ def test_what_is_wrong_with_events_is_told_and_the_others_stay(
         pytest.param([], walk(), walk(), [], id="none"),
     ],
 )
-def test_events_that_fit_are_believed(
+def test_events_that_agree_are_used(
     file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent]
 ) -> None:
     assert check_file_events(file, plates, motion, TIME) == (used, ())
 
 
-def test_events_that_stand_twice_are_used_once_with_nothing_to_check_them_by() -> None:
-    alone, told = check_file_events([*walk(), *moved(walk(), 0.06)], [], [], TIME)
-    assert len(alone) == len(walk()) and told
+def test_duplicate_events_are_used_once_without_plates_and_motion() -> None:
+    alone, reported = check_file_events([*walk(), *moved(walk(), 0.06)], [], [], TIME)
+    assert len(alone) == len(walk()) and reported
 
 
 @pytest.mark.parametrize("step", [0.49, 0.53, 0.6])
 @few
 @given(seeds)
-def test_exchanged_sides_are_told(step: float, seed: int) -> None:
+def test_swapped_sides_are_reported(step: float, seed: int) -> None:
     file = exchanged(moved(walk(step=step), 0.0, BY_EYE, seed))
     used, (finding,) = check_file_events(file, [], walk(step=step), TIME)
     assert used == []

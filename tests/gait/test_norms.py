@@ -175,7 +175,7 @@ def at(relative: float, leg: float = 0.70) -> float:
     ("relative", "words"),
     [(0.2, "very slow"), (0.3, "slow"), (0.43, "free"), (0.55, "fast"), (0.7, "very fast")],
 )
-def test_a_child_is_held_against_children_of_its_speed(relative: float, words: str) -> None:
+def test_a_child_is_compared_with_children_of_its_speed(relative: float, words: str) -> None:
     norm = select_norm(CHILD, at(relative))
     check_text(norm.label, words, 4, 17, 83, 2008)
     assert set(ANGLES) < set(norm.bands)
@@ -203,7 +203,7 @@ def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
         (Subject("s", 28.0, 1.33, "female"), "No norm: the age is not given"),
     ],
 )
-def test_nobody_else_is_held_against_children_without_a_word(subject: Subject, why: str) -> None:
+def test_only_children_are_compared_with_children(subject: Subject, why: str) -> None:
     norm = select_norm(subject, 1.2)
     assert not norm.bands and not norm.steps and why in norm.remark
     asked = make_user_norm(read_normal_bands(FREE), FREE, subject)
@@ -330,7 +330,7 @@ NAMES = (
 )
 
 
-def test_the_files_of_a_result_have_the_convention_unless_said_otherwise() -> None:
+def test_the_files_of_a_result_have_the_default_convention() -> None:
     plain = Convention()
     for name in NAMES:
         np.testing.assert_array_equal(plain.convert_moment(name, STANCE, SUBJECT), STANCE)
@@ -414,7 +414,7 @@ def test_units_are_per_mass_or_per_weight_times_height() -> None:
         )
 
 
-def test_pelvis_angles_are_told_of_the_side_of_the_stride() -> None:
+def test_pelvis_angles_depend_on_the_side_of_the_stride() -> None:
     """As Plug-in Gait has them; joint angles stay."""
     clinical, lean = Convention(signs=Signs.CLINICAL), np.array([5.0])
     for name, right, left in (("tilt", -1, -1), ("list", -1, 1), ("rotation", 1, -1)):
@@ -427,7 +427,7 @@ def test_pelvis_angles_are_told_of_the_side_of_the_stride() -> None:
         assert clinical.describe_senses(name, "r")[0] == Convention().describe_senses(name, "l")[0]
 
 
-def test_every_variable_says_what_is_positive_and_every_convention_says_itself() -> None:
+def test_every_variable_has_a_positive_sense_and_every_convention_a_description() -> None:
     for signs, acting, frame, unit in itertools.product(Signs, Acting, MomentFrame, MomentUnit):
         convention = Convention(signs=signs, acting=acting, frame=frame, unit=unit)
         assert all(convention.describe_senses(f"{name}_moment", "r")[0] for name in NAMES)

@@ -127,7 +127,7 @@ def test_feet_that_strike_in_turn_make_strides() -> None:
 
 
 @pytest.mark.parametrize("second", [STAND - 0.15, STAND])
-def test_a_repetition_that_is_too_shallow_to_count_is_told(second: float) -> None:
+def test_a_repetition_that_is_too_shallow_is_reported(second: float) -> None:
     time, height = path(
         (0, STAND),
         (1, STAND),
@@ -140,10 +140,10 @@ def test_a_repetition_that_is_too_shallow_to_count_is_told(second: float) -> Non
     )
     found = find_repetitions(time, height)
     body = SimpleNamespace(time=time, coordinates=("pelvis_ty",), q=height[:, None])
-    told = _check_crouches("squat", body, GaitEvents(repeats=found))
+    reported = _check_crouches("squat", body, GaitEvents(repeats=found))
     assert len(found) == 1
-    assert [f.cause for f in told] == ["not all of the trial is repetitions"] * (second < STAND)
-    assert all(f.found.startswith(f"{found[0].stop:.2f}-7.00 s") for f in told)
+    assert [f.cause for f in reported] == ["not all of the trial is repetitions"] * (second < STAND)
+    assert all(f.found.startswith(f"{found[0].stop:.2f}-7.00 s") for f in reported)
     cut = slice(150, 260)  # the lower part of the first squat
     late = SimpleNamespace(time=time[cut], coordinates=("pelvis_ty",), q=height[cut, None])
     assert not find_repetitions(late.time, late.q[:, 0])

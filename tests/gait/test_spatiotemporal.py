@@ -124,12 +124,12 @@ def test_on_split_belts_strides_are_each_belts_and_steps_are_in_the_room() -> No
     time, feet, events = steps(8)
     fast, slow, heel = 1.2, 0.6, np.zeros_like(feet.heel)
     for foot, belt in enumerate((fast, slow)):
-        own = events.select_foot("rl"[foot])
-        at = np.sort(np.concatenate([own.strikes, own.strikes + 0.66]))
-        x = np.where(np.isin(at, own.strikes), 0.3, 0.3 - 0.66 * belt)
+        foot_events = events.select_foot("rl"[foot])
+        at = np.sort(np.concatenate([foot_events.strikes, foot_events.strikes + 0.66]))
+        x = np.where(np.isin(at, foot_events.strikes), 0.3, 0.3 - 0.66 * belt)
         heel[:, foot, 0], heel[:, foot, 1] = (
             np.interp(time, at, x),
-            np.where(_down(time, own.strikes), 0.0, 0.1),
+            np.where(_down(time, foot_events.strikes), 0.0, 0.1),
         )
     points = np.concatenate([heel, heel + [0.2, 0.0, 0.0]], axis=1)
     ground = estimate_belt_velocities(points, np.gradient(points, time, axis=0))
@@ -212,7 +212,7 @@ def test_running_has_no_double_support() -> None:
     assert second["double_support"] == 0.0 and second["single_support"] == pytest.approx(0.25)
     assert second["speed"] == pytest.approx(1.2 / 0.35)
     assert not any("double" in name for name in first), (
-        "nothing tells since when the left foot is in the air"
+        "it is not known since when the left foot is in the air"
     )
 
 
@@ -249,30 +249,30 @@ def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
 def test_a_missing_strike_makes_no_stride_of_double_length(with_off: bool) -> None:
     """Alone it shows by two offs in a row, together with its off by two strikes of the other foot."""
     time, feet, events = steps(10)
-    told = without(events, "l", FootMoment.STRIKE, 2)
-    told = without(told, "l", FootMoment.OFF, 2) if with_off else told
+    changed_events = without(events, "l", FootMoment.STRIKE, 2)
+    changed_events = without(changed_events, "l", FootMoment.OFF, 2) if with_off else changed_events
     for side in "rl":
-        strides = measure_strides(told, time, feet)
+        strides = measure_strides(changed_events, time, feet)
         assert [s.number for s in whole(strides, side)] == [1, 2, 3, 4][: 4 if side == "r" else 2]
         for stride in strides:
             assert stride.measures.get("stride_length", 1.2) == pytest.approx(1.2)
             assert stride.measures.get("stance", STANCE_S) == pytest.approx(STANCE_S)
             assert stride.measures.get("swing", 0.44) == pytest.approx(0.44)
-        cycles = list_strides(told)[side]
+        cycles = list_strides(changed_events)[side]
         assert [(c.start, c.stop) for c in cycles] == [
             (s.start, s.stop) for s in whole(strides, side)
         ]
 
 
-def test_events_that_do_not_take_turns_are_told() -> None:
+def test_events_that_do_not_alternate_are_reported() -> None:
     *_, events = steps(8)
     assert not combine_events(np.arange(0.0, 5.4, 0.01), events.events, [], []).findings
-    told = without(events, "l", FootMoment.OFF, 1).events
-    (found,) = combine_events(np.arange(0.0, 5.4, 0.01), told, [], []).findings
+    changed_events = without(events, "l", FootMoment.OFF, 1).events
+    (found,) = combine_events(np.arange(0.0, 5.4, 0.01), changed_events, [], []).findings
     check_finding(found, Code.MISSING_EVENTS, 1.85, 2.95)
 
 
-def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
+def test_a_foot_without_markers_at_a_strike_has_no_lengths() -> None:
     time, feet, events = steps(6)
     lost = np.abs(time - (0.2 + 2 * STEP_S)) < 0.05  # about the right foot's second strike
     found = measure_strides(events, time, feet, {"foot_r": lost})
@@ -286,7 +286,7 @@ def test_nothing_is_told_of_a_foot_that_no_marker_shows_at_a_strike() -> None:
     assert "stride_length" not in whole(measure_strides(events, time, None))[0].measures
 
 
-def test_feet_that_swing_and_get_no_further_have_no_lengths_and_are_told() -> None:
+def test_feet_that_swing_without_progress_have_no_lengths_and_are_reported() -> None:
     time, feet, events = steps(6)
     still = replace(feet, heel=feet.heel * [0.02, 1.0, 1.0])
     strides = measure_strides(events, time, still)
@@ -378,7 +378,7 @@ def walks(data_dir: Path) -> Walks:
 
 
 @pytest.mark.slow
-def test_walks_of_a_hospital_measure_what_its_own_program_says(walks: Walks) -> None:
+def test_walks_of_a_hospital_measure_as_by_its_program(walks: Walks) -> None:
     ours = {
         "Cadence": "cadence", "Walking Speed": "speed", "Stride Time": "stride_time", "Step Time": "step_time",
         "Opposite Foot Off": "first_double_support_percent", "Foot Off": "stance_percent",
@@ -400,7 +400,7 @@ def test_walks_of_a_hospital_measure_what_its_own_program_says(walks: Walks) -> 
 
 @pytest.mark.slow
 def test_children_measure_what_a_hand_count_of_events_and_heel_markers_gives(walks: Walks) -> None:
-    """Straight and in a turn: the file's own events and heel markers, with nothing of ours between."""
+    """Straight and in a turn: events and heel markers of the file alone."""
     compared = 0
     for name, (strides, path) in walks.items():
         for side, counted in hand_count(path).items() if name.startswith("HC") else ():

@@ -59,7 +59,7 @@ def layout(by_cycle: bool = True) -> Layout:
     return Layout(TIME, valid, np.stack([valid] * 2, axis=1), CYCLES if by_cycle else {})
 
 
-def test_each_leg_has_its_own_main_and_complete_strides() -> None:
+def test_each_leg_has_a_main_stride_and_complete_strides() -> None:
     """The right leg is valid in its third stride alone, the left nowhere, the whole body in the
     second right stride.
     """
@@ -123,7 +123,7 @@ def turned(angles: np.ndarray, by: np.ndarray | float) -> np.ndarray:
 
 
 @given(st.floats(-np.pi, np.pi))
-def test_angles_along_the_line_know_no_direction_of_the_room(by: float) -> None:
+def test_angles_along_the_line_do_not_depend_on_the_direction_in_the_room(by: float) -> None:
     inside = np.ones(len(WALK_TIME), dtype=bool)
     np.testing.assert_allclose(
         express_along_line(turned(ANGLES, by), by, inside), ANGLES, atol=EXACT
@@ -154,7 +154,7 @@ def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
 
 
 def test_progression_follows_coordinates_as_finite_differences_do() -> None:
-    """Feet of every posture, steep ones too, against a line of its own for each frame and foot."""
+    """Feet of every posture, steep ones too, against another line for each frame and foot."""
     model, random = published_model(), np.random.default_rng(3)
     q, lines = (
         0.3 * random.standard_normal((4, len(COORDINATES))),
@@ -218,7 +218,7 @@ def test_axes_of_the_foot_err_about_what_moves_progression() -> None:
 
 
 def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
-    """Three frames forth, two back, toes 10 deg in: the stride back is told by its own frames."""
+    """Three frames forth, two back, toes 10 deg in: the frames of a stride give its direction."""
     forth, back = axis_to(np.radians(10.0)), axis_to(np.pi + np.radians(10.0))
     feet = FootAxes(np.stack([[forth, forth]] * 3 + [[back, back]] * 2))
     returning = np.arange(5) >= 3
@@ -228,7 +228,7 @@ def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
 
 
 def test_each_frame_of_a_foot_has_the_line_of_its_stride() -> None:
-    """Right strides of 0 to 1 s and 1 to 2 s; the left foot has none of its own."""
+    """Right strides of 0 to 1 s and 1 to 2 s; the left foot has none."""
     strides = [
         Stride(side="r", number=n, start=n, stop=n + 1.0, sources=(), measures={}, line=0.5 * n)
         for n in (0, 1)

@@ -45,7 +45,7 @@ def recorded_strides(data: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
 
 
 def event_times(file: ezc3d.c3d, side: str, label: str) -> list[float]:
-    """When the file says that this happens to a foot, s."""
+    """Times (s) of this event of a foot in the file."""
     event = file["parameters"]["EVENT"]
     rows = zip(
         event["CONTEXTS"]["value"],

@@ -18,6 +18,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -28,14 +29,14 @@ from gaitcal.export.opensim import osim_correspondence, osim_reader, osim_writer
 from gaitcal.export.opensim.peer_model import PeerModel, read_numbers
 
 UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
-"""Below these a joint and its bone stay in the very bytes of the file: the solvers' rounding."""
+"""Rounding of the solvers: with smaller changes the bytes of the file stay."""
 
 
 class MoveOutcome(Enum):
     """Outcome of the transfer of a joint."""
 
     MOVED = "moved"
-    UNDETERMINED = "left as it is: the recordings say little of it"
+    UNDETERMINED = "not moved: the recordings hardly determine it"
     ABSENT = "the model has no such joint"
 
 
@@ -44,18 +45,24 @@ class JointEnd:
     """Position of a joint in one of its bodies, and its change."""
 
     body: str
-    centre: Array  # (3,) m, in the body, as it was
-    frame: pin.SE3  # Of the joint's frame in the body
-    displacement: Array  # (3,) m, in the body's axes: of the centre, of a hinge across its axis
-    rotation: float  # rad, of a hinge's axis; of a ball joint's frame
+    centre: Array
+    """(3,) m, in the body, before."""
+    frame: pin.SE3
+    """Pose of the joint's frame in the body, after."""
+    displacement: Array
+    """(3,) m, in the body's axes: of the centre, of a hinge across its axis."""
+    rotation: float
+    """rad, of a hinge's axis; of a ball joint's frame."""
     errors: tuple[float, float]
     """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of
-    a hinge's axis: the root of the sum of squares in all directions, of the joint parameters and of
-    the registration. NaN where unknown."""
-    changed: bool  # Whether the file is changed here
+    a hinge's axis, all directions together, by joint parameters and registration. NaN where
+    unknown.
+    """
+    changed: bool
+    """Whether the file is changed here."""
     landmarks: float
-    """m, by which landmarks of the static trial alone would have moved it; NaN in a body that is no
-    segment of ours.
+    """m, displacement by the landmarks of the static trial alone; NaN in a body without a segment
+    of ours.
     """
 
     @property
@@ -68,17 +75,19 @@ class JointEnd:
 class JointMove:
     """Outcome of the transfer of one joint."""
 
-    joint: str  # Ours: `hip_r`, ...
-    theirs: str  # Name in the model; empty where it has none
+    joint: str
+    """Our name: `hip_r`, ..."""
+    theirs: str
+    """Name in the model; empty where it has no such joint."""
     outcome: MoveOutcome
-    # Standard error of its parameters over that before any trial, the larger of positions and
-    # directions
     error_ratio: float
-    standing: Mapping[
-        str, float
-    ]  # Coordinate of theirs -> rad (m) as the person stands, before and after
+    """Standard error of its parameters relative to that before any trial; the larger one of
+    positions and directions.
+    """
+    standing: Mapping[str, float]
+    """Coordinate of the model -> rad (m) as the person stands, before and after."""
     rolling: tuple[float, float] = (0.0, 0.0)
-    """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
+    """m and rad, remaining error of the standing bones: the joint rolls, or cannot move so."""
     parent: JointEnd | None = None
     child: JointEnd | None = None
 
@@ -87,29 +96,50 @@ class JointMove:
 class Bone:
     """Affine map of a bone between two joints, in the axes of its body."""
 
-    middle_before: Array  # (3,) m, the middle between its joints
-    middle_after: Array
-    rotation: Array  # (3, 3)
-    direction: Array  # (3,) unit vector, from joint to joint as they were
-    stretch: float
+    middle_before: Array  # (3,) m, middle between its joints: m of the module
+    middle_after: Array  # (3,) m: m'
+    rotation: Array  # (3, 3): R
+    direction: Array  # (3,) unit vector from joint to joint, before: u
+    stretch: float  # k
 
     def map_point(self, x: Array) -> Array:
-        """Map a point (3,) m of the bone to its new position (3,) m."""
+        """Map a point of the bone to its new position.
+
+        Parameters
+        ----------
+        x : (3,) Array
+            m, in the body.
+
+        Returns
+        -------
+        (3,) Array
+            m, x' of the module.
+        """
         from_middle = x - self.middle_before
         long = self.direction * float(self.direction @ from_middle)
         out: Array = self.middle_after + self.rotation @ (from_middle + (self.stretch - 1.0) * long)
         return out
 
     def express_in(self, frame: pin.SE3) -> "Bone":
-        """Express the map in the axes of a frame in the body (`frame`: pose in the body)."""
-        turn = frame.rotation.T
+        """Express the map in the axes of a frame in the body.
+
+        Parameters
+        ----------
+        frame : pin.SE3
+            Pose of the frame in the body, m.
+
+        Returns
+        -------
+        Bone
+        """
+        to_frame = frame.rotation.T
         was, now = frame.actInv(self.middle_before), frame.actInv(self.middle_after)
         return replace(
             self,
             middle_before=was,
             middle_after=now,
-            rotation=turn @ self.rotation @ turn.T,
-            direction=turn @ self.direction,
+            rotation=to_frame @ self.rotation @ to_frame.T,
+            direction=to_frame @ self.direction,
         )
 
     @property
@@ -137,8 +167,11 @@ def find_moved_bones(
     dict
         Body -> its map.
     """
+    # Body -> centre of each of its joints, before and after.
     ends: dict[str, list[tuple[Array, Array]]] = {}
-    for move, leg in ((m, leg) for m in moves for leg in legs if leg.ours == m.joint):
+    for move, leg in product(moves, legs):
+        if leg.ours != move.joint:
+            continue
         joint = leg.theirs
         at_rest = (peer.compute_joint_pose(joint, move.standing) * joint.in_child).translation
         for body, centre, end in (
@@ -166,12 +199,11 @@ def find_moved_bones(
     return out
 
 
-# m; joints that are nearer, as those of a talus, have no bone between them that could be stretched
 SHORTEST = 0.1
+"""m: joints that are nearer, as those of a talus, have no bone between them to be stretched."""
 
-Change = tuple[
-    ET.Element, tuple[str, ...], tuple[Array, ...]
-]  # Of an element the numbers of these children
+Change = tuple[ET.Element, tuple[str, ...], tuple[Array, ...]]
+"""Element, names of its children, their new numbers."""
 
 
 def move_attachments(
@@ -201,24 +233,20 @@ def move_attachments(
         bone = bone_at.get(_find_parent_path(element))
         if bone is None or element.tag == "Marker":
             continue
-        if element.find("location") is not None:  # of a moving point, too, in OpenSim 3
-            place = read_numbers(element, "location", source, count=3)
-            yield element, ("location",), (bone.map_point(place),)
+        # In OpenSim 3, moving points have a location as well.
+        if element.find("location") is not None:
+            location = read_numbers(element, "location", source, count=3)
+            yield element, ("location",), (bone.map_point(location),)
         if element.tag == "MovingPathPoint":
             yield from _move_path_point(element, bone, document)
     for body in bones:
         for path, _, frame in document.list_frames(body):
+            bone, tags = bone_at[path], ("translation", "xyz_body_rotation")
             for wrap in frame.findall("WrapObjectSet/objects/*"):
-                at, angles = (
-                    read_numbers(wrap, tag, source, count=3)
-                    for tag in ("translation", "xyz_body_rotation")
-                )
-                turned = bone_at[path].rotation @ osim_writer.convert_from_body_fixed_xyz(angles)
-                yield (
-                    wrap,
-                    ("translation", "xyz_body_rotation"),
-                    (bone_at[path].map_point(at), osim_writer.convert_to_body_fixed_xyz(turned)),
-                )
+                origin, angles = (read_numbers(wrap, tag, source, count=3) for tag in tags)
+                rotation = bone.rotation @ osim_writer.convert_from_body_fixed_xyz(angles)
+                new_angles = osim_writer.convert_to_body_fixed_xyz(rotation)
+                yield wrap, tags, (bone.map_point(origin), new_angles)
 
 
 def _map_frames(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
@@ -248,10 +276,12 @@ def _move_path_point(
     for axis in "xyz":
         function = element.find(f"{axis}_location")
         holder, tag = None, ""
-        for tag in ("y", "value") if function is not None else ():  # of a spline, of a constant
-            holder = function.find(f".//{tag}/..") if function is not None else None
-            if holder is not None:
-                break
+        # Numbers of a spline, or of a constant.
+        if function is not None:
+            for tag in ("y", "value"):
+                holder = function.find(f".//{tag}/..")
+                if holder is not None:
+                    break
         if function is None or holder is None:
             message = (
                 f"found {axis}_location of another kind, allowed: a spline or a constant (or "
@@ -263,8 +293,9 @@ def _move_path_point(
         scale = next((float(e.text or 1.0) for e in function.iter("scale")), 1.0)
         found.append((holder, tag, read_numbers(holder, tag, document.source), scale))
     mean = np.array([scale * numbers.mean() for _, _, numbers, scale in found])
-    for (holder, tag, numbers, scale), by in zip(found, bone.map_point(mean) - mean, strict=True):
-        yield holder, (tag,), (numbers + by / scale,)
+    displacement = bone.map_point(mean) - mean
+    for (holder, tag, numbers, scale), step in zip(found, displacement, strict=True):
+        yield holder, (tag,), (numbers + step / scale,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -298,8 +329,8 @@ def summarise_muscle_points(
         for point in force.iter():
             bone = bone_at.get(_find_parent_path(point))
             if bone is not None and point.find("location") is not None:
-                place = read_numbers(point, "location", document.source, count=3)
-                moves.append(float(np.linalg.norm(bone.map_point(place) - place)))
+                location = read_numbers(point, "location", document.source, count=3)
+                moves.append(float(np.linalg.norm(bone.map_point(location) - location)))
         if moves:
             out.append(
                 MovedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves))
@@ -308,8 +339,8 @@ def summarise_muscle_points(
 
 
 JOINTS_HEADER = (
-    "joint,theirs,verdict,standard_error_left,in,body,shift_x_mm,shift_y_mm,shift_z_mm,moved_mm,moved_se_mm,turned_deg,"
-    "turned_se_deg,standing_mm,standing_deg,landmarks_mm"
+    "joint,theirs,verdict,standard_error_left,in,body,shift_x_mm,shift_y_mm,shift_z_mm,moved_mm,"
+    "moved_se_mm,turned_deg,turned_se_deg,standing_mm,standing_deg,landmarks_mm"
 )
 
 
@@ -333,23 +364,36 @@ def format_joints_csv(moves: Sequence[JointMove]) -> str:
         for name, end in (("parent", move.parent), ("child", move.child)):
             if end is None:
                 continue
-            numbers = [*(1e3 * end.displacement), 1e3 * end.moved, 1e3 * end.errors[0]]
-            numbers += [
+            numbers = (
+                *(1e3 * end.displacement),
+                1e3 * end.moved,
+                1e3 * end.errors[0],
                 np.degrees(end.rotation),
                 np.degrees(end.errors[1]),
                 1e3 * move.rolling[0],
                 np.degrees(move.rolling[1]),
-            ]
-            numbers += [1e3 * end.landmarks]
-            words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
-            lines.append(f'{start},{name},"{end.body}",{words}')
+                1e3 * end.landmarks,
+            )
+            cells = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
+            lines.append(f'{start},{name},"{end.body}",{cells}')
         if move.parent is None:
             lines.append(start + "," * (JOINTS_HEADER.count(",") - start.count(",")))
     return "\n".join(lines) + "\n"
 
 
 def format_moved_points_csv(points: Sequence[MovedPoints]) -> str:
-    """Format a CSV file with a row for each muscle (columns `MOVED_POINTS_HEADER`)."""
+    """Format a CSV file with a row for each muscle.
+
+    Parameters
+    ----------
+    points : sequence of MovedPoints
+        Moved points of each muscle.
+
+    Returns
+    -------
+    str
+        Columns `MOVED_POINTS_HEADER`.
+    """
     rows = [f'"{m.muscle}",{m.points},{1e3 * m.farthest:.4f}' for m in points]
     return "\n".join([MOVED_POINTS_HEADER, *rows]) + "\n"
 

@@ -46,6 +46,7 @@ from gaitcal.calibration.error_sources import ErrorSources, compute_posterior_ra
 from gaitcal.export.opensim import joint_moves, osim_registration
 from gaitcal.export.opensim.osim_correspondence import (
     LegJoint,
+    MovedJoint,
     compute_smallest_motion,
     find_leg_joints,
     measure_distance,
@@ -64,39 +65,43 @@ from gaitcal.export.opensim.osim_reader import (
 from gaitcal.export.opensim.peer_model import PeerModel
 from gaitcal.model.linkage import NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, view_as_table
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters, view_as_table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import JointPrior
 
-UNDETERMINED_SHARE = 0.9  # Of the standard error before; nine tenths are a fifth of the variance
+UNDETERMINED_SHARE = 0.9
+"""Of the standard error before any trial: nine tenths are a fifth less variance."""
 MISFIT_M = 0.010
-"""m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to
+"""m RMS: markers of a model that was scaled to the person, and moved to the static trial, agree to
 some millimetres.
 """
 FAR_M = 0.020
-"""m; twice what the best regressions miss a hip by, in three directions together
+"""m: twice the error of the best regressions of the hip, in three directions together
 (`calibration/joint_prior.py`).
 """
-ROLLING_M = 1e-4  # m RMS, from a hinge, from which a joint rolls
+ROLLING_M = 1e-4
+"""m RMS from a hinge, above which a joint rolls."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedOsim:
     """Model of the user with the joints of this person."""
 
-    content: bytes  # Of the file
+    content: bytes
+    """Content of the file."""
     joints: tuple[joint_moves.JointMove, ...]
-    legs: tuple[LegJoint, ...]  # Which joints of the model are meant, and how they were found
+    legs: tuple[LegJoint, ...]
+    """Joints of the model, and how they were found."""
     registrations: tuple[osim_registration.Registration, ...]
-    masses: tuple[
-        osim_registration.SegmentMass, ...
-    ]  # Of the segments whose bodies weigh what ours do; empty unless asked for
-    moved_points: tuple[
-        joint_moves.MovedPoints, ...
-    ]  # Of every muscle the points that went with a bone; empty unless asked for
-    notes: tuple[str, ...]  # What the user should know, one sentence each
-    transfer: "Transfer"  # What was read, of which draws are made
+    masses: tuple[osim_registration.SegmentMass, ...]
+    """Segments whose bodies got the masses of ours; empty unless requested."""
+    moved_points: tuple[joint_moves.MovedPoints, ...]
+    """Points of each muscle that moved with a bone; empty unless requested."""
+    notes: tuple[str, ...]
+    """What the user should know, a sentence each."""
+    transfer: "Transfer"
+    """Everything that was read, from which draws are made."""
 
     @property
     def unchanged(self) -> tuple[str, ...]:
@@ -202,22 +207,31 @@ class Transfer:
     document: OsimDocument
     peer: PeerModel
     legs: tuple[LegJoint, ...]
-    bodies: Mapping[str, osim_registration.Registration]  # By our segment
+    bodies: Mapping[str, osim_registration.Registration]
+    """Our segment -> registration."""
     errors: ErrorSources | None
-    error_ratios: Mapping[str, float]  # Joint of ours -> how much of its standard error is left
-    masses: bool  # Whether bodies get the masses of our segments
-    inertial: Array | None  # (84, n) R with covariance R R^T of the inertial parameters
-    follow: bool  # Whether what is fixed to a bone goes with its joints
+    error_ratios: Mapping[str, float]
+    """Our joint -> standard error of its parameters relative to that before any trial."""
+    masses: bool
+    """Whether bodies get the masses of our segments."""
+    inertial: Array | None
+    """(84, n) R with covariance R R^T of the inertial parameters."""
+    follow: bool
+    """Whether what is fixed to a bone moves with its joints."""
 
     def apply(self) -> CalibratedOsim:
-        """Apply the calibrated parameters."""
-        moves, (weights, told) = self.compute_moves(), self._compute_masses()
+        """Apply the calibrated parameters.
+
+        Returns
+        -------
+        CalibratedOsim
+        """
+        moves, (weights, masses) = self.compute_moves(), self._compute_masses()
+        bones = self._find_bones(moves)
         return CalibratedOsim(
             content=self._write_content(moves, weights, self.legs),
-            masses=told,
-            moved_points=joint_moves.summarise_muscle_points(
-                self.document, self._find_bones(moves)
-            ),
+            masses=masses,
+            moved_points=joint_moves.summarise_muscle_points(self.document, bones),
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
@@ -229,41 +243,56 @@ class Transfer:
         """Draw a file: joints, masses if they are transferred, and registrations from their errors.
 
         Joints that stay vary about their position.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        bytes
+            Content of the file.
         """
-        parameters = self.model.parameters
-        if self.errors is not None:
-            own = self.errors.select(
-                [name for name in self.errors.free if name in JP_INDEX]
-            )  # soft tissue is no joint
-            at = [JP_INDEX[name] for name in own.free]
-            moved = own.parameters @ rng.normal(size=own.parameters.shape[1])
-            parameters = parameters.with_joint(own.free, parameters.joint[at] + moved)
-        if self.masses and self.inertial is not None:
-            inertial = np.full_like(parameters.inertial, -1.0)
-            while (view_as_table(inertial)[:, 0] <= 0.0).any():
-                inertial = parameters.inertial + self.inertial @ rng.normal(
-                    size=self.inertial.shape[1]
-                )
-            parameters = parameters.with_inertial(inertial)
+        calibrated = self.model.parameters
+        parameters = self._draw_parameters(rng)
         bodies = {s: replace(r, pose=r.draw_pose(rng)) for s, r in self.bodies.items()}
-        left = {
+        unchanged = {
             leg.ours: osim_registration.perturb_joint(
-                leg, self.peer, self.bodies, self.model.parameters, parameters
+                leg, self.peer, self.bodies, calibrated, parameters
             )
             for leg in self.legs
-            if self._is_left(leg.ours)
+            if self._is_undetermined(leg.ours)
         }
         other = replace(
             self,
             model=replace(self.model, parameters=parameters),
-            legs=tuple(left.get(leg.ours, leg) for leg in self.legs),
-            peer=self.peer.replace_joints(leg.theirs for leg in left.values()),
+            legs=tuple(unchanged.get(leg.ours, leg) for leg in self.legs),
+            peer=self.peer.replace_joints(leg.theirs for leg in unchanged.values()),
             bodies=bodies,
             errors=None,
         )
         return other._write_content(other.compute_moves(), other._compute_masses()[0], self.legs)
 
-    def _is_left(self, joint: str) -> bool:
+    def _draw_parameters(self, rng: np.random.Generator) -> Parameters:
+        """Draw joint parameters and, if masses are transferred, inertial ones from their errors."""
+        parameters = self.model.parameters
+        if self.errors is not None:
+            # Of all free parameters only those of joints: soft tissue is left out.
+            joint = self.errors.select([name for name in self.errors.free if name in JP_INDEX])
+            indices = [JP_INDEX[name] for name in joint.free]
+            change = joint.parameters @ rng.normal(size=joint.parameters.shape[1])
+            parameters = parameters.with_joint(joint.free, parameters.joint[indices] + change)
+        if self.masses and self.inertial is not None:
+            # Draw again until all masses are positive.
+            inertial = np.full_like(parameters.inertial, -1.0)
+            while (view_as_table(inertial)[:, 0] <= 0.0).any():
+                change = self.inertial @ rng.normal(size=self.inertial.shape[1])
+                inertial = parameters.inertial + change
+            parameters = parameters.with_inertial(inertial)
+        return parameters
+
+    def _is_undetermined(self, joint: str) -> bool:
         """Check whether the recordings hardly determine a joint."""
         return self.error_ratios[joint] > UNDETERMINED_SHARE
 
@@ -290,32 +319,36 @@ class Transfer:
             for name, end in zip(("parent", "child"), ends[was.ours], strict=True):
                 before, after = (getattr(joint.theirs, f"in_{name}") for joint in (was, now))
                 after = after if end is None else end.frame
-                moved = (
-                    measure_distance(before, after) > joint_moves.UNMOVED_M,
-                    measure_rotation(before, after) > joint_moves.UNMOVED_RAD,
-                )
-                if any(moved):
+                translated = measure_distance(before, after) > joint_moves.UNMOVED_M
+                rotated = measure_rotation(before, after) > joint_moves.UNMOVED_RAD
+                # Numbers that do not change keep their very bytes.
+                if translated or rotated:
                     places[was.theirs.name, name] = FramePlacement(
-                        after.translation if moved[0] else None,
-                        after.rotation if moved[1] else None,
+                        after.translation if translated else None,
+                        after.rotation if rotated else None,
                     )
         bones, names = self._find_bones(moves), {leg.theirs.name for leg in legs}
-        for joint in self.peer.joints.values():  # patella, back: what hangs on a bone elsewhere
+        # Other joints in a bone (patella, back) follow it.
+        for joint in self.peer.joints.values():
             if joint.parent in bones and joint.name not in names:
-                places[joint.name, "parent"] = FramePlacement(
-                    bones[joint.parent].map_point(joint.in_parent.translation), None
-                )
+                point = bones[joint.parent].map_point(joint.in_parent.translation)
+                places[joint.name, "parent"] = FramePlacement(point, None)
         meshes = {body: bone.rigid for body, bone in bones.items()}
-        return self.document.apply_changes(
-            places, weights, joint_moves.move_attachments(self.document, bones), meshes
-        )
+        attachments = joint_moves.move_attachments(self.document, bones)
+        return self.document.apply_changes(places, weights, attachments, meshes)
 
     def _find_bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
         """Find the bones that take along what is fixed to them."""
         return joint_moves.find_moved_bones(moves, self.peer, self.legs) if self.follow else {}
 
     def compute_moves(self) -> tuple[joint_moves.JointMove, ...]:
-        """Compute the new frames of every joint of both legs, and whether it moves."""
+        """Compute the new frames of every joint of both legs, and whether it moves.
+
+        Returns
+        -------
+        tuple of JointMove
+            Right leg, then left, from hip to subtalar joint; joints that the model lacks as well.
+        """
         segments = osim_registration.fit_standing_segments(self.model, self.model.parameters)
         stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
         found: dict[str, joint_moves.JointMove] = {}
@@ -327,17 +360,15 @@ class Transfer:
                     pair = self.bodies[above].body, self.bodies[below].body
                     for move in self._move_joints_between(*pair, legs, segments, stand):
                         found[move.joint] = move
-        return tuple(
-            found.get(name)
-            or joint_moves.JointMove(
-                joint=name,
-                theirs="",
-                outcome=joint_moves.MoveOutcome.ABSENT,
-                error_ratio=float("nan"),
-                standing={},
-            )
-            for name in (f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS)
+        absent = partial(
+            joint_moves.JointMove,
+            theirs="",
+            outcome=joint_moves.MoveOutcome.ABSENT,
+            error_ratio=float("nan"),
+            standing={},
         )
+        names = [f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS]
+        return tuple(found.get(name) or absent(joint=name) for name in names)
 
     def _move_joints_between(
         self,
@@ -351,208 +382,217 @@ class Transfer:
         row = self.peer.list_joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
         q0 = solve_standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
-        moving = [j for j in row if j.name in ours and not self._is_left(ours[j.name].ours)]
-        pose = stand[top]  # of the joint's parent
+        moving = [j for j in row if j.name in ours and not self._is_undetermined(ours[j.name].ours)]
+        # Pose of the joint's parent in the laboratory, body by body downwards.
+        pose = stand[top]
         for joint in row:
             leg, was = ours.get(joint.name), self.peer.compute_joint_pose(joint, q0)
             if leg is None:
                 pose = pose * was
                 continue
-            standing_at = {c.name: q0[c.name] for c in joint.coordinates if c.name in q0}
             move = partial(
                 joint_moves.JointMove,
                 joint=leg.ours,
                 theirs=joint.name,
                 error_ratio=self.error_ratios[leg.ours],
-                standing=standing_at,
+                standing={c.name: q0[c.name] for c in joint.coordinates if c.name in q0},
             )
             if joint not in moving:
                 yield move(outcome=joint_moves.MoveOutcome.UNDETERMINED)
                 pose = pose * was
                 continue
+            # The last moving joint closes the chain to the standing bones below.
             standing = None
             if joint is moving[-1]:
-                standing = pose.actInv(
-                    stand[bottom] * self.peer.compute_body_pose(bottom, joint.child, q0).inverse()
-                )
-            of_above = not leg.ours.startswith(
-                "subtalar"
-            )  # whose parent, the talus, has no markers
-            segment = (
-                osim_registration.JOINT_OF[leg.ours].parent
-                if of_above
-                else osim_registration.JOINT_OF[leg.ours].child
-            )
-            target = osim_registration.compute_joint_axis(
-                leg.ours, self.model.parameters, of_above
-            ).transform(pose.actInv(segments[segment]))
-            put = (move_ball_joint if leg.hinge is None else move_hinge)(leg, was, target, standing)
-            now = (
-                put.in_parent
-                * joint.in_parent.actInv(was * joint.in_child)
-                * put.in_child.inverse()
-            )
-            centre = pose.act(put.centre)
-            ends = [
-                joint_moves.JointEnd(
-                    body=joint.parent if of_parent else joint.child,
-                    centre=(was * joint.in_child if of_parent else joint.in_child).translation,
-                    frame=place,
-                    displacement=put.displacements[not of_parent],
-                    rotation=put.rotations[not of_parent],
-                    errors=self._estimate_errors(leg.ours, of_parent, centre, segments),
-                    changed=measure_distance(before, place) > joint_moves.UNMOVED_M
-                    or measure_rotation(before, place) > joint_moves.UNMOVED_RAD,
-                    landmarks=self._measure_landmark_distance(leg, of_parent),
-                )
-                for of_parent, before, place in (
-                    (True, joint.in_parent, put.in_parent),
-                    (False, joint.in_child, put.in_child),
-                )
-            ]
+                below = self.peer.compute_body_pose(bottom, joint.child, q0)
+                standing = pose.actInv(stand[bottom] * below.inverse())
+            # The parent of a subtalar joint, the talus, has no markers: its axis is that in the foot.
+            in_parent = not leg.ours.startswith("subtalar")
+            our_joint = osim_registration.JOINT_OF[leg.ours]
+            segment = our_joint.parent if in_parent else our_joint.child
+            axis = osim_registration.compute_joint_axis(leg.ours, self.model.parameters, in_parent)
+            target = axis.transform(pose.actInv(segments[segment]))
+            move_joint = move_ball_joint if leg.hinge is None else move_hinge
+            moved = move_joint(leg, was, target, standing)
+            motion = joint.in_parent.actInv(was * joint.in_child)
+            now = moved.in_parent * motion * moved.in_child.inverse()
+            rolling = (0.0, 0.0)
+            if standing is not None:
+                rolling = (measure_distance(standing, now), measure_rotation(standing, now))
+            ends = self._make_ends(leg, was, moved, pose.act(moved.centre), segments)
             yield move(
                 outcome=joint_moves.MoveOutcome.MOVED,
-                rolling=(0.0, 0.0)
-                if standing is None
-                else (measure_distance(standing, now), measure_rotation(standing, now)),
+                rolling=rolling,
                 parent=ends[0],
                 child=ends[1],
             )
             pose = pose * now
 
-    def _measure_landmark_distance(self, leg: LegJoint, of_parent: bool) -> float:
+    def _make_ends(
+        self,
+        leg: LegJoint,
+        was: pin.SE3,
+        moved: MovedJoint,
+        centre: Array,
+        segments: Mapping[str, pin.SE3],
+    ) -> list[joint_moves.JointEnd]:
+        """Make parent's and child's end of a moved joint; `centre`: (3,) m, laboratory."""
+        joint = leg.theirs
+        ends = []
+        for in_parent, body, start, before, after in (
+            (True, joint.parent, was * joint.in_child, joint.in_parent, moved.in_parent),
+            (False, joint.child, joint.in_child, joint.in_child, moved.in_child),
+        ):
+            translated = measure_distance(before, after) > joint_moves.UNMOVED_M
+            rotated = measure_rotation(before, after) > joint_moves.UNMOVED_RAD
+            end = joint_moves.JointEnd(
+                body=body,
+                centre=start.translation,
+                frame=after,
+                displacement=moved.displacements[not in_parent],
+                rotation=moved.rotations[not in_parent],
+                errors=self._estimate_errors(leg.ours, in_parent, centre, segments),
+                changed=translated or rotated,
+                landmarks=self._measure_landmark_distance(leg, in_parent),
+            )
+            ends.append(end)
+        return ends
+
+    def _measure_landmark_distance(self, leg: LegJoint, in_parent: bool) -> float:
         """Measure the distance (m) of a joint, as read, from that of the nominal model in one body.
 
         NaN in a body that is not registered.
         """
         ours, joint = osim_registration.JOINT_OF[leg.ours], leg.theirs
-        segment, body, frame = (
-            (ours.parent, joint.parent, joint.in_parent)
-            if of_parent
-            else (ours.child, joint.child, joint.in_child)
-        )
+        segment, body, frame = ours.child, joint.child, joint.in_child
+        if in_parent:
+            segment, body, frame = ours.parent, joint.parent, joint.in_parent
         registration = self.bodies.get(segment)
         if registration is None or registration.body != body:
             return float("nan")
-        target = osim_registration.compute_joint_axis(
-            leg.ours, self.model.nominal, of_parent
-        ).transform(registration.pose.inverse())
+        axis = osim_registration.compute_joint_axis(leg.ours, self.model.nominal, in_parent)
+        target = axis.transform(registration.pose.inverse())
         if leg.hinge is None:
             return float(np.linalg.norm(target.point - frame.translation))
-        line = leg.hinge.in_parent if of_parent else leg.hinge.in_child
+        line = leg.hinge.in_parent if in_parent else leg.hinge.in_child
         return float(np.linalg.norm(compute_smallest_motion(line, target, frame.translation)[1]))
 
     def _estimate_errors(
-        self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
+        self, joint: str, in_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
         """Estimate standard errors (m, rad) of a joint in one body; `point`: (3,) m, laboratory."""
         ours, parameters = osim_registration.JOINT_OF[joint], self.model.parameters
-        segment = ours.parent if of_parent else ours.child
+        segment = ours.parent if in_parent else ours.child
         registration = self.bodies.get(segment)
         if registration is None:
             return float("nan"), float("nan")
-        at = segments[segment].actInv(point)
-        axis = osim_registration.compute_joint_axis(joint, parameters, of_parent)
-        across = (
-            np.eye(3)
-            if joint.startswith("hip")
-            else np.eye(3) - np.outer(axis.direction, axis.direction)
-        )
-        shift, turn = registration.compute_point_covariance(at), registration.rotation_covariance
+        is_hip = joint.startswith("hip")
+        local = segments[segment].actInv(point)
+        axis = osim_registration.compute_joint_axis(joint, parameters, in_parent)
+        # Along the axis of a hinge nothing is counted.
+        across = np.eye(3) if is_hip else np.eye(3) - np.outer(axis.direction, axis.direction)
+        translation = registration.compute_point_covariance(local)
+        rotation = registration.rotation_covariance
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.segment == segment]
-        if self.errors is not None and (
-            told := [name for name in names if name in self.errors.free]
-        ):
-            moves = np.zeros((6, len(told)))
-            for k, name in enumerate(told):
-                value = parameters.joint[JP_INDEX[name]]
-                more, less = (
-                    osim_registration.compute_joint_axis(
-                        joint, parameters.with_joint((name,), np.array([value + d])), of_parent
-                    )
-                    for d in (_DIFFERENCE_STEP, -_DIFFERENCE_STEP)
-                )
-                ends = [
-                    np.concatenate(
-                        [x.point if joint.startswith("hip") else x.find_nearest(at), x.direction]
-                    )
-                    for x in (more, less)
-                ]
-                moves[:, k] = (ends[0] - ends[1]) / (2 * _DIFFERENCE_STEP)
-            covariance = moves @ self.errors.select(told).covariance @ moves.T
-            shift, turn = shift + covariance[:3, :3], across @ turn @ across + covariance[3:, 3:]
-        size = float(np.sqrt(np.trace(across @ shift @ across)))
-        return size, float("nan") if joint.startswith("hip") else float(
-            np.sqrt(np.trace(across @ turn @ across))
-        )
+        free = [] if self.errors is None else [n for n in names if n in self.errors.free]
+        if self.errors is not None and free:
+            jacobian = self._differentiate_axis(joint, in_parent, local, free)
+            covariance = jacobian @ self.errors.select(free).covariance @ jacobian.T
+            translation = translation + covariance[:3, :3]
+            rotation = across @ rotation @ across + covariance[3:, 3:]
+        size = float(np.sqrt(np.trace(across @ translation @ across)))
+        if is_hip:
+            return size, float("nan")
+        return size, float(np.sqrt(np.trace(across @ rotation @ across)))
+
+    def _differentiate_axis(
+        self, joint: str, in_parent: bool, local: Array, names: Sequence[str]
+    ) -> Array:
+        """Differentiate point and direction (6, n) of a joint's axis with respect to parameters.
+
+        Central differences. The point is that nearest to `local` (3,) m, of a hip its centre.
+        """
+        parameters = self.model.parameters
+        jacobian = np.zeros((6, len(names)))
+        for k, name in enumerate(names):
+            value = parameters.joint[JP_INDEX[name]]
+            sides = []
+            for step in (_DIFFERENCE_STEP, -_DIFFERENCE_STEP):
+                changed = parameters.with_joint((name,), np.array([value + step]))
+                axis = osim_registration.compute_joint_axis(joint, changed, in_parent)
+                point = axis.point if joint.startswith("hip") else axis.find_nearest(local)
+                sides.append(np.concatenate([point, axis.direction]))
+            jacobian[:, k] = (sides[0] - sides[1]) / (2 * _DIFFERENCE_STEP)
+        return jacobian
 
     def _list_notes(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
         """List what a user should know, a sentence each."""
-        moved = {
-            e.body
-            for m in moves
-            for e in (m.parent, m.child)
-            if e is not None and e.moved > joint_moves.UNMOVED_M
-        }
-        feet = {
-            leg.theirs.child for leg in self.legs if leg.ours.startswith(("talocrural", "subtalar"))
-        }
-        feet |= {leg.theirs.parent for leg in self.legs if leg.ours.startswith("subtalar")}
-        if self.follow and (stay := sorted(moved - feet - self._find_bones(moves).keys())):
-            yield (
-                f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee "
-                "and ankle), so that "
-                "muscle points, wraps and meshes there do not follow"
-            )
-        off = {leg.ours: leg.hinge.deviation for leg in self.legs if leg.hinge is not None}
-        beside = (
-            ""
-            if self.follow
-            else ": muscle points beside it stay on their bones, and may no longer suit it"
-        )
+        if self.follow:
+            yield from self._list_bodies_that_stay(moves)
         for move in moves:
-            if (
-                move.outcome is joint_moves.MoveOutcome.MOVED
-                and off.get(move.joint, 0.0) > ROLLING_M
-            ):
-                yield (
-                    f"{move.theirs} is no hinge: over the postures of the recordings "
-                    f"{1e3 * off[move.joint]:.1f} mm "
-                    "RMS from the nearest one, which its standard errors and draws do not count"
-                )
-            changed = any(end is not None and end.changed for end in (move.parent, move.child))
-            if changed and (names := self.document.list_attached_elements(move.theirs)):
-                yield (
-                    f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with "
-                    "it"
-                )
-            ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
-            if ends:
-                far = ", ".join(f"{1e3 * e.moved:.0f}" for e in ends)
-                alone = ", ".join(
-                    "?" if np.isnan(e.landmarks) else f"{1e3 * e.landmarks:.0f}" for e in ends
-                )
-                yield (
-                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in "
-                    f"{', '.join(e.body for e in ends)} "
-                    f"({far} mm; by the landmarks of the static trial alone {alone}){beside}"
-                )
-        if by_axes := [r for r in self.bodies.values() if r.by_axes]:
+            yield from self._list_joint_notes(move)
+        by_axes = [r for r in self.bodies.values() if r.by_axes]
+        if by_axes:
             yield (
-                f"{', '.join(r.body for r in by_axes)}: laid on by the axes of joints, up to "
-                f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, as too few "
-                "markers are shared; "
-                "nothing shows that the model has this person's size: "
+                f"{', '.join(r.body for r in by_axes)}: registered by the axes of joints, up to "
+                f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, because too few "
+                "markers are common; nothing shows that the model has this person's size: "
                 f"{osim_registration.NAME_OR_SCALE}"
             )
         for r in self.bodies.values():
             if r.rms > MISFIT_M and not r.by_axes:
                 yield (
-                    f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that "
-                    "it may be of another "
-                    "size: scale the model to this person first, with these markers, and export "
-                    "again"
+                    f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's; it may "
+                    "have another size: scale the model to this person first, with these markers, "
+                    "and export again"
                 )
 
+    def _list_bodies_that_stay(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
+        """List bodies with a moved joint whose attachments cannot follow; feet excepted."""
+        ends = [end for move in moves for end in (move.parent, move.child) if end is not None]
+        moved = {end.body for end in ends if end.moved > joint_moves.UNMOVED_M}
+        feet = set()
+        for leg in self.legs:
+            if leg.ours.startswith(("talocrural", "subtalar")):
+                feet.add(leg.theirs.child)
+            if leg.ours.startswith("subtalar"):
+                feet.add(leg.theirs.parent)
+        stay = sorted(moved - feet - self._find_bones(moves).keys())
+        if stay:
+            yield (
+                f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee "
+                "and ankle), so that muscle points, wraps and meshes there do not follow"
+            )
 
-_DIFFERENCE_STEP = 1e-6  # m, rad, of central differences
+    def _list_joint_notes(self, move: joint_moves.JointMove) -> Iterator[str]:
+        """List notes on one joint: rolling, attached elements, large displacements."""
+        deviations = {leg.ours: leg.hinge.deviation for leg in self.legs if leg.hinge is not None}
+        deviation = deviations.get(move.joint, 0.0)
+        if move.outcome is joint_moves.MoveOutcome.MOVED and deviation > ROLLING_M:
+            yield (
+                f"{move.theirs} is no hinge: over the postures of the recordings "
+                f"{1e3 * deviation:.1f} mm RMS from the nearest one, which its standard errors and "
+                "draws do not contain"
+            )
+        ends = [end for end in (move.parent, move.child) if end is not None]
+        if any(end.changed for end in ends):
+            names = self.document.list_attached_elements(move.theirs)
+            if names:
+                attached = ", ".join(names)
+                yield f"{attached}: fixed to a frame of joint {move.theirs}, and moved with it"
+        far = [end for end in ends if end.moved > FAR_M]
+        if far:
+            distances = ", ".join(f"{1e3 * end.moved:.0f}" for end in far)
+            by_landmarks = ", ".join(
+                "?" if np.isnan(end.landmarks) else f"{1e3 * end.landmarks:.0f}" for end in far
+            )
+            attachments = ": muscle points near it stay on their bones and may no longer fit"
+            yield (
+                f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in "
+                f"{', '.join(end.body for end in far)} ({distances} mm; by the landmarks of the "
+                f"static trial alone {by_landmarks}){'' if self.follow else attachments}"
+            )
+
+
+_DIFFERENCE_STEP = 1e-6
+"""m, rad, of central differences."""

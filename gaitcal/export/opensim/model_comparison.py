@@ -53,11 +53,12 @@ class _Registered:
     """Registration of a body on our segment."""
 
     segment: str
-    markers: int  # Our markers on the segment
+    markers: int
+    """Our markers on the segment."""
     common: int
-    found: (
-        osim_registration.Registration | None
-    )  # None with fewer than three common markers, or all on one line
+    """Markers that both models have."""
+    found: osim_registration.Registration | None
+    """None with fewer than three common markers, or all on one line."""
 
 
 def compare_with_osim(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
@@ -87,21 +88,21 @@ def compare_with_osim(model: SubjectModel, osim: Path | str) -> list[ComparisonR
     rows: list[ComparisonRow] = []
     for side in SIDES:
         bodies = find_leg_bodies(peer, side)
-        laid = [_register(model, peer, segment, body) for segment, body in bodies.items()]
-        poses = {r.segment: r.found.pose for r in laid if r.found is not None}
-        rows += _compare_legs(
-            side, measure_our_leg(model.parameters, side), measure_peer_leg(peer, side, poses)
-        )
-        for r in laid:
+        registered = [_register(model, peer, segment, body) for segment, body in bodies.items()]
+        poses = {r.segment: r.found.pose for r in registered if r.found is not None}
+        ours = measure_our_leg(model.parameters, side)
+        rows += _compare_legs(side, ours, measure_peer_leg(peer, side, poses))
+        for r in registered:
+            # The pelvis belongs to both legs: list it once.
             if side == SIDES[0] or r.segment != "pelvis":
                 rows += _list_registration_rows(r)
     rows += _compare_masses(model, peer)
     if not rows:
         message = (
             "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a "
-            "known name such as "
+            "known name such as pelvis, femur_r, tibia_r; found the bodies "
+            f"{', '.join(peer.masses)}"
         )
-        message += f"pelvis, femur_r, tibia_r; found the bodies {', '.join(peer.masses)}"
         raise InputError(message, source=osim, code=Code.OTHER_MODEL)
     return rows
 
@@ -147,17 +148,13 @@ def _list_leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], f
     out = {(name, "mm"): 1e3 * length for name, length in lengths.items() if length is not None}
     for name, point in points.items():
         if point is not None:
-            out |= {
-                (f"{name}, {d}", "mm"): 1e3 * value
-                for d, value in zip(DIRECTIONS, point, strict=True)
-            }
+            for direction, value in zip(DIRECTIONS, point, strict=True):
+                out[f"{name}, {direction}", "mm"] = 1e3 * value
     for name, axis in flexion_axes.items():
         if axis is not None:
-            crossing = axis.find_crossing(2)[:2]
-            out |= {
-                (f"{name}, {d}", "mm"): 1e3 * x
-                for d, x in zip(DIRECTIONS[:2], crossing, strict=True)
-            }
+            # The point at which the axis crosses the sagittal plane has no lateral coordinate.
+            for direction, value in zip(DIRECTIONS[:2], axis.find_crossing(2)[:2], strict=True):
+                out[f"{name}, {direction}", "mm"] = 1e3 * value
             out |= _measure_axis_angles(name, axis, 2, ("front", "trans"))
     if leg.subtalar_in_foot is not None:
         out |= _measure_axis_angles(
@@ -211,7 +208,8 @@ def _compare_masses(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]
     """Compare masses of segments and of the whole body."""
     theirs: dict[str, float] = {}
     for body, mass in peer.masses.items():
-        if (segment := osim_correspondence.find_segment(body)) is not None:
+        segment = osim_correspondence.find_segment(body)
+        if segment is not None:
             theirs[segment] = theirs.get(segment, 0.0) + mass
     if not theirs:
         return []
@@ -225,8 +223,8 @@ def _compare_masses(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]
 
 
 LEAST_MM, LEAST_DEG, LEAST_SHARE = 5.0, 3.0, 0.02
-"""Differences that are worth a word: landmarks are not palpated nearer than this; of masses, the
-part of ours.
+"""Smallest differences that are described: landmarks are not palpated more accurately. That of
+masses is relative to ours.
 """
 _MM = {
     "ant": ("in front of", "behind"),
@@ -244,7 +242,7 @@ _POINTS = {
     _KNEE: "knee axes, in the thigh,",
     _ANKLE: "ankle axes",
 }
-_TURNS = {
+_ROTATIONS = {
     _KNEE: "knee axes",
     _ANKLE: "ankle axes",
     "subtalar_{s} axis in foot_{s}": "subtalar axes",
@@ -267,9 +265,8 @@ def describe_osim_differences(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
     -------
     tuple of str
     """
-    sentences = sorted(
-        _list_differences({row.quantity: row for row in rows}), key=lambda of: -of[0]
-    )
+    differences = _list_differences({row.quantity: row for row in rows})
+    sentences = sorted(differences, key=lambda difference: -difference[0])
     if sentences:
         return tuple(text for _, text in sentences)
     return (
@@ -280,52 +277,54 @@ def describe_osim_differences(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
 
 def _list_differences(rows: Mapping[str, ComparisonRow]) -> Iterator[tuple[float, str]]:
     """List each relevant difference: its size in units of its threshold, and a sentence."""
-
-    def of_both(quantity: str, least: float, *, mirrored: bool = False) -> tuple[float, str] | None:
-        """Mean of theirs - ours of both sides, a left side as it would be on the right, and what
-        each side has.
-        """
-        found = {side: rows.get(quantity.format(s=side)) for side in SIDES}
-        sides = {
-            side: -row.difference if mirrored and side == "l" else row.difference
-            for side, row in found.items()
-            if row is not None
-        }
-        mean = sum(sides.values()) / len(sides) if sides else 0.0
-        if abs(mean) < least:
-            return None
-        sign = 1.0 if mean > 0 else -1.0
-        each = (
-            f" (right {sign * sides['r']:.0f}, left {sign * sides['l']:.0f})"
-            if len(sides) == len(SIDES)
-            else ""
-        )
-        return mean, each
-
     for pattern, title in _POINTS.items():
-        for direction, ways in _MM.items():
-            if found := of_both(f"{pattern}, {direction}", LEAST_MM, mirrored=direction == "lat"):
+        for direction, (positive, negative) in _MM.items():
+            quantity = f"{pattern}, {direction}"
+            found = _average_sides(rows, quantity, LEAST_MM, mirrored=direction == "lat")
+            if found:
                 mean, each = found
-                yield (
-                    abs(mean) / LEAST_MM,
-                    f"their {title} lie {abs(mean):.0f} mm {ways[mean < 0]} ours{each}",
-                )
-    for pattern, title in _TURNS.items():
+                where = positive if mean >= 0 else negative
+                text = f"their {title} lie {abs(mean):.0f} mm {where} ours{each}"
+                yield abs(mean) / LEAST_MM, text
+    for pattern, title in _ROTATIONS.items():
         for direction, plane in _PLANES.items():
-            if found := of_both(f"{pattern}, {direction}", LEAST_DEG, mirrored=direction != "sag"):
+            quantity = f"{pattern}, {direction}"
+            found = _average_sides(rows, quantity, LEAST_DEG, mirrored=direction != "sag")
+            if found:
                 mean, each = found
-                text = f"their {title} are turned by {abs(mean):.0f} deg {plane} against ours{each}"
+                angle = f"{abs(mean):.0f} deg {plane}"
+                text = f"their {title} are rotated by {angle} relative to ours{each}"
                 yield abs(mean) / LEAST_DEG, text
     for pattern, title in _LENGTHS.items():
-        if found := of_both(pattern, LEAST_MM):
+        found = _average_sides(rows, pattern, LEAST_MM)
+        if found:
             mean, each = found
-            way = "longer" if mean > 0 else "shorter"
-            yield (
-                abs(mean) / LEAST_MM,
-                f"their {title} are {abs(mean):.0f} mm {way} than ours{each}",
-            )
+            longer = "longer" if mean > 0 else "shorter"
+            text = f"their {title} are {abs(mean):.0f} mm {longer} than ours{each}"
+            yield abs(mean) / LEAST_MM, text
     row = rows.get("total mass")
     if row is not None and abs(row.difference) >= LEAST_SHARE * row.ours:
         share = abs(row.difference) / max(row.ours, 1e-9) / LEAST_SHARE
-        way = "more" if row.difference > 0 else "less"
-        yield share, f"their body weighs {abs(row.difference):.1f} kg {way} than ours"
+        more = "more" if row.difference > 0 else "less"
+        yield share, f"their body weighs {abs(row.difference):.1f} kg {more} than ours"
+
+
+def _average_sides(
+    rows: Mapping[str, ComparisonRow], quantity: str, least: float, *, mirrored: bool = False
+) -> tuple[float, str] | None:
+    """Average theirs - ours over both sides, and list the sides; None if smaller than `least`.
+
+    `mirrored`: the left side has the opposite sign.
+    """
+    sides: dict[str, float] = {}
+    for side in SIDES:
+        row = rows.get(quantity.format(s=side))
+        if row is not None:
+            sides[side] = -row.difference if mirrored and side == "l" else row.difference
+    mean = sum(sides.values()) / len(sides) if sides else 0.0
+    if abs(mean) < least:
+        return None
+    if len(sides) < len(SIDES):
+        return mean, ""
+    sign = 1.0 if mean > 0 else -1.0
+    return mean, f" (right {sign * sides['r']:.0f}, left {sign * sides['l']:.0f})"

@@ -35,11 +35,13 @@ from gaitcal.tracking.bandwidth import Smoother
 from gaitcal.tracking.motion import Motion
 
 ACCURACY = 1e-7
-"""Of inverse kinematics; with the usual 1e-5 markers are half a millimetre off its optimum, which
-shows in moments.
+"""Accuracy of inverse kinematics. With the usual 1e-5 markers are half a millimetre from the
+optimum, which affects moments.
 """
-# m; a joint that leaves the hinge nearest to it by more is told: as much as markers tell of it
 ROLLS = 1e-3
+"""m: a joint that leaves its nearest hinge by more is reported; markers determine it as well."""
+LEAST_OFFSET_DEG = 2.0
+"""deg: smaller offsets are not reported, as landmarks are not placed more accurately."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +51,16 @@ class OurMotion:
     name: str
     motion: Motion
     markers: Recording
-    torques: Mapping[str, Array] | None  # Coordinate -> (nf,) N·m; None without force plates
-    valid: Mapping[str, BoolArray]  # Side -> (nf,)
-    cutoff: float | None  # Hz, at which its motion is smoothed; None: by its coefficients alone
-    loads: Path  # Of the forces under the feet, as `write_external_loads` writes them
-    marker_errors: Mapping[str, float]  # Label -> m RMS, by which our model misses a marker
+    torques: Mapping[str, Array] | None
+    """Coordinate -> (nf,) N·m; None without force plates."""
+    valid: Mapping[str, BoolArray]
+    """Side -> (nf,) frames with valid torques."""
+    cutoff: float | None
+    """Hz, of the low-pass filter of its motion; None without a further filter."""
+    loads: Path
+    """Forces under the feet, as `write_external_loads` writes them."""
+    marker_errors: Mapping[str, float]
+    """Label -> m RMS, distance of the marker from our model."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +95,10 @@ class MotionComparison:
     """Result of the comparison."""
 
     curves: tuple[BothCurves, ...]
-    marker_errors: tuple[float, float]  # m RMS over the markers that both have: ours, theirs
-    notes: tuple[str, ...]  # What explains differences, a sentence each
+    marker_errors: tuple[float, float]
+    """m RMS over the common markers: ours, theirs."""
+    notes: tuple[str, ...]
+    """Explanations of differences, a sentence each."""
 
 
 def compare_motion(
@@ -120,11 +129,12 @@ def compare_motion(
     except ImportError:
         message = "needs OpenSim, which is not installed: pip install opensim"
         raise InputError(message, field="--motion", code=Code.ARGUMENT) from None
-    opensim.Logger.removeFileSink()  # it writes opensim.log where the user stands
+    # OpenSim would write opensim.log in the working directory.
+    opensim.Logger.removeFileSink()
     opensim.Logger.setLevelString("Off")
     if not trials:
         raise InputError(
-            "the result has no motion to be compared", field="--motion", code=Code.NOTHING_TO_SHOW
+            "the result has no motion to compare", field="--motion", code=Code.NOTHING_TO_SHOW
         )
     peer = read_osim(osim)
     legs = find_leg_joints(peer)
@@ -155,15 +165,12 @@ def compare_motion(
             found.setdefault((name, "deg"), []).append(
                 (np.degrees(q[:, k]), sign * np.degrees(theirs[name]))
             )
-            if (
-                name in moments
-                and trial.torques is not None
-                and name in trial.torques
-                and name[-2:] in ("_r", "_l")
-            ):
-                pair = trial.torques[name], sign * moments[name]
-                counts = trial.valid[name[-1]] & np.isfinite(pair[0]) & np.isfinite(pair[1])
-                found.setdefault((name, "N·m"), []).append((pair[0][counts], pair[1][counts]))
+            torques = (trial.torques or {}).get(name)
+            if torques is not None and name in moments and name[-2:] in ("_r", "_l"):
+                theirs_moment = sign * moments[name]
+                valid = trial.valid[name[-1]] & np.isfinite(torques) & np.isfinite(theirs_moment)
+                pair = torques[valid], theirs_moment[valid]
+                found.setdefault((name, "N·m"), []).append(pair)
     curves = tuple(
         BothCurves(
             coordinate=name,
@@ -215,7 +222,7 @@ def _run_opensim(
     )
     if not kept:
         raise InputError(
-            "shares no marker with the trial",
+            "has no marker in common with the trial",
             source=peer.source,
             field=trial.name,
             code=Code.OTHER_MODEL,
@@ -230,7 +237,8 @@ def _run_opensim(
     tool.setEndTime(float(time[-1]))
     tool.setOutputMotionFileName(str(folder / "ik.mot"))
     tool.setResultsDir(str(folder))
-    tasks = [opensim.IKMarkerTask() for _ in kept]  # held here: OpenSim copies them late
+    # The tasks must exist until the tool has run: OpenSim copies them late.
+    tasks = [opensim.IKMarkerTask() for _ in kept]
     for task, k, label in zip(tasks, kept, shared.labels, strict=True):
         weight = float(weights.get(trial.markers.labels[k], 0.0))
         task.setName(label)
@@ -344,25 +352,14 @@ def _explain_differences(
         far = max(float(np.linalg.norm(x - leg.theirs.in_child.translation)) for x in off)
         if far > ROLLS:
             yield (
-                f"{leg.theirs.name} rolls: over these angles its centre leaves the hinge nearest "
-                "to it by up to "
-                f"{1e3 * far:.1f} mm; 1 kN through it makes {1e3 * far:.1f} N·m of moment that no "
-                "hinge has"
+                f"{leg.theirs.name} rolls: over these angles its centre is up to {1e3 * far:.1f} "
+                f"mm from the nearest hinge; 1 kN through it makes {1e3 * far:.1f} N·m of moment "
+                "that a hinge does not have"
             )
     for (name, unit), curve in known.items():
-        if (
-            unit == "deg"
-            and abs(curve.offset) > curve.residual
-            and abs(curve.offset) > LEAST_OFFSET_DEG
-        ):
+        if unit == "deg" and abs(curve.offset) > max(curve.residual, LEAST_OFFSET_DEG):
             yield (
-                f"{name}: mostly a constant, {curve.offset:+.1f} deg: its zero is another one in "
-                "their model"
+                f"{name}: mostly a constant, {curve.offset:+.1f} deg: their model has another zero"
             )
         if unit == "deg" and not np.ptp(curve.theirs):
-            yield f"{name}: locked in their model, whose other coordinates take up what it would do"
-
-
-LEAST_OFFSET_DEG = (
-    2.0  # deg; zeros that are nearer are not worth a sentence: landmarks are not placed nearer
-)
+            yield f"{name}: locked in their model, whose other coordinates compensate it"

@@ -39,10 +39,14 @@ COORDINATE_OF = {
     "subtalar": "subtalar_angle",
 }
 """Joint of a leg -> its first coordinate, in our linkage and in the usual models."""
-TALUS = 0.08  # m; a joint farther from the ankle than the talus is high and long is one of the toes
-LEVER = 0.2  # m: as far as markers sit from a joint
-POSTURES = 20  # Of a stride, or of the recordings: quantiles of the coordinate
-EXACT = 1e-9  # m; a joint that is so near to a hinge is one
+TALUS = 0.08
+"""m, size of the talus: a joint that is farther from the ankle is one of the toes."""
+LEVER = 0.2
+"""m, typical distance of markers from a joint."""
+POSTURES = 20
+"""Postures of a stride, or quantiles of the coordinate in the recordings."""
+EXACT = 1e-9
+"""m: a joint that differs less from a hinge is one."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +55,22 @@ class Hinge:
 
     in_parent: pin.SE3
     in_child: pin.SE3
-    # m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them
     deviation: float = 0.0
+    """m RMS, distance of points at `LEVER` from the centre from those of the rolling joint."""
 
     def measure_angle(self, pose: pin.SE3) -> float:
-        """Measure the hinge's angle (rad) that is nearest to a pose of the child in the parent."""
+        """Measure the hinge's angle that is nearest to a pose.
+
+        Parameters
+        ----------
+        pose : pin.SE3
+            Pose of the child in the parent.
+
+        Returns
+        -------
+        float
+            rad
+        """
         r = (self.in_parent.rotation.T @ pose.rotation) @ self.in_child.rotation
         return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
 
@@ -76,11 +91,16 @@ class Hinge:
 class LegJoint:
     """Joint of a leg in the user's model."""
 
-    ours: str  # `hip_r`, `knee_r`, `talocrural_r`, `subtalar_r`, or `_l`
+    ours: str
+    """`hip_r`, `knee_r`, `talocrural_r`, `subtalar_r`, or `_l`."""
     theirs: PeerJoint
-    coordinate: str  # The coordinate whose motion shows its axis
-    found_by: str  # `name`, `topology`, or the user's file
-    hinge: Hinge | None  # What stands for a knee, talocrural or subtalar joint; None of a hip
+    """Joint of the model."""
+    coordinate: str
+    """Coordinate whose motion shows its axis."""
+    found_by: str
+    """`name`, `topology`, or the user's file."""
+    hinge: Hinge | None
+    """Hinge that represents a knee, talocrural or subtalar joint; None of a hip."""
 
 
 class _NamesFile(Table):
@@ -139,67 +159,58 @@ def find_leg_joints(
     Raises
     ------
     InputError
-        A leg has no hip or no knee, or a name of the user is not in the model.
+        Legs cannot be identified, do not form a chain, or a name of the user is not in the model.
     """
     joints, coordinates = ({}, {}) if names is None else read_names(names)
+    source = names or Path()
     by_name = {j.name: j for j in peer.joints.values()}
-    require_known(
-        joints.values(), by_name, "joint of the model", source=names or Path(), field="joints"
+    require_known(joints.values(), by_name, "joint of the model", source=source, field="joints")
+    has_usual_names = any(
+        peer.find_joint(f"hip_flexion_{s}") and peer.find_joint(f"knee_angle_{s}") for s in SIDES
     )
-    with_usual_names = [
-        s
-        for s in SIDES
-        if peer.find_joint(f"hip_flexion_{s}") and peer.find_joint(f"knee_angle_{s}")
-    ]
-    shape = (
-        None
-        if with_usual_names or any(name.startswith("hip") for name in joints)
-        else _find_legs_by_topology(peer)
-    )
+    by_topology = None
+    if not has_usual_names and not any(name.startswith("hip") for name in joints):
+        by_topology = _find_legs_by_topology(peer)
     out = []
     for side in SIDES:
-        told = {
-            joint: by_name[joints[f"{joint}_{side}"]]
-            for joint in NEEDED_JOINTS
-            if f"{joint}_{side}" in joints
-        }
-        named = {
-            k: j
-            for k, c in COORDINATE_OF.items()
-            if (j := peer.find_joint(f"{c}_{side}")) is not None
-        }
-        ours, found_by = {**named, **told}, "name"
-        if shape is not None:
-            ours = {
-                k.removesuffix(f"_{side}"): j for k, j in shape.items() if k.endswith(f"_{side}")
-            } | told
-            found_by = "topology"
-        for joint in NEEDED_JOINTS:
-            if joint not in ours or (joint == "subtalar" and ours[joint] is ours.get("talocrural")):
+        # Kind of joint -> joint of the model; those of the user's file take precedence.
+        given, found = {}, {}
+        for kind in NEEDED_JOINTS:
+            if f"{kind}_{side}" in joints:
+                given[kind] = by_name[joints[f"{kind}_{side}"]]
+            if by_topology is not None:
+                joint = by_topology.get(f"{kind}_{side}")
+            else:
+                joint = peer.find_joint(f"{COORDINATE_OF[kind]}_{side}")
+            if joint is not None:
+                found[kind] = joint
+        leg = found | given
+        for kind in NEEDED_JOINTS:
+            # Both ankle coordinates may belong to one joint.
+            if kind not in leg or (kind == "subtalar" and leg[kind] is leg.get("talocrural")):
                 continue
-            known = [c.name for c in ours[joint].coordinates]
-            first, own = f"{COORDINATE_OF[joint]}_{side}", coordinates.get(f"{joint}_{side}")
-            if own is not None:
-                require_known(
-                    [own],
-                    known,
-                    "coordinate of that joint",
-                    source=names or Path(),
-                    field="coordinates",
-                )
-            name = own or (first if first in known else _select_main_coordinate(peer, ours, joint))
-            by = "your file" if joint in told else found_by
-            leg = LegJoint(
-                ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None
+            known = [c.name for c in leg[kind].coordinates]
+            chosen = coordinates.get(f"{kind}_{side}")
+            if chosen is not None:
+                what = "coordinate of that joint"
+                require_known([chosen], known, what, source=source, field="coordinates")
+            usual = f"{COORDINATE_OF[kind]}_{side}"
+            if not chosen:
+                chosen = usual if usual in known else _select_main_coordinate(peer, leg, kind)
+            found_by = "name" if by_topology is None else "topology"
+            leg_joint = LegJoint(
+                ours=f"{kind}_{side}",
+                theirs=leg[kind],
+                coordinate=chosen,
+                found_by="your file" if kind in given else found_by,
+                hinge=None,
             )
-            out.append(leg)
+            out.append(leg_joint)
     _require_chain(peer, out)
-    return tuple(
-        leg
-        if leg.ours.startswith("hip")
-        else replace(leg, hinge=fit_hinge(peer, leg, recorded or {}))
-        for leg in out
-    )
+    for k, leg_joint in enumerate(out):
+        if not leg_joint.ours.startswith("hip"):
+            out[k] = replace(leg_joint, hinge=fit_hinge(peer, leg_joint, recorded or {}))
+    return tuple(out)
 
 
 def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
@@ -227,66 +238,71 @@ def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> 
     kind, side = leg.ours.split("_")
     name = f"{COORDINATE_OF[kind]}_{side}"
     if name in recorded:
-        stride = np.quantile(recorded[name], (np.arange(POSTURES) + 0.5) / POSTURES)
+        angles = np.quantile(recorded[name], (np.arange(POSTURES) + 0.5) / POSTURES)
     else:
-        stride = compute_gait_curves(np.arange(POSTURES) / POSTURES)[0][:, COORDINATE_INDEX[name]]
-    stride = stride if kind != "knee" or c.high >= -c.low else -stride
-    poses = [peer.compute_joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
-    ends = poses[int(np.argmin(stride))], poses[int(np.argmax(stride))]
+        angles = compute_gait_curves(np.arange(POSTURES) / POSTURES)[0][:, COORDINATE_INDEX[name]]
+    # Some models bend the knee by negative angles.
+    angles = angles if kind != "knee" or c.high >= -c.low else -angles
+    poses = [peer.compute_joint_pose(leg.theirs, {c.name: float(angle)}) for angle in angles]
+    ends = poses[int(np.argmin(angles))], poses[int(np.argmax(angles))]
     axis = find_displacement_axis(*ends)
     if axis is None:
-        message = f"does not turn with its coordinate {c.name}"
+        message = f"does not rotate with its coordinate {c.name}"
         raise InputError(
             message, source=peer.source, field=f"joint {leg.theirs.name}", code=Code.OTHER_MODEL
         )
+    # First guess: the axis of the whole displacement, through the point nearest to the joint.
     centre = axis.find_nearest((ends[0] * leg.theirs.in_child).translation)
     along = pin.Quaternion.FromTwoVectors(np.eye(3)[2], axis.direction).toRotationMatrix()
     first = pin.SE3(along, centre)
     hinge = Hinge(first, ends[0].actInv(first))
     tips = LEVER * np.vstack([np.eye(3), -np.eye(3)])
-    points = np.array([leg.theirs.in_child.act(tip) for tip in tips])
-    measured = np.array([[pose.act(p) for p in points] for pose in poses])
+    points = [leg.theirs.in_child.act(tip) for tip in tips]
 
-    def moved(x: Array) -> Hinge:
-        """Move the first hinge by small rotations and translations in both bodies."""
+    def locate(child_poses: Sequence[pin.SE3]) -> Array:
+        """Locate the points (POSTURES, 6, 3) m in the parent."""
+        located = np.empty((len(child_poses), len(points), 3))
+        for k, pose in enumerate(child_poses):
+            located[k] = [pose.act(point) for point in points]
+        return located
 
-        def off(turn: Array, shift: Array) -> pin.SE3:
-            return pin.SE3(pin.exp3(np.array([*turn, 0.0])), shift)
+    measured = locate(poses)
 
-        in_parent = hinge.in_parent * off(x[:2], np.array([*x[2:4], 0.0]))
-        return Hinge(in_parent, hinge.in_child * off(x[4:6], x[6:9]))
+    def move(x: Array) -> Hinge:
+        """Move the first hinge by small rotations and translations (9,) rad, m in both bodies."""
+        by_parent = pin.SE3(pin.exp3(np.array([*x[:2], 0.0])), np.array([*x[2:4], 0.0]))
+        by_child = pin.SE3(pin.exp3(np.array([*x[4:6], 0.0])), x[6:9])
+        return Hinge(hinge.in_parent * by_parent, hinge.in_child * by_child)
 
-    def residual(x: Array) -> Array:
-        """Compute distances (m) of the points from where the joint has them."""
-        near = moved(x)
-        told = [near.compute_pose(near.measure_angle(pose)) for pose in poses]
-        return (np.array([[pose.act(p) for p in points] for pose in told]) - measured).ravel()
+    def compute_residual(x: Array) -> Array:
+        """Compute distances (m) of the points between the hinge and the joint."""
+        moved = move(x)
+        nearest = [moved.compute_pose(moved.measure_angle(pose)) for pose in poses]
+        return (locate(nearest) - measured).ravel()
 
-    if np.abs(residual(np.zeros(9))).max() > EXACT:
-        best = least_squares(residual, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
-        hinge = replace(moved(best.x), deviation=float(np.sqrt(3.0 * np.mean(np.square(best.fun)))))
+    if np.abs(compute_residual(np.zeros(9))).max() > EXACT:
+        best = least_squares(compute_residual, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
+        deviation = float(np.sqrt(3.0 * np.mean(np.square(best.fun))))
+        hinge = replace(move(best.x), deviation=deviation)
     return hinge
 
 
-def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
+def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], kind: str) -> str:
     """Select the coordinate whose axis is nearest to the pelvis' z: that of flexion.
 
     Of a subtalar joint, whose axis is oblique, it is the one with the widest range. `leg`: kind of
     our joint -> joint of the model.
     """
-    joint, hip = leg[of], leg.get("hip")
-    turning = {
+    joint, hip = leg[kind], leg.get("hip")
+    # Coordinate -> axis of its rotation in the joint's frame.
+    axes = {
         a.coordinate: a.axis for a in joint.axes or () if a.rotates and a.coordinate is not None
     }
-    if (
-        of != "subtalar"
-        and len(turning) > 1
-        and hip is not None
-        and peer.is_below(joint.parent, hip.parent)
-    ):
+    flexes = kind != "subtalar" and len(axes) > 1
+    if flexes and hip is not None and peer.is_below(joint.parent, hip.parent):
         z = (peer.compute_body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
-        return max(turning, key=lambda name: abs(float(z @ turning[name])))
-    found = [c for c in joint.coordinates if c.name in turning] or list(joint.coordinates)
+        return max(axes, key=lambda name: abs(float(z @ axes[name])))
+    found = [c for c in joint.coordinates if c.name in axes] or list(joint.coordinates)
     return max(found, key=lambda c: c.high - c.low).name if found else ""
 
 
@@ -303,12 +319,13 @@ def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
             if body not in peer.masses:
                 message = f"is fixed to '{body}', which is no body of the model"
                 raise InputError(message, source=peer.source, field=where, code=Code.OTHER_MODEL)
+        same_leg = above is not None and above.ours[-2:] == leg.ours[-2:]
         if (
             above is not None
-            and above.ours[-2:] == leg.ours[-2:]
+            and same_leg
             and not peer.is_below(leg.theirs.parent, above.theirs.child)
         ):
-            message = f"does not hang below {above.theirs.name} ({above.ours})"
+            message = f"is not below {above.theirs.name} ({above.ours})"
             raise InputError(message, source=peer.source, field=where, code=Code.OTHER_MODEL)
         above = leg
 
@@ -319,42 +336,40 @@ def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
     for joint in peer.joints.values():
         below.setdefault(joint.parent, []).append(joint)
 
-    def chain(joint: PeerJoint, depth: int = 0) -> list[PeerJoint]:
+    def list_chain(joint: PeerJoint, depth: int = 0) -> list[PeerJoint]:
         """List the longest row of moving joints from this one on."""
+        # A file may contain a circle: the depth is limited.
         further = below.get(joint.child, []) if depth <= len(peer.joints) else []
-        rest = max((chain(j, depth + 1) for j in further), key=len, default=[])
-        return [joint, *rest] if joint.coordinates else rest
+        longest = max((list_chain(j, depth + 1) for j in further), key=len, default=[])
+        return [joint, *longest] if joint.coordinates else longest
 
     def is_leg(joint: PeerJoint) -> bool:
-        """Check that a chain has three moving joints and no branch with two."""
-        bodies, row = [joint.child], chain(joint)
+        """Check that a chain has three moving joints and no branch into two rows of two."""
+        bodies = [joint.child]
         for body in bodies:
             bodies += [j.child for j in below.get(body, []) if len(bodies) <= len(peer.joints)]
-            if sum(len(chain(j)) > 1 for j in below.get(body, [])) > 1:
+            if sum(len(list_chain(j)) > 1 for j in below.get(body, [])) > 1:
                 return False
-        return len(row) >= 3
+        return len(list_chain(joint)) >= 3
 
     for body in peer.masses:
         legs = [j for j in below.get(body, []) if is_leg(j)]
-        if len(legs) == 2:
-            right, left = sorted(legs, key=lambda j: -j.in_parent.translation[2])
-            out: dict[str, PeerJoint] = {}
-            for side, leg in (("r", right), ("l", left)):
-                row = chain(leg)
-                out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
-                if (
-                    len(row) > 3
-                    and np.linalg.norm(
-                        peer.compute_body_pose(row[3].child, row[2].child).translation
-                    )
-                    < TALUS
-                ):
+        if len(legs) != 2:
+            continue
+        right, left = sorted(legs, key=lambda j: -j.in_parent.translation[2])
+        out: dict[str, PeerJoint] = {}
+        for side, leg in (("r", right), ("l", left)):
+            row = list_chain(leg)
+            out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
+            if len(row) > 3:
+                fourth = peer.compute_body_pose(row[3].child, row[2].child).translation
+                if np.linalg.norm(fourth) < TALUS:
                     out[f"subtalar_{side}"] = row[3]
-            return out
+        return out
     raise InputError(
         "has no pelvis with two legs of three joints or more, nor coordinates hip_flexion_r, "
-        "knee_angle_r (and _l); "
-        f"found the bodies {', '.join(peer.masses)}; --names FILE.toml says which joints are meant",
+        f"knee_angle_r (and _l); found the bodies {', '.join(peer.masses)}; --names FILE.toml "
+        "names the joints",
         source=peer.source,
         code=Code.OTHER_MODEL,
     )
@@ -393,51 +408,61 @@ def move_ball_joint(
     MovedJoint
     """
     joint = leg.theirs
-    at = (was * joint.in_child).translation
-    shift = target.point - at
-    in_parent = pin.SE3(np.eye(3), shift) * joint.in_parent
+    displacement = target.point - (was * joint.in_child).translation
+    in_parent = pin.SE3(np.eye(3), displacement) * joint.in_parent
     in_child = joint.in_child
     if standing is not None:
+        # C' of the module: the motion at q0 leads to the standing bones.
         in_child = standing.actInv(in_parent * joint.in_parent.actInv(was * joint.in_child))
-    shifts = shift, in_child.translation - joint.in_child.translation
     return MovedJoint(
         in_parent=in_parent,
         in_child=in_child,
         centre=target.point,
-        displacements=shifts,
+        displacements=(displacement, in_child.translation - joint.in_child.translation),
         rotations=(0.0, measure_rotation(joint.in_child, in_child)),
     )
 
 
 def move_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> MovedJoint:
-    """Move the axis of a joint to `target`; parameters and result as of `move_ball_joint`."""
+    """Move the axis of a joint to a line.
+
+    Parameters
+    ----------
+    leg, was, standing
+        As of `move_ball_joint`.
+    target : Axis
+        New axis (m, in the parent).
+
+    Returns
+    -------
+    MovedJoint
+    """
     joint, hinge = leg.theirs, leg.hinge
     if hinge is None:
         raise ValueError(f"{leg.ours} is no hinge")
-    step, shift, to = compute_smallest_motion(
+    step, displacement, centre = compute_smallest_motion(
         hinge.in_parent, target, (was * joint.in_child).translation
     )
-    in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
+    in_child, child_displacement, child_rotation = joint.in_child, np.zeros(3), 0.0
     if standing is not None:
-        other, shift_child, _ = compute_smallest_motion(
+        other, child_displacement, _ = compute_smallest_motion(
             hinge.in_child, target.transform(standing.inverse()), joint.in_child.translation
         )
         new = Hinge(step * hinge.in_parent, other * hinge.in_child)
-        turn = new.measure_angle(standing) - hinge.measure_angle(was)
-        back = pin.SE3(
-            make_axis_rotation(2, -turn), np.array([0.0, 0.0, -new.measure_slide(standing)])
-        )
+        # phi and d of the module: rotation and translation of the standing bones in the new hinge.
+        phi = new.measure_angle(standing) - hinge.measure_angle(was)
+        d = new.measure_slide(standing)
+        back = pin.SE3(make_axis_rotation(2, -phi), np.array([0.0, 0.0, -d]))
         in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
         old_axis, new_axis = hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2]
-        turn_child = float(
-            np.arctan2(np.linalg.norm(np.cross(old_axis, new_axis)), old_axis @ new_axis)
-        )
+        sine = np.linalg.norm(np.cross(old_axis, new_axis))
+        child_rotation = float(np.arctan2(sine, old_axis @ new_axis))
     return MovedJoint(
         in_parent=step * joint.in_parent,
         in_child=in_child,
-        centre=to,
-        displacements=(shift, shift_child),
-        rotations=(measure_rotation(pin.SE3.Identity(), step), turn_child),
+        centre=centre,
+        displacements=(displacement, child_displacement),
+        rotations=(measure_rotation(pin.SE3.Identity(), step), child_rotation),
     )
 
 
@@ -466,14 +491,12 @@ def compute_smallest_motion(
     """
     axis = Axis(hinge.translation, hinge.rotation[:, 2])
     direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
-    at = axis.find_nearest(centre)
-    to = target.find_nearest(at)
-    turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
-    return (
-        pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at),
-        to - at,
-        to,
-    )
+    start = axis.find_nearest(centre)
+    end = target.find_nearest(start)
+    rotation = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
+    # Rotation about `start`, then translation to `end`.
+    about = pin.SE3(rotation, np.zeros(3)) * pin.SE3(np.eye(3), -start)
+    return pin.SE3(np.eye(3), end) * about, end - start, end
 
 
 def measure_rotation(a: pin.SE3, b: pin.SE3) -> float:
@@ -509,42 +532,46 @@ def solve_standing_coordinates(
     dict
         Coordinate -> rad (m).
     """
-    used = [{a.coordinate for a in j.axes or () if a.coordinate is not None} for j in row]
-    free = [c for j, names in zip(row, used, strict=True) for c in j.coordinates if c.name in names]
-    held = {c.name: c.default for c in free if c.locked}
-    free = [c for c in free if not c.locked]
-
-    def values(q: Array) -> dict[str, float]:
-        return held | {c.name: float(x) for c, x in zip(free, q, strict=True)}
-
-    single = (
-        legs[row[0].name].hinge
-        if len(row) == 1 and row[0].name in legs and len(free) == 1
-        else None
-    )
-
-    def residual(q: Array) -> Array:
-        if single is not None:
-            return np.array(
-                [
-                    single.measure_angle(peer.compute_joint_pose(row[0], values(q)))
-                    - single.measure_angle(target)
-                ]
-            )
-        turned = np.eye(3)
-        for joint in row:
-            turned = turned @ peer.compute_joint_pose(joint, values(q)).rotation
-        return np.concatenate([pin.log3(turned.T @ target.rotation), 1e-9 * q])
-
+    held: dict[str, float] = {}
+    free: list[str] = []
+    for joint in row:
+        moving = {axis.coordinate for axis in joint.axes or ()}
+        for coordinate in joint.coordinates:
+            if coordinate.name in moving and coordinate.locked:
+                held[coordinate.name] = coordinate.default
+            elif coordinate.name in moving:
+                free.append(coordinate.name)
     if not free:
         return held
+
+    def get_values(q: Array) -> dict[str, float]:
+        """Get the values of all coordinates from those of the free ones."""
+        return held | {name: float(x) for name, x in zip(free, q, strict=True)}
+
+    single = None
+    if len(row) == 1 and row[0].name in legs and len(free) == 1:
+        single = legs[row[0].name].hinge
+
+    def compute_residual(q: Array) -> Array:
+        """Compute the difference of angles, or the rotation vector between both orientations."""
+        if single is not None:
+            pose = peer.compute_joint_pose(row[0], get_values(q))
+            return np.array([single.measure_angle(pose) - single.measure_angle(target)])
+        rotation = np.eye(3)
+        for joint in row:
+            rotation = rotation @ peer.compute_joint_pose(joint, get_values(q)).rotation
+        # The small weight on q determines coordinates that do not rotate the bodies.
+        return np.concatenate([pin.log3(rotation.T @ target.rotation), 1e-9 * q])
+
     start = np.zeros(len(free))
-    return values(least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x)
+    fit = least_squares(compute_residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    return get_values(fit.x)
 
 
 ARMS: tuple[str, ...] = tuple(
     f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand")
 )
+"""Segments of the arms."""
 _MIDDLE = {"pelvis": "pelvis", "torso": "head_trunk", "trunk": "head_trunk", "head": "head_trunk"}
 _SIDED = {
     "femur": "thigh",
@@ -568,7 +595,18 @@ def is_sliding_body(body: str) -> bool:
 
 
 def find_segment(body: str) -> str | None:
-    """Find our segment of a body (the talus belongs to the foot); None without one."""
+    """Find our segment of a body of another model.
+
+    Parameters
+    ----------
+    body : str
+        Name of the body: one of the usual OpenSim models, or ours.
+
+    Returns
+    -------
+    str or None
+        The talus belongs to the foot, the patella to the thigh; None for an unknown body.
+    """
     if body in MASSIVE_SEGMENTS:
         return body
     if body in _MIDDLE:

@@ -39,10 +39,11 @@ TAGS_3 = {
     "parent": ("location_in_parent", "orientation_in_parent"),
     "child": ("location", "orientation"),
 }
-"""Where a joint of OpenSim 3 has its place in either body."""
+"""Body -> elements with a joint's frame in it, in OpenSim 3."""
 INERTIA_TAGS = ("inertia", *(f"inertia_{a}" for a in ("xx", "yy", "zz", "xy", "xz", "yz")))
 """Moments of inertia of a body, of OpenSim 4 and 3."""
-TAGS_4 = ("translation", "orientation")  # The same of a frame of OpenSim 4
+TAGS_4 = ("translation", "orientation")
+"""Elements of a frame in OpenSim 4."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,10 @@ class _Span:
     """Positions of an element in the bytes of its file."""
 
     start: int
-    inside: int  # After its first tag
-    end: int  # Before its last tag; the same as `inside` where its only tag closes itself
+    inside: int
+    """After the first tag."""
+    end: int
+    """Before the last tag; equal to `inside` where the only tag closes itself."""
 
     def is_self_closing(self, content: bytes) -> bool:
         """Check whether the only tag of the element closes itself."""
@@ -71,8 +74,8 @@ class BodyMass:
     """New mass, mass centre and inertia of a body."""
 
     mass: float  # kg
-    centre: Array | None  # (3,) m, in the body; None: as it is
-    inertia: float  # By which its moments of inertia are multiplied
+    centre: Array | None  # (3,) m, in the body; None: it stays
+    inertia: float  # factor of the moments of inertia
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,8 @@ class OsimDocument:
 
     source: Path
     content: bytes
-    model: ET.Element  # Its `<Model>`
+    model: ET.Element
+    """Element `<Model>`."""
     _spans: dict[ET.Element, _Span] = field(repr=False)
 
     def find_joint(self, name: str) -> ET.Element:
@@ -89,10 +93,19 @@ class OsimDocument:
         return next(e for e in self.list_joints() if e.get("name", "") == name)
 
     def find_body(self, name: str) -> ET.Element:
-        """Find the element of a body."""
-        return next(
-            e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name
-        )
+        """Find the element of a body.
+
+        Parameters
+        ----------
+        name : str
+            Name of a body of the model.
+
+        Returns
+        -------
+        ET.Element
+        """
+        bodies = self.model.findall("BodySet/objects/Body")
+        return next(e for e in bodies if e.get("name", "") == name)
 
     def list_frames(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
         """List a body and the offset frames in it (OpenSim 4).
@@ -107,38 +120,51 @@ class OsimDocument:
         tuple
             Path from the body on, pose in the body (m), element.
         """
-        held = [(name, pin.SE3.Identity(), self.find_body(name))]
-        while held:
-            path, pose, element = held.pop()
+        waiting = [(name, pin.SE3.Identity(), self.find_body(name))]
+        while waiting:
+            path, pose, element = waiting.pop()
             yield path, pose, element
+            # Frames in frames: the parent is the element itself, by name or by `..`.
+            parents = ("..", path.rpartition("/")[2])
             for frame in element.findall("components/PhysicalOffsetFrame"):
-                if _read_socket(frame, "socket_parent").rpartition("/")[2] in (
-                    "..",
-                    path.rpartition("/")[2],
-                ):
-                    place = pose * _read_pose(frame, *TAGS_4, self.source)
-                    held.append((f"{path}/{frame.get('name', '')}", place, frame))
+                if _read_socket(frame, "socket_parent").rpartition("/")[2] in parents:
+                    in_body = pose * _read_pose(frame, *TAGS_4, self.source)
+                    waiting.append((f"{path}/{frame.get('name', '')}", in_body, frame))
 
     def read_mass_centre(self, name: str) -> Array:
         """Read the mass centre (3,) m of a body, in the body."""
         return read_numbers(self.find_body(name), "mass_center", self.source, count=3)
 
     def list_joints(self) -> Iterator[ET.Element]:
-        """List all joints of a file of either generation."""
+        """List all joints of a file of either generation.
+
+        Yields
+        ------
+        ET.Element
+        """
         yield from self.model.findall("BodySet/objects/Body/Joint/*")
         yield from self.model.findall("JointSet/objects/*")
 
     def list_attached_elements(self, joint: str) -> list[str]:
-        """List names of elements that are fixed to a frame of this joint and move with it."""
-        frames = {f"{joint}/{f.get('name')}" for f in self.find_joint(joint).findall("frames/*")}
+        """List elements that are fixed to a frame of this joint and move with it.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+
+        Returns
+        -------
+        list of str
+            Names of the elements.
+        """
+        elements = self.find_joint(joint).findall("frames/*")
+        frames = tuple({f"{joint}/{frame.get('name')}" for frame in elements})
         out = []
         for element in self.model.iter():
             for child in element:
-                if (
-                    child.tag.startswith("socket_")
-                    and (child.text or "").strip().endswith(tuple(frames))
-                    and frames
-                ):
+                is_socket = child.tag.startswith("socket_")
+                if is_socket and (child.text or "").strip().endswith(frames):
                     out.append(element.get("name", element.tag))
         return out
 
@@ -190,32 +216,29 @@ class _Edits:
 
     def place_joint(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
         """Replace the frame of a joint in one body; insert one where it has none."""
-        values = (
-            place.translation,
-            None if place.rotation is None else convert_to_body_fixed_xyz(place.rotation),
-        )
+        angles = None if place.rotation is None else convert_to_body_fixed_xyz(place.rotation)
+        values = (place.translation, angles)
+        # OpenSim 3: the joint contains the numbers.
         if joint.find("location_in_parent") is not None or joint.find("parent_body") is not None:
             self.replace_numbers(joint, TAGS_3[end], values)
             return
         socket = find_socket(joint, f"socket_{end}_frame")
         connected = "" if socket is None else (socket.text or "").strip()
-        frame = next(
-            (f for f in joint.findall("frames/*") if f.get("name") == connected.rpartition("/")[2]),
-            None,
-        )
+        connected_name = connected.rpartition("/")[2]
+        frames = joint.findall("frames/*")
+        frame = next((f for f in frames if f.get("name") == connected_name), None)
         if frame is not None:
             self.replace_numbers(frame, TAGS_4, values)
         elif socket is not None:
-            name = f"{connected.rpartition('/')[2]}_{end}_offset"
+            # The joint is connected to the body itself: insert a frame in between.
+            name = f"{connected_name}_{end}_offset"
             span = self.document._spans[socket]
             self.found.append((span.inside, span.end, name.encode()))
             body = connected if connected.startswith("/") else f"/bodyset/{connected}"
             inside = f"<socket_parent>{body}</socket_parent>"
-            inside += "".join(
-                f"<{tag}>{format_numbers(v)}</{tag}>"
-                for tag, v in zip(TAGS_4, values, strict=True)
-                if v is not None
-            )
+            for tag, numbers in zip(TAGS_4, values, strict=True):
+                if numbers is not None:
+                    inside += f"<{tag}>{format_numbers(numbers)}</{tag}>"
             frame_text = f'<PhysicalOffsetFrame name="{name}">{inside}</PhysicalOffsetFrame>'
             self.new_frames.setdefault(joint, []).append(frame_text)
 
@@ -237,35 +260,30 @@ class _Edits:
         In OpenSim 4 they go into a further frame, in OpenSim 3 they get another transform.
         """
         content, spans = self.document.content, self.document._spans
+        # OpenSim 3: angles and translation in one element.
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
             old = read_numbers(mesh, "transform", self.document.source, count=6)
-            now = pose * pin.SE3(convert_from_body_fixed_xyz(old[:3]), old[3:])
-            self.replace_numbers(
-                mesh,
-                ("transform",),
-                (np.concatenate([convert_to_body_fixed_xyz(now.rotation), now.translation]),),
-            )
-        drawn = body.find("attached_geometry")
-        if drawn is None or not len(drawn):
+            new = pose * pin.SE3(convert_from_body_fixed_xyz(old[:3]), old[3:])
+            transform = np.concatenate([convert_to_body_fixed_xyz(new.rotation), new.translation])
+            self.replace_numbers(mesh, ("transform",), (transform,))
+        geometry = body.find("attached_geometry")
+        if geometry is None or not len(geometry):
             return
-        span, holder = spans[drawn], body.find("components")
-        values = zip(
-            TAGS_4, (pose.translation, convert_to_body_fixed_xyz(pose.rotation)), strict=True
-        )
-        places = "".join(f"<{tag}>{format_numbers(v)}</{tag}>" for tag, v in values)
-        head = (
-            "<PhysicalOffsetFrame "
-            f'name="{body.get("name")}_meshes"><socket_parent>..</socket_parent>{places}'
-        )
+        # OpenSim 4: a new frame takes over the element with the meshes.
+        span, holder = spans[geometry], body.find("components")
+        text = f'<PhysicalOffsetFrame name="{body.get("name")}_meshes">'
+        text += "<socket_parent>..</socket_parent>"
+        numbers = (pose.translation, convert_to_body_fixed_xyz(pose.rotation))
+        for tag, values in zip(TAGS_4, numbers, strict=True):
+            text += f"<{tag}>{format_numbers(values)}</{tag}>"
         end = content.index(b">", span.end) + 1
-        frame = b"".join([head.encode(), content[span.start : end], b"</PhysicalOffsetFrame>"])
+        frame = b"".join([text.encode(), content[span.start : end], b"</PhysicalOffsetFrame>"])
         if holder is None or spans[holder].is_self_closing(content):
             frame = b"<components>" + frame + b"</components>"
         if holder is not None:
-            at = spans[holder]
-            self.found.append(
-                (at.start if at.is_self_closing(content) else at.inside, at.inside, frame)
-            )
+            outer = spans[holder]
+            start = outer.start if outer.is_self_closing(content) else outer.inside
+            self.found.append((start, outer.inside, frame))
             frame = b""
         self.found.append((span.start, end, frame))
 
@@ -278,42 +296,36 @@ class _Edits:
                 continue
             element, content = holder.find(tag), self.document.content
             span = self.document._spans[holder if element is None else element]
-            if element is None:  # after the first tag of its holder, on a line of its own
+            text = format_numbers(values)
+            whole = f"<{tag}>{text}</{tag}>".encode()
+            if element is None:
+                # After the first tag of its holder, with the same indentation as what follows.
                 blank = _BLANK.match(content, span.inside)
                 lead = blank.group() if blank else b""
-                self.found.append(
-                    (
-                        span.inside,
-                        span.inside,
-                        lead + f"<{tag}>{format_numbers(values)}</{tag}>".encode(),
-                    )
-                )
+                self.found.append((span.inside, span.inside, lead + whole))
             elif span.is_self_closing(content):
-                self.found.append(
-                    (span.start, span.inside, f"<{tag}>{format_numbers(values)}</{tag}>".encode())
-                )
+                self.found.append((span.start, span.inside, whole))
             else:
-                self.found.append((span.inside, span.end, format_numbers(values).encode()))
+                self.found.append((span.inside, span.end, text.encode()))
 
     def apply(self) -> bytes:
         """Apply all replacements."""
         content, spans = self.document.content, self.document._spans
         for joint, frames in self.new_frames.items():
             text, holder = "".join(frames), joint.find("frames")
+            whole = f"<frames>{text}</frames>".encode()
             if holder is None:
-                at = spans[joint].inside
-                self.found.append((at, at, f"<frames>{text}</frames>".encode()))
+                inside = spans[joint].inside
+                self.found.append((inside, inside, whole))
             elif spans[holder].is_self_closing(content):
-                self.found.append(
-                    (spans[holder].start, spans[holder].inside, f"<frames>{text}</frames>".encode())
-                )
+                self.found.append((spans[holder].start, spans[holder].inside, whole))
             else:
                 self.found.append((spans[holder].inside, spans[holder].inside, text.encode()))
-        out, last = list[bytes](), 0
-        for start, end, put in sorted(self.found, key=lambda e: e[:2]):
-            out += [content[last:start], put]
+        parts, last = list[bytes](), 0
+        for start, end, replacement in sorted(self.found, key=lambda e: e[:2]):
+            parts += [content[last:start], replacement]
             last = end
-        return b"".join([*out, content[last:]])
+        return b"".join([*parts, content[last:]])
 
 
 def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
@@ -333,8 +345,11 @@ def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
     ET.Element or None
     """
     beta = f"{socket}_connectee_name"
-    found = (element.find(tag) for tag in (socket, beta, beta.replace("socket_", "connector_", 1)))
-    return next((e for e in found if e is not None and (e.text or "").strip()), None)
+    for tag in (socket, beta, beta.replace("socket_", "connector_", 1)):
+        found = element.find(tag)
+        if found is not None and (found.text or "").strip():
+            return found
+    return None
 
 
 def read_document(path: Path | str) -> OsimDocument:
@@ -356,22 +371,22 @@ def read_document(path: Path | str) -> OsimDocument:
     """
     path = Path(path)
 
-    def fault(message: str, code: Code = Code.OTHER_MODEL) -> InputError:
+    def make_error(message: str, code: Code = Code.OTHER_MODEL) -> InputError:
         return InputError(message, source=path, code=code)
 
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise fault(f"cannot be read: {error.strerror}", Code.UNREADABLE) from None
+        raise make_error(f"cannot be read: {error.strerror}", Code.UNREADABLE) from None
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise fault("found UTF-16 text; save the file as UTF-8", Code.NOT_TEXT)
+        raise make_error("found UTF-16 text; save the file as UTF-8", Code.NOT_TEXT)
     try:
         root, spans = _parse(content)
     except (expat.ExpatError, ValueError, LookupError) as error:
-        raise fault(f"is not well-formed XML: {error}") from None
+        raise make_error(f"is not well-formed XML: {error}") from None
     model = root.find("Model") if root.tag == "OpenSimDocument" else None
     if model is None:
-        raise fault(
+        raise make_error(
             f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is "
             "needed"
         )
@@ -385,26 +400,26 @@ def _parse(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
     spans: dict[ET.Element, _Span] = {}
     opened: list[tuple[ET.Element, int, int]] = []
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def open_element(tag: str, attributes: dict[str, str]) -> None:
         at = parser.CurrentByteIndex
         whole = _TAG.match(content, at)
         if whole is None:
             raise ValueError("a tag could not be found again")
         opened.append((builder.start(tag, attributes), at, whole.end()))
 
-    def end(tag: str) -> None:
+    def close_element(tag: str) -> None:
         builder.end(tag)
         element, at, inside = opened.pop()
         alone = content[inside - 2 : inside] == b"/>"
         spans[element] = _Span(at, inside, inside if alone else parser.CurrentByteIndex)
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler, parser.EndElementHandler = open_element, close_element
     parser.CharacterDataHandler = builder.data
     parser.Parse(content, True)
     return builder.close(), spans
 
 
-# -------------------------------------------------------------------------------------------- what the file says
+# -------------------------------------------------------------------- bodies, joints and markers
 
 _X, _Y, _Z = (np.eye(3)[i] for i in range(3))
 _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
@@ -469,7 +484,8 @@ def build_peer_model(document: OsimDocument) -> PeerModel:
         joint = _read_joint(element, path)
         joints[joint.child] = joint
     for joint in joints.values():
-        if missing := {joint.parent, joint.child} - masses.keys() - {"ground"}:
+        missing = {joint.parent, joint.child} - masses.keys() - {"ground"}
+        if missing:
             message = f"found no body {', '.join(sorted(missing))}, which it joins"
             raise InputError(
                 message, source=path, field=f"joint {joint.name}", code=Code.OTHER_MODEL
@@ -493,11 +509,10 @@ def _read_markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tu
         frame = (
             _read_socket(marker, "socket_parent_frame") or marker.findtext("body") or ""
         ).strip()
-        body, pose = offset.get(
-            frame.rpartition("bodyset/")[2], (frame.rpartition("/")[2], pin.SE3.Identity())
-        )
-        at = read_numbers(marker, "location", document.source, count=3)
-        markers[decode_name(marker.get("name", ""))] = (body, pose.act(at))
+        in_body = (frame.rpartition("/")[2], pin.SE3.Identity())
+        body, pose = offset.get(frame.rpartition("bodyset/")[2], in_body)
+        location = read_numbers(marker, "location", document.source, count=3)
+        markers[decode_name(marker.get("name", ""))] = (body, pose.act(location))
     return markers
 
 
@@ -505,7 +520,7 @@ def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> Pe
     """Read a joint of OpenSim 4, or with `child` one of OpenSim 3, inside that body."""
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
 
-    def end(socket: str) -> tuple[str, pin.SE3]:
+    def read_end(socket: str) -> tuple[str, pin.SE3]:
         body = _read_socket(element, socket).rpartition("/")[2]
         if body not in frames:
             return body, pin.SE3.Identity()
@@ -516,8 +531,8 @@ def _read_joint(element: ET.Element, path: Path, child: str | None = None) -> Pe
 
     if child is None:
         (parent, in_parent), (child, in_child) = (
-            end("socket_parent_frame"),
-            end("socket_child_frame"),
+            read_end("socket_parent_frame"),
+            read_end("socket_child_frame"),
         )
     else:
         parent = (element.findtext("parent_body") or "").strip()
@@ -557,26 +572,27 @@ def _read_axes(
     if element.tag in _SIMPLE:
         kinds = _SIMPLE[element.tag]
         names = [c.name for c in coordinates] + [None] * len(kinds)
-        return tuple(PeerAxis(turn, axis, names[i], float) for i, (turn, axis) in enumerate(kinds))
+        return tuple(
+            PeerAxis(rotates, axis, names[i], float) for i, (rotates, axis) in enumerate(kinds)
+        )
     if element.tag != "CustomJoint":
         return None
     axes = []
     for entry in element.findall("SpatialTransform/TransformAxis"):
-        words = (entry.findtext("coordinates") or "").split()
+        names_of_axis = (entry.findtext("coordinates") or "").split()
         function = read_function(entry, path)
-        if function is None or len(words) > 1:
+        if function is None or len(names_of_axis) > 1:
             return None
-        vector = (
-            read_numbers(entry, "axis", path, count=3)
-            if (entry.findtext("axis") or "").strip()
-            else _X
-        )
+        vector = _X
+        if (entry.findtext("axis") or "").strip():
+            vector = read_numbers(entry, "axis", path, count=3)
         length = float(np.linalg.norm(vector))
         if length == 0.0:
             message = "found an axis of length zero"
             raise InputError(message, source=path, field=element.get("name"), code=Code.OTHER_MODEL)
         rotates = entry.get("name", "").startswith("rotation")
-        axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
+        coordinate = names_of_axis[0] if names_of_axis else None
+        axes.append(PeerAxis(rotates, vector / length, coordinate, function))
     return tuple(axes)
 
 

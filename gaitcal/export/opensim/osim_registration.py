@@ -38,11 +38,15 @@ from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.tracking.rigid import FEWEST_MARKERS, compute_rigid_distances, fit_rigid
 
 JOINT_OF = {joint.name: joint for joint in JOINTS}
-MISFIT = 0.05  # m RMS; markers of a generic model, unscaled, on another person agree to 20 to 30 mm
+MISFIT = 0.05
+"""m RMS, largest distance of markers: those of a generic model, unscaled, agree with another person
+to 20 to 30 mm.
+"""
 MISFIT_OF_AXES = 0.02
-"""m RMS, of joints' axes where no three markers are shared: `FAR_M` of `joint_transfer.py`, as far
-as regressions ever miss a joint of the same person; a larger gap is another person's size. (To two
-children's an adult's had 28 and 32.)"""
+"""m RMS, largest distance of joint axes where fewer than three markers are common: `FAR_M` of
+`joint_transfer.py`, the error of regressions for the same person. A larger distance shows the size
+of another person (from an adult to two children: 28 and 32 mm).
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,28 +55,58 @@ class Registration:
 
     segment: str
     body: str
-    markers: int  # Our markers on the segment
+    markers: int
+    """Our markers on the segment."""
     common: int
-    # Laid on the segment by the axes of its joints, as no three shared markers tell its place
+    """Markers that both models have."""
     by_axes: bool
-    pose: pin.SE3  # Of the body in our segment
-    rms: float  # m, of the distances that remain
-    centre: Array  # (3,) m, mean of the shared points in our segment
-    rotation_covariance: Array  # (3, 3) rad^2, axes of our segment
-    translation_variance: float  # m^2, of `centre` in each direction
+    """Registered by the axes of joints, because fewer than three markers are common."""
+    pose: pin.SE3
+    """Pose of the body in our segment, m."""
+    rms: float
+    """m, of the remaining distances."""
+    centre: Array
+    """(3,) m, mean of the common points in our segment."""
+    rotation_covariance: Array
+    """(3, 3) rad^2, axes of our segment."""
+    translation_variance: float
+    """m^2, of `centre` in each direction."""
 
     def compute_point_covariance(self, point: Array) -> Array:
-        """Compute the covariance (3, 3) m^2 of a point (3,) m of our segment in the body."""
+        """Compute the covariance of a point as a position in the body.
+
+        Parameters
+        ----------
+        point : (3,) Array
+            m, in our segment.
+
+        Returns
+        -------
+        (3, 3) Array
+            m^2, axes of our segment.
+        """
         arm = pin.skew(point - self.centre)
         out: Array = self.translation_variance * np.eye(3) + arm @ self.rotation_covariance @ arm.T
         return out
 
     def draw_pose(self, rng: np.random.Generator) -> pin.SE3:
-        """Draw the pose of the body in our segment from its errors."""
-        turn = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
-        shift = rng.normal(size=3) * np.sqrt(self.translation_variance)
-        about = pin.SE3(pin.exp3(turn), self.centre + shift) * pin.SE3(np.eye(3), -self.centre)
-        return about * self.pose
+        """Draw the pose of the body from its errors.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        pin.SE3
+            In our segment, m.
+        """
+        rotation = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
+        translation = rng.normal(size=3) * np.sqrt(self.translation_variance)
+        # Rotation about the centre of the common points.
+        to_centre = pin.SE3(np.eye(3), -self.centre)
+        return pin.SE3(pin.exp3(rotation), self.centre + translation) * to_centre * self.pose
 
 
 def add_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
@@ -136,23 +170,22 @@ def find_shared_markers(
     """
     theirs, ours = [], []
     labels, others = tuple(peer.markers), [b for b in moved if b != body]
-    for label, of, local in zip(
+    for label, holder, local in zip(
         model.markers.labels, model.markers.segments, model.markers.local, strict=True
     ):
-        same = match_label(label, labels) if of == segment else None
+        same = match_label(label, labels) if holder == segment else None
         if same is None:
             continue
-        carrier, position = peer.markers[same]
-        on = find_segment(carrier)
-        if (
-            is_sliding_body(carrier)
-            or FOLLOWED_SEGMENT.get(on or "", on) not in (segment, None)
-            or not peer.is_below(carrier, body)
-        ):
+        marked, position = peer.markers[same]
+        known = find_segment(marked)
+        if is_sliding_body(marked) or not peer.is_below(marked, body):
             continue
-        if any(peer.is_below(carrier, b) and peer.is_below(b, body) for b in others):
+        if FOLLOWED_SEGMENT.get(known or "", known) not in (segment, None):
             continue
-        theirs.append(peer.compute_body_pose(carrier, body).act(position))
+        # The marker belongs to another registered body between this one and its own.
+        if any(peer.is_below(marked, b) and peer.is_below(b, body) for b in others):
+            continue
+        theirs.append(peer.compute_body_pose(marked, body).act(position))
         ours.append(local)
     return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
 
@@ -256,17 +289,18 @@ def perturb_joint(
         (ours.parent, joint.parent, joint.in_parent),
         (ours.child, joint.child, joint.in_child),
     ):
-        turned = _compute_rotation_into(body, segment, peer, bodies, was)
+        to_body = _compute_rotation_into(body, segment, peer, bodies, was)
         a, b = (
-            compute_joint_axis(leg.ours, p, segment == ours.parent).transform(turned)
+            compute_joint_axis(leg.ours, p, segment == ours.parent).transform(to_body)
             for p in (was, drawn)
         )
-        shift, turn = b.point - a.point, np.eye(3)
+        translation, rotation = b.point - a.point, np.eye(3)
         if hinge is not None:
-            turn = pin.Quaternion.FromTwoVectors(a.direction, b.direction).toRotationMatrix()
-            shift = b.find_nearest(a.point) - a.point
+            rotation = pin.Quaternion.FromTwoVectors(a.direction, b.direction).toRotationMatrix()
+            translation = b.find_nearest(a.point) - a.point
+        # The motion acts about the joint as the model has it.
         about = pin.SE3(np.eye(3), frame.translation)
-        steps.append(about * pin.SE3(turn, shift) * about.inverse())
+        steps.append(about * pin.SE3(rotation, translation) * about.inverse())
     if hinge is not None:
         hinge = Hinge(steps[0] * hinge.in_parent, steps[1] * hinge.in_child)
     theirs = replace(
@@ -283,14 +317,17 @@ def _compute_rotation_into(
     parameters: Parameters,
 ) -> pin.SE3:
     """Compute the rotation from our segment's axes to a body's; talus at zero coordinates."""
-    turn, side = np.eye(3), segment[-1]
-    if segment not in bodies and (foot := f"foot_{side}") in bodies:
+    rotation, side = np.eye(3), segment[-1]
+    foot = f"foot_{side}"
+    # The talus is not registered: it is taken at zero coordinates relative to the foot.
+    if segment not in bodies and foot in bodies:
         frames = osim_writer.get_joint_frames(JOINT_OF[f"subtalar_{side}"], parameters)
-        segment, turn = foot, (frames.in_child * frames.in_parent.inverse()).rotation
+        segment, rotation = foot, (frames.in_child * frames.in_parent.inverse()).rotation
     if segment in bodies:
         main = bodies[segment]
-        turn = compute_relative_pose(peer, main.body, body).rotation @ main.pose.rotation.T @ turn
-    return pin.SE3(turn, np.zeros(3))
+        to_body = compute_relative_pose(peer, main.body, body).rotation
+        rotation = to_body @ main.pose.rotation.T @ rotation
+    return pin.SE3(rotation, np.zeros(3))
 
 
 def register_bodies(
@@ -336,39 +373,37 @@ def register_bodies(
         if found is None:
             known = ", ".join(leg.theirs.name for leg in legs)
             message = (
-                f"shares {len(theirs)} markers with {segment}, and the axes of the joints found "
-                f"({known}) do not tell "
-                "its place: name the model's markers as the recordings do, or tell the others by "
-                "--names FILE.toml"
+                f"has {len(theirs)} markers in common with {segment}, and the axes of the joints "
+                f"found ({known}) do not determine its position: name the model's markers as the "
+                "recordings do, or name the other joints by --names FILE.toml"
             )
             raise InputError(
                 message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL
             )
-        allowed = MISFIT_OF_AXES if found.by_axes else MISFIT
-        if found.rms > allowed:
-            what, then = (
-                "its markers lie",
-                ": scale the model to this person first, with these markers",
-            )
-            if found.by_axes:
-                what, then = (
-                    "the axes of its joints are",
-                    f"; it shares {found.common or 'no'} markers with it: {NAME_OR_SCALE}",
-                )
-            message = (
-                f"{what} {1e3 * found.rms:.0f} mm (RMS) from this person's on {segment}; allowed: "
-                "up to "
-                f"{1e3 * allowed:.0f} mm{then}"
-            )
-            raise InputError(
-                message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL
-            )
+        _require_fit(peer, found)
         out[segment] = found
     return out
 
 
+def _require_fit(peer: PeerModel, found: Registration) -> None:
+    """Raise InputError where a body has the size of another person."""
+    allowed = MISFIT_OF_AXES if found.by_axes else MISFIT
+    if found.rms <= allowed:
+        return
+    what = "the axes of its joints are" if found.by_axes else "its markers are"
+    remedy = ": scale the model to this person first, with these markers"
+    if found.by_axes:
+        remedy = f"; {found.common or 'no'} markers are common: {NAME_OR_SCALE}"
+    message = (
+        f"{what} {1e3 * found.rms:.0f} mm (RMS) from this person's on {found.segment}; allowed: "
+        f"up to {1e3 * allowed:.0f} mm{remedy}"
+    )
+    raise InputError(message, source=peer.source, field=f"body {found.body}", code=Code.OTHER_MODEL)
+
+
 NAME_OR_SCALE = "name the model's markers as the recordings do, or scale it to this person first"
-_ARM = 0.05  # m, on either side of a joint's centre: points that stand for its axis
+_ARM = 0.05
+"""m, on both sides of a joint's centre: distance of points that represent its axis."""
 
 
 def _list_axis_points(
@@ -381,33 +416,26 @@ def _list_axis_points(
     """
     theirs: list[Array] = []
     ours: list[Array] = []
+    side = segment[-1]
+    has_subtalar = any(leg.ours == f"subtalar_{side}" for leg in legs)
     for leg in legs:
-        ends = JOINT_OF[leg.ours]
-        of_ours = {ends.parent: True, ends.child: False}
-        if segment not in of_ours and not (
-            segment.startswith("foot") and leg.ours == f"talocrural_{segment[-1]}"
-        ):
-            continue
-        if segment not in of_ours and any(
-            other.ours == f"subtalar_{segment[-1]}" for other in legs
-        ):
-            continue
-        our_axis = compute_joint_axis(leg.ours, model.nominal, of_ours.get(segment, False))
-        in_parent = of_ours.get(segment, False)
-        carrier = leg.theirs.parent if in_parent else leg.theirs.child
-        frame = (
-            (peer.compute_joint_pose(leg.theirs, {}) * leg.theirs.in_child)
-            if in_parent
-            else leg.theirs.in_child
-        )
-        hinge = (
-            None if leg.hinge is None else leg.hinge.in_parent if in_parent else leg.hinge.in_child
-        )
-        to_body = (
-            peer.compute_body_pose(carrier, body)
-            if peer.is_below(carrier, body)
-            else pin.SE3.Identity()
-        )
+        our_joint = JOINT_OF[leg.ours]
+        if segment not in (our_joint.parent, our_joint.child):
+            # A foot without a subtalar joint takes the talocrural axis, of the talus.
+            is_ankle = segment.startswith("foot") and leg.ours == f"talocrural_{side}"
+            if not is_ankle or has_subtalar:
+                continue
+        in_parent = segment == our_joint.parent
+        our_axis = compute_joint_axis(leg.ours, model.nominal, in_parent)
+        holder, frame = leg.theirs.child, leg.theirs.in_child
+        hinge = None if leg.hinge is None else leg.hinge.in_child
+        if in_parent:
+            holder = leg.theirs.parent
+            frame = peer.compute_joint_pose(leg.theirs, {}) * leg.theirs.in_child
+            hinge = None if leg.hinge is None else leg.hinge.in_parent
+        to_body = pin.SE3.Identity()
+        if peer.is_below(holder, body):
+            to_body = peer.compute_body_pose(holder, body)
         if hinge is None:
             theirs.append(to_body.act(frame.translation))
             ours.append(our_axis.point)
@@ -419,14 +447,15 @@ def _list_axis_points(
             theirs.append(axis.point + reach * axis.direction)
             ours.append(our_axis.point + reach * direction)
     if theirs and segment.startswith(("pelvis", "foot")):
-        a, b = np.mean(theirs, axis=0), np.mean(ours, axis=0)
+        their_mean, our_mean = np.mean(theirs, axis=0), np.mean(ours, axis=0)
         for direction in np.eye(3)[:2]:
-            theirs += [a + _ARM * direction]
-            ours += [b + _ARM * direction]
+            theirs.append(their_mean + _ARM * direction)
+            ours.append(our_mean + _ARM * direction)
     return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
 
 
-_HOLD = 1e-6  # m per rad: what holds a coordinate of the standing posture that no marker shows
+_HOLD = 1e-6
+"""m per rad: weight of the prior for coordinates of the standing posture without markers."""
 
 
 def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
@@ -448,33 +477,35 @@ def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[s
     """
     chain = get_chain("pelvis", LOWER_BODY)
     start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
-    at = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
-    of = [chain.segments.index(model.markers.segments[k]) for k in at]
-    local = model.markers.local[at]
+    markers = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
+    segments = [chain.segments.index(model.markers.segments[k]) for k in markers]
+    local = model.markers.local[markers]
 
-    def poses(body: LinkageModel, q: Array) -> tuple[Array, Array]:
-        """Compute rotations and origins of the segments at q."""
-        placed = Kinematics(body, q[None], columns=False)
-        return placed.axes[..., 0], placed.origins[..., 0]
+    def compute_poses(body: LinkageModel, q: Array) -> tuple[Array, Array]:
+        """Compute axes and origins of the segments at q."""
+        kinematics = Kinematics(body, q[None], columns=False)
+        return kinematics.axes[..., 0], kinematics.origins[..., 0]
 
-    def places(body: LinkageModel, q: Array) -> Array:
+    def locate_markers(body: LinkageModel, q: Array) -> Array:
         """Compute the positions (n, 3) m of the markers at q."""
-        axes, origins = poses(body, q)
-        out: Array = np.einsum("mji,mj->mi", axes[of], local) + origins[of]
+        axes, origins = compute_poses(body, q)
+        out: Array = np.einsum("mji,mj->mi", axes[segments], local) + origins[segments]
         return out
 
-    nominal, now = (chain.body(p) for p in (model.nominal, parameters))
-    measured = places(nominal, start)
+    nominal, calibrated = (chain.body(p) for p in (model.nominal, parameters))
+    measured = locate_markers(nominal, start)
 
-    def residual(q: Array) -> Array:
-        return np.concatenate([(places(now, q) - measured).ravel(), _HOLD * (q - start)])
+    def compute_residual(q: Array) -> Array:
+        """Compute distances of the markers, and from the start for what they do not determine."""
+        distances = locate_markers(calibrated, q) - measured
+        return np.concatenate([distances.ravel(), _HOLD * (q - start)])
 
-    q = least_squares(residual, start, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12).x
-    axes, origins = poses(now, q)
+    fit = least_squares(compute_residual, start, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    axes, origins = compute_poses(calibrated, fit.x)
     return {s: pin.SE3(axes[k].T, origins[k]) for k, s in enumerate(chain.segments)}
 
 
-# -------------------------------------------------------------------------------------------------------------- masses
+# ------------------------------------------------------------------------------------------ masses
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -483,8 +514,8 @@ class SegmentMass:
 
     segment: str
     bodies: tuple[str, ...]
-    theirs: float  # kg, of these bodies together, as they were
-    ours: float
+    theirs: float  # kg, of these bodies together, before
+    ours: float  # kg
 
 
 def compute_body_masses(
@@ -519,33 +550,36 @@ def compute_body_masses(
     """
     groups: dict[str, list[str]] = {}
     for body in peer.masses:
-        on = next((s for s, r in bodies.items() if r.body == body), None) or find_segment(body)
-        if on is not None:
-            groups.setdefault(on, []).append(body)
+        registered = next((s for s, r in bodies.items() if r.body == body), None)
+        group = registered or find_segment(body)
+        if group is not None:
+            groups.setdefault(group, []).append(body)
     ours = {s: osim_writer.get_segment_inertia(parameters, s) for s in MASSIVE_SEGMENTS}
     mass = {s: inertia.mass for s, inertia in ours.items()}
     if not any(arm in groups for arm in ARMS):
         mass["head_trunk"] += sum(mass[arm] for arm in ARMS)
     weights: dict[str, osim_reader.BodyMass] = {}
     masses = []
-    for segment, group in groups.items():
-        theirs = sum(peer.masses[body] for body in group)
+    for segment, members in groups.items():
+        theirs = sum(peer.masses[body] for body in members)
         if segment not in mass or theirs <= 0.0:
             continue
-        share = mass[segment] / theirs
+        factor = mass[segment] / theirs
         moved = dict[str, Array]()
         if segment in bodies:
             main = bodies[segment]
-            centres = {body: document.read_mass_centre(body) for body in group}
-            poses = {body: compute_relative_pose(peer, body, main.body) for body in group}
-            was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
-            shift = main.pose.actInv(ours[segment].centre) - was
-            moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
-        weights |= {
-            b: osim_reader.BodyMass(share * peer.masses[b], moved.get(b), share) for b in group
-        }
+            centres = {body: document.read_mass_centre(body) for body in members}
+            poses = {body: compute_relative_pose(peer, body, main.body) for body in members}
+            centre = sum(peer.masses[b] * poses[b].act(centres[b]) for b in members) / theirs
+            # All mass centres are displaced as that of the segment.
+            displacement = main.pose.actInv(ours[segment].centre) - centre
+            moved = {b: centres[b] + poses[b].rotation.T @ displacement for b in members}
+        for body in members:
+            weights[body] = osim_reader.BodyMass(
+                factor * peer.masses[body], moved.get(body), factor
+            )
         masses.append(
-            SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment])
+            SegmentMass(segment=segment, bodies=tuple(members), theirs=theirs, ours=mass[segment])
         )
     return weights, tuple(masses)
 
@@ -565,8 +599,6 @@ def compute_relative_pose(peer: PeerModel, body: str, main: str) -> pin.SE3:
     pin.SE3
         m, at zero coordinates.
     """
-    return (
-        peer.compute_body_pose(body, main)
-        if peer.is_below(body, main)
-        else peer.compute_body_pose(main, body).inverse()
-    )
+    if peer.is_below(body, main):
+        return peer.compute_body_pose(body, main)
+    return peer.compute_body_pose(main, body).inverse()

@@ -55,8 +55,10 @@ from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, view_as_table
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 
-GROUND = "ground"  # The laboratory: y up, x forward, z right
-DOCUMENT_VERSION = "40000"  # Of the oldest OpenSim 4; later versions read it unchanged
+GROUND = "ground"
+"""Name of the laboratory's frame: x forward, y up, z right."""
+DOCUMENT_VERSION = "40000"
+"""Version of the oldest OpenSim 4; later ones read it unchanged."""
 
 # --------------------------------------------------------------------------------------------- joints and segments
 
@@ -70,8 +72,8 @@ class JointFrames:
     child: str
     in_parent: pin.SE3  # X_parent_J, constant
     motions: tuple[Element, ...]
-    """The coordinates in order from parent to child; each along or about an axis of the frame left
-    by those before.
+    """Coordinates in order from parent to child, each along or about an axis of the frame after the
+    ones before.
     """
     to_child: pin.SE3  # X_J_child, constant
 
@@ -138,14 +140,36 @@ def _undo_half_turn(motion: Element) -> pin.SE3:
 
 
 def make_axis_vector(element: Element) -> Array:
-    """Make the unit axis (3,) of a coordinate, with its sign."""
+    """Make the unit axis of a coordinate, with its sign.
+
+    Parameters
+    ----------
+    element : Element
+        Elementary motion of the linkage.
+
+    Returns
+    -------
+    (3,) Array
+    """
     axis = np.zeros(3)
     axis[element.axis] = element.sign
     return axis
 
 
 def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
-    """Get mass (kg), mass centre (m) and principal moments (kg m^2) of one segment."""
+    """Get the inertia of one segment.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Inertial parameters.
+    segment : str
+        Segment; the talus has no mass.
+
+    Returns
+    -------
+    SegmentInertia
+    """
     if segment not in MASSIVE_SEGMENTS:
         return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
     row = view_as_table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
@@ -166,8 +190,9 @@ def convert_to_body_fixed_xyz(rotation: Array) -> Array:
         rad, a, b, c.
     """
     a = np.arctan2(-rotation[1, 2], rotation[2, 2])
-    rest = make_axis_rotation(0, -float(a)) @ rotation
-    return np.array([a, np.arctan2(rest[0, 2], rest[2, 2]), np.arctan2(rest[1, 0], rest[1, 1])])
+    # Ry(b) Rz(c), see the module.
+    bc = make_axis_rotation(0, -float(a)) @ rotation
+    return np.array([a, np.arctan2(bc[0, 2], bc[2, 2]), np.arctan2(bc[1, 0], bc[1, 1])])
 
 
 def convert_to_space_fixed_xyz(rotation: Array) -> Array:
@@ -187,7 +212,18 @@ def convert_to_space_fixed_xyz(rotation: Array) -> Array:
 
 
 def convert_from_body_fixed_xyz(angles: Array) -> Array:
-    """Convert body-fixed x-y-z angles (3,) rad to the rotation (3, 3) Rx(a) Ry(b) Rz(c)."""
+    """Convert body-fixed x-y-z angles to a rotation.
+
+    Parameters
+    ----------
+    angles : (3,) Array
+        rad, a, b, c.
+
+    Returns
+    -------
+    (3, 3) Array
+        Rx(a) Ry(b) Rz(c).
+    """
     a, b, c = (float(angle) for angle in angles)
     rotation: Array = make_axis_rotation(0, a) @ make_axis_rotation(1, b) @ make_axis_rotation(2, c)
     return rotation
@@ -224,9 +260,11 @@ def encode_name(name: str) -> str:
     """
     out = ""
     for character in name:
-        is_plain = character.isprintable() and not character.isspace() and character not in _ESCAPED
-        octets = b"" if is_plain else character.encode("utf-8", errors="surrogatepass")
-        out += character if is_plain else "".join(f"%{byte:02X}" for byte in octets)
+        if character.isprintable() and not character.isspace() and character not in _ESCAPED:
+            out += character
+        else:
+            octets = character.encode("utf-8", errors="surrogatepass")
+            out += "".join(f"%{byte:02X}" for byte in octets)
     return out or _EMPTY
 
 
@@ -281,7 +319,15 @@ def add_child(
 
 
 def write_xml(root: ET.Element, path: Path | str) -> None:
-    """Write an indented UTF-8 document, completely or not at all."""
+    """Write an indented UTF-8 document, completely or not at all.
+
+    Parameters
+    ----------
+    root : ET.Element
+        Root of the document.
+    path : Path or str
+        File to write.
+    """
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     write_text_atomically(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
@@ -335,6 +381,7 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
     in_parent, in_child = f"{frames.parent}_offset", f"{frames.child}_offset"
     add_child(joint, "socket_parent_frame", in_parent)
     add_child(joint, "socket_child_frame", in_child)
+    # OpenSim lists rotations before translations.
     coordinates = add_child(joint, "coordinates")
     for motion in sorted(frames.motions, key=lambda m: not m.rotates):
         coordinate = add_child(coordinates, "Coordinate", name=motion.name)
@@ -360,7 +407,8 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
 
 def _add_axes(transform: ET.Element, kind: str, motions: list[Element]) -> None:
     """Add three axes of the transform: those of the coordinates, then the remaining, fixed ones."""
-    idle = [axis for axis in range(3) if axis not in {m.axis for m in motions}]
+    used = {motion.axis for motion in motions}
+    idle = [axis for axis in range(3) if axis not in used]
     for number in range(3):
         axis = add_child(transform, "TransformAxis", name=f"{kind}{number + 1}")
         if number < len(motions):

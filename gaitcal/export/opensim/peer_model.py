@@ -90,10 +90,10 @@ class PeerModel:
 
     def find_joint(self, coordinate: str) -> PeerJoint | None:
         """Find the joint that has a coordinate of this name; None without one."""
-        return next(
-            (j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)),
-            None,
-        )
+        for joint in self.joints.values():
+            if any(c.name == coordinate for c in joint.coordinates):
+                return joint
+        return None
 
     def replace_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
         """Replace joints by others between the same bodies."""
@@ -120,16 +120,16 @@ class PeerModel:
             The kind of joint is not known.
         """
         if joint.axes is None:
-            message = f"a {joint.kind} is not understood"
+            message = f"a {joint.kind} is not supported"
             raise InputError(
                 message, source=self.source, field=f"joint {joint.name}", code=Code.OTHER_MODEL
             )
         used = {c.name: c.default if c.locked else 0.0 for c in joint.coordinates} | dict(values)
+        # OpenSim translates first, then rotates.
         motion = pin.SE3.Identity()
         for axis in sorted(joint.axes, key=lambda a: a.rotates):
-            amount = axis.function(
-                used.get(axis.coordinate, 0.0) if axis.coordinate is not None else 0.0
-            )
+            value = 0.0 if axis.coordinate is None else used.get(axis.coordinate, 0.0)
+            amount = axis.function(value)
             if axis.rotates:
                 motion = motion * pin.SE3(pin.exp3(amount * axis.axis), np.zeros(3))
             else:
@@ -139,7 +139,25 @@ class PeerModel:
     def compute_body_pose(
         self, body: str, ancestor: str, values: Mapping[str, float] | None = None
     ) -> pin.SE3:
-        """Compute the pose of a body in an ancestor; parameters as of `compute_joint_pose`."""
+        """Compute the pose of a body in one of its ancestors.
+
+        Parameters
+        ----------
+        body, ancestor : str
+            Lower and upper body.
+        values : mapping, optional
+            Coordinate -> rad (m); others as in `compute_joint_pose`.
+
+        Returns
+        -------
+        pin.SE3
+            m
+
+        Raises
+        ------
+        InputError
+            The body is not below `ancestor`, or a joint in between is not supported.
+        """
         pose = pin.SE3.Identity()
         for joint in reversed(self.list_joints_between(ancestor, body)):
             pose = self.compute_joint_pose(joint, values or {}) * pose
@@ -170,7 +188,7 @@ class PeerModel:
         for joint in self._list_joints_up(body, ancestor):
             if joint is None:
                 raise InputError(
-                    f"body {body} does not hang on {ancestor}",
+                    f"body {body} is not below {ancestor}",
                     source=self.source,
                     code=Code.OTHER_MODEL,
                 )
@@ -181,9 +199,8 @@ class PeerModel:
         """List the joints from a body up to an ancestor; None at the end if it is not below."""
         joints: list[PeerJoint | None] = []
         while body != ancestor:
-            joint = (
-                self.joints.get(body) if len(joints) <= len(self.joints) else None
-            )  # a file may hold a circle
+            # A file may contain a circle: the number of joints is limited.
+            joint = self.joints.get(body) if len(joints) <= len(self.joints) else None
             joints.append(joint)
             if joint is None:
                 break
@@ -321,9 +338,12 @@ def _compute_third_difference(x: Array, y: Array) -> float:
     return float(y[0])
 
 
-KNEE_SWEEP = math.radians(60.0)  # Flexion over which a peer's knee axis is taken: what walking uses
-ANKLE_SWEEP = math.radians(20.0)  # To either side
-SUBTALAR_SWEEP = math.radians(10.0)  # To either side
+KNEE_SWEEP = math.radians(60.0)
+"""Flexion of the knee in walking, over which a peer's axis is determined."""
+ANKLE_SWEEP = math.radians(20.0)
+"""The same of the ankle, to both sides."""
+SUBTALAR_SWEEP = math.radians(10.0)
+"""The same of the subtalar joint, to both sides."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,7 +362,20 @@ class LegGeometry:
 
 
 def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
-    """Measure the geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
+    """Measure the geometry of one leg of our linkage.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Joint parameters.
+    side : {"r", "l"}
+        Leg.
+
+    Returns
+    -------
+    LegGeometry
+        In our segment frames, m.
+    """
     frames = {joint.name: joint for joint in list_joint_frames(parameters)}
     hip, knee, ankle, subtalar = (
         frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar")
@@ -367,11 +400,25 @@ def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
 
 
 def find_leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
-    """Find the bodies of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, if present."""
+    """Find the bodies of our segments of a leg.
+
+    Parameters
+    ----------
+    peer : PeerModel
+        Model.
+    side : {"r", "l"}
+        Leg.
+
+    Returns
+    -------
+    dict
+        `pelvis`, `thigh_r`, `shank_r`, `foot_r` -> body, as far as the model has them.
+    """
     bodies: dict[str, str] = {}
-    if hip := peer.find_joint(f"hip_flexion_{side}"):
+    hip, knee = peer.find_joint(f"hip_flexion_{side}"), peer.find_joint(f"knee_angle_{side}")
+    if hip is not None:
         bodies |= {"pelvis": hip.parent, f"thigh_{side}": hip.child}
-    if knee := peer.find_joint(f"knee_angle_{side}"):
+    if knee is not None:
         bodies |= {f"thigh_{side}": knee.parent, f"shank_{side}": knee.child}
     foot = peer.find_joint(f"subtalar_angle_{side}") or peer.find_joint(f"ankle_angle_{side}")
     if foot is not None:
@@ -397,51 +444,19 @@ def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3
         Positions and directions in a segment without registration are None.
     """
     bodies = find_leg_bodies(peer, side)
-    hip, knee = peer.find_joint(f"hip_flexion_{side}"), peer.find_joint(f"knee_angle_{side}")
-    ankle, subtalar = (
-        peer.find_joint(f"ankle_angle_{side}"),
-        peer.find_joint(f"subtalar_angle_{side}"),
-    )
     thigh, shank, foot = (bodies.get(f"{name}_{side}") for name in ("thigh", "shank", "foot"))
-
-    hip_pelvis = (
-        None if hip is None else (peer.compute_joint_pose(hip, {}) * hip.in_child).translation
-    )
-    hip_thigh = None if hip is None or hip.child != thigh else hip.in_child.translation
+    hip, knee = peer.find_joint(f"hip_flexion_{side}"), peer.find_joint(f"knee_angle_{side}")
+    hip_pelvis = hip_thigh = None
+    if hip is not None:
+        hip_pelvis = (peer.compute_joint_pose(hip, {}) * hip.in_child).translation
+        hip_thigh = hip.in_child.translation if hip.child == thigh else None
+    knee_axis = None if knee is None else _find_knee_axis(peer, knee, f"knee_angle_{side}")
     knee_thigh = knee_shank = None
-    if knee is not None and (axis := _find_knee_axis(peer, knee, f"knee_angle_{side}")) is not None:
-        knee_thigh = _centre_axis(peer, knee, axis)
+    if knee is not None and knee_axis is not None:
+        knee_thigh = _centre_axis(peer, knee, knee_axis)
         knee_shank = knee_thigh.transform(peer.compute_joint_pose(knee, {}).inverse())
-    ankle_shank = None
-    if ankle is not None and shank is not None and peer.is_below(ankle.parent, shank):
-        ankle_shank = _find_swept_axis(
-            peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP
-        )
-        if ankle_shank is not None:
-            ankle_shank = (
-                _centre_axis(peer, ankle, ankle_shank)
-                .transform(peer.compute_body_pose(ankle.parent, shank))
-                .direct_along(2)
-            )
-    subtalar_foot = axes_distance = None
-    if subtalar is not None:
-        subtalar_parent = _find_swept_axis(
-            peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP
-        )
-        if subtalar_parent is not None:
-            subtalar_foot = subtalar_parent.transform(
-                peer.compute_joint_pose(subtalar, {}).inverse()
-            ).direct_along(0)
-            if (
-                ankle_shank is not None
-                and shank is not None
-                and peer.is_below(subtalar.parent, shank)
-            ):
-                subtalar_shank = subtalar_parent.transform(
-                    peer.compute_body_pose(subtalar.parent, shank)
-                )
-                axes_distance = measure_line_distance(ankle_shank, subtalar_shank)
-
+    ankle_shank = None if shank is None else _find_ankle_axis(peer, side, shank)
+    subtalar_foot, axes_distance = _find_subtalar_axis(peer, side, shank, ankle_shank)
     thigh_length = shank_length = None
     if hip_thigh is not None and knee_thigh is not None:
         thigh_length = _measure_distance(hip_thigh, knee_thigh.point)
@@ -463,6 +478,38 @@ def measure_peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3
     )
 
 
+def _find_ankle_axis(peer: PeerModel, side: str, shank: str) -> Axis | None:
+    """Find the talocrural axis in the body of the shank."""
+    name = f"ankle_angle_{side}"
+    ankle = peer.find_joint(name)
+    if ankle is None or not peer.is_below(ankle.parent, shank):
+        return None
+    axis = _find_swept_axis(peer, ankle, name, -ANKLE_SWEEP, ANKLE_SWEEP)
+    if axis is None:
+        return None
+    to_shank = peer.compute_body_pose(ankle.parent, shank)
+    return _centre_axis(peer, ankle, axis).transform(to_shank).direct_along(2)
+
+
+def _find_subtalar_axis(
+    peer: PeerModel, side: str, shank: str | None, ankle: Axis | None
+) -> tuple[Axis | None, float | None]:
+    """Find the subtalar axis in the foot, and its distance (m) from the talocrural axis."""
+    name = f"subtalar_angle_{side}"
+    subtalar = peer.find_joint(name)
+    if subtalar is None:
+        return None, None
+    axis = _find_swept_axis(peer, subtalar, name, -SUBTALAR_SWEEP, SUBTALAR_SWEEP)
+    if axis is None:
+        return None, None
+    to_foot = peer.compute_joint_pose(subtalar, {}).inverse()
+    distance = None
+    if ankle is not None and shank is not None and peer.is_below(subtalar.parent, shank):
+        in_shank = axis.transform(peer.compute_body_pose(subtalar.parent, shank))
+        distance = measure_line_distance(ankle, in_shank)
+    return axis.transform(to_foot).direct_along(0), distance
+
+
 def _get_axis(frame: pin.SE3, coordinate: int) -> Axis:
     """Get an axis of a joint's frame."""
     return Axis(frame.translation, frame.rotation[:, coordinate])
@@ -471,9 +518,8 @@ def _get_axis(frame: pin.SE3, coordinate: int) -> Axis:
 def _find_knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
     """Find the axis of flexion, the direction of the longer range, in the joint's parent."""
     c = next(c for c in knee.coordinates if c.name == coordinate)
-    axis = _find_swept_axis(
-        peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP
-    )
+    flexion = KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP
+    axis = _find_swept_axis(peer, knee, coordinate, 0.0, flexion)
     return None if axis is None else axis.direct_along(2)
 
 
@@ -481,17 +527,14 @@ def _find_swept_axis(
     peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float
 ) -> Axis | None:
     """Find the axis, in the joint's parent, of the motion between two values of a coordinate."""
-    return find_displacement_axis(
-        *(peer.compute_joint_pose(joint, {coordinate: amount}) for amount in (start, end))
-    )
+    poses = (peer.compute_joint_pose(joint, {coordinate: amount}) for amount in (start, end))
+    return find_displacement_axis(*poses)
 
 
 def _centre_axis(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
     """Take the centre of the joint as the point of its axis, in the joint's parent."""
-    return Axis(
-        axis.find_nearest((peer.compute_joint_pose(joint, {}) * joint.in_child).translation),
-        axis.direction,
-    )
+    centre = (peer.compute_joint_pose(joint, {}) * joint.in_child).translation
+    return Axis(axis.find_nearest(centre), axis.direction)
 
 
 def _measure_distance(a: Array, b: Array) -> float:
@@ -521,7 +564,18 @@ class Axis:
         return Axis(pose.act(self.point), pose.rotation @ self.direction)
 
     def find_nearest(self, point: Array) -> Array:
-        """Find the point (3,) m of the line nearest to `point` (3,) m."""
+        """Find the point of the line that is nearest to a point.
+
+        Parameters
+        ----------
+        point : (3,) Array
+            m
+
+        Returns
+        -------
+        (3,) Array
+            m
+        """
         nearest: Array = self.point + self.direction * float(self.direction @ (point - self.point))
         return nearest
 
@@ -530,7 +584,18 @@ class Axis:
         return float(np.linalg.norm(self.find_nearest(point) - point))
 
     def find_crossing(self, axis: int) -> Array:
-        """Find the point (3,) m where the line crosses the plane with zero coordinate `axis`."""
+        """Find the point where the line crosses the plane on which one coordinate is zero.
+
+        Parameters
+        ----------
+        axis : int
+            Index of the coordinate.
+
+        Returns
+        -------
+        (3,) Array
+            m
+        """
         crossing: Array = self.point - self.direction * (self.point[axis] / self.direction[axis])
         return crossing
 
@@ -539,7 +604,8 @@ class Axis:
         return Axis(self.point, self.direction if self.direction[axis] >= 0.0 else -self.direction)
 
 
-SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth the name
+SMALLEST_ROTATION = 1e-6
+"""rad: a displacement with less rotation has no axis."""
 
 
 def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
@@ -556,19 +622,32 @@ def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
         In the frame of the poses; None without a rotation.
     """
     step = end * start.inverse()
-    turn = pin.log3(step.rotation)
-    angle = float(np.linalg.norm(turn))
-    if angle < SMALLEST_TURN:
+    rotation = pin.log3(step.rotation)
+    angle = float(np.linalg.norm(rotation))
+    if angle < SMALLEST_ROTATION:
         return None
-    n = turn / angle
+    # Axis n and point c of the module.
+    n = rotation / angle
     across = step.translation - n * float(n @ step.translation)
     return Axis(0.5 * (across + np.cross(n, across) / np.tan(0.5 * angle)), n)
 
 
 def measure_line_distance(a: Axis, b: Axis) -> float:
-    """Measure the shortest distance (m) of two lines."""
+    """Measure the shortest distance of two lines.
+
+    Parameters
+    ----------
+    a, b : Axis
+        Lines in one frame, m.
+
+    Returns
+    -------
+    float
+        m
+    """
     normal = np.cross(a.direction, b.direction)
     size = float(np.linalg.norm(normal))
+    # Parallel lines have no common normal.
     if size < 1e-9:
         return a.measure_distance(b.point)
     return abs(float(normal @ (b.point - a.point))) / size

@@ -18,11 +18,12 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.export.opensim import joint_moves, joint_transfer, osim_correspondence
 
-VALUES = 13  # Of a coordinate, over its range
-JUMP = 2e-3  # m; steps of a tenth of a range are too coarse to see less
-CROSSES = (
-    1e-4  # m, by which the length of a muscle changes with a coordinate that it crosses, at least
-)
+VALUES = 13
+"""Values of a coordinate over its range."""
+JUMP = 2e-3
+"""m: steps of a tenth of a range are too coarse for smaller jumps."""
+CROSSES = 1e-4
+"""m, least change of a muscle's length with a coordinate that it crosses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +60,8 @@ class MuscleChange:
     @property
     def lengthened(self) -> float:
         """m, largest change of the length, with its sign."""
-        by = self.after.length - self.before.length
-        return float(by[np.argmax(np.abs(by))])
+        change = self.after.length - self.before.length
+        return float(change[np.argmax(np.abs(change))])
 
     @property
     def new_jumps(self) -> tuple[float, ...]:
@@ -86,14 +87,13 @@ def list_leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, A
     dict
         Coordinate -> (n,) rad.
     """
-    return {
-        c.name: np.linspace(c.low, c.high, VALUES)
-        for leg in legs
-        for c in leg.theirs.coordinates
-        if not c.locked
-        and c.high > c.low
-        and any(a.coordinate == c.name and a.rotates for a in leg.theirs.axes or ())
-    }
+    ranges = {}
+    for leg in legs:
+        rotating = {axis.coordinate for axis in leg.theirs.axes or () if axis.rotates}
+        for c in leg.theirs.coordinates:
+            if c.name in rotating and not c.locked and c.high > c.low:
+                ranges[c.name] = np.linspace(c.low, c.high, VALUES)
+    return ranges
 
 
 def compute_muscle_paths(
@@ -120,7 +120,8 @@ def compute_muscle_paths(
     """
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
-    opensim.Logger.removeFileSink()  # it writes opensim.log where the user stands
+    # OpenSim would write opensim.log in the working directory.
+    opensim.Logger.removeFileSink()
     opensim.Logger.setLevelString("Off")
     out = {}
     try:
@@ -128,7 +129,7 @@ def compute_muscle_paths(
         state = model.initSystem()
         found = model.getMuscles()
         muscles = [found.get(i) for i in range(found.getSize())]
-        rest = opensim.Vector(state.getQ())
+        default = opensim.Vector(state.getQ())
         for name, values in ranges.items():
             coordinate = model.getCoordinateSet().get(name)
             lengths = np.empty((len(values), len(muscles)))
@@ -136,13 +137,10 @@ def compute_muscle_paths(
             for i, value in enumerate(values):
                 coordinate.setValue(state, float(value), False)
                 model.realizePosition(state)
-                if (
-                    np.abs(state.getQErr().to_numpy()).max(initial=0.0)
-                    > model.get_assembly_accuracy()
-                ):
-                    model.assemble(
-                        state
-                    )  # takes longer than all the rest, and only a patella needs it
+                # Assembling takes longer than everything else, and only a patella needs it.
+                violation = np.abs(state.getQErr().to_numpy()).max(initial=0.0)
+                if violation > model.get_assembly_accuracy():
+                    model.assemble(state)
                     model.realizePosition(state)
                 postures.append(opensim.Vector(state.getQ()))
                 lengths[i] = [m.getLength(state) for m in muscles]
@@ -152,7 +150,7 @@ def compute_muscle_paths(
                 state.setQ(posture)
                 model.realizePosition(state)
                 arms[i] = [muscles[k].computeMomentArm(state, coordinate) for k in crossing]
-            state.setQ(rest)
+            state.setQ(default)
             for k, arm in zip(crossing, arms.T, strict=True):
                 muscle = muscles[k].getName()
                 out[muscle, name] = MusclePath(
@@ -187,9 +185,22 @@ def compare_muscles(
 def compute_arm_deviations(
     change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]
 ) -> Array | None:
-    """Compute standard deviations (n,) m of a moment arm over draws; None with fewer than two."""
+    """Compute standard deviations of a moment arm over draws of the model.
+
+    Parameters
+    ----------
+    change : MuscleChange
+        Muscle and coordinate.
+    draws : sequence of mapping
+        Paths of each draw.
+
+    Returns
+    -------
+    (n,) Array or None
+        m, at the values of the coordinate; None with fewer than two draws.
+    """
     key = change.before.muscle, change.before.coordinate
-    arms = np.array([draw[key].arm for draw in draws if key in draw])
+    arms = np.array([draw[key].arm for draw in draws if key in draw])  # (draws, n)
     return arms.std(axis=0, ddof=1) if len(arms) > 1 else None
 
 
@@ -217,26 +228,21 @@ def format_muscles_csv(
     """
     lines = [MUSCLES_HEADER]
     for change in changes:
-        key, spread = (
-            (change.before.muscle, change.before.coordinate),
-            compute_arm_deviations(change, draws),
-        )
-        for k, value in enumerate(change.before.values):
-            figures = (
-                (p.length[k] for p in (change.before, change.after)),
-                (p.arm[k] for p in (change.before, change.after)),
-            )
-            words = [f"{1e3 * x:.4f}" for pair in figures for x in pair]
-            last = "" if spread is None else f"{1e3 * spread[k]:.4f}"
-            lines.append(
-                ",".join([f'"{key[0]}"', f'"{key[1]}"', f"{np.degrees(value):.3f}", *words, last])
-            )
+        before, after = change.before, change.after
+        deviations = compute_arm_deviations(change, draws)
+        for k, value in enumerate(before.values):
+            figures = (before.length[k], after.length[k], before.arm[k], after.arm[k])
+            cells = [f'"{before.muscle}"', f'"{before.coordinate}"', f"{np.degrees(value):.3f}"]
+            cells += [f"{1e3 * figure:.4f}" for figure in figures]
+            cells.append("" if deviations is None else f"{1e3 * deviations[k]:.4f}")
+            lines.append(",".join(cells))
     return "\n".join(lines) + "\n"
 
 
-# --------------------------------------------------------------------------------------------------- told
+# ----------------------------------------------------------------------------- tables and sentences
 
-ROLLS = 0.1  # mm, deg: standing bones that are off by more are told
+ROLLS = 0.1
+"""mm, deg: larger errors of the standing bones are reported."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,13 +250,14 @@ class AccountTable:
     """Table with columns of text on the left of columns of numbers."""
 
     title: str
-    description: str  # What its figures are, in a sentence
+    description: str
+    """Meaning of its figures, in a sentence."""
     text_columns: tuple[str, ...]
     number_columns: tuple[str, ...]
-    rows: tuple[
-        tuple[str, ...], ...
-    ]  # Those that matter most first, where not every one is of interest
-    of_muscles: bool = False  # Long, and the whole of it in a file
+    rows: tuple[tuple[str, ...], ...]
+    """Of a long table, the most important rows first."""
+    of_muscles: bool = False
+    """Whether it is long: a file contains the whole table."""
 
 
 def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
@@ -266,11 +273,11 @@ def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTa
     AccountTable
     """
     yield AccountTable(
-        title="Which body is which segment",
-        description="Markers of the segment, those that the model has, too, and how far these disagree, "
-        "RMS.",
+        title="Bodies and segments",
+        description="Markers of the segment, markers that the model has as well, and their RMS "
+        "distance.",
         text_columns=("segment", "body"),
-        number_columns=("markers", "shared", "apart mm"),
+        number_columns=("markers", "shared", "RMS mm"),
         rows=tuple(
             (r.segment, r.body, str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}")
             for r in done.registrations
@@ -278,8 +285,8 @@ def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTa
     )
     yield AccountTable(
         title="Every joint, in both of its bodies",
-        description="How far its centre (of a hinge, its axis) has moved and turned, with standard "
-        "errors; left: as it was.",
+        description="Displacement of its centre (of a hinge, its axis) and rotation, with standard "
+        "errors; left: not moved.",
         text_columns=("joint", "theirs", "verdict", "in body"),
         number_columns=("moved mm", "+-", "deg", "+-"),
         rows=tuple(_make_joint_rows(done)),
@@ -287,7 +294,7 @@ def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTa
     if done.masses:
         yield AccountTable(
             title="Masses",
-            description="Of the bodies of a segment together, before and now.",
+            description="Of all bodies of a segment, before and now.",
             text_columns=("segment", "bodies"),
             number_columns=("kg", "now"),
             rows=tuple(
@@ -297,10 +304,10 @@ def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTa
         )
     if done.moved_points:
         yield AccountTable(
-            title="Muscles whose points went with their bones",
-            description="How many points, and how far the farthest.",
+            title="Muscles with points that moved with their bones",
+            description="Number of points, and displacement of the farthest.",
             text_columns=("muscle",),
-            number_columns=("points carried", "farthest mm"),
+            number_columns=("points moved", "farthest mm"),
             rows=tuple(
                 (m.muscle, str(m.points), f"{1e3 * m.farthest:.1f}") for m in done.moved_points
             ),
@@ -325,8 +332,8 @@ def _make_joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str,
                 np.degrees(end.rotation),
                 np.degrees(end.errors[1]),
             )
-            words = (f"{x:.1f}" if np.isfinite(x) else "" for x in numbers)
-            yield move.joint, theirs, verdict, end.body, *words
+            cells = (f"{x:.1f}" if np.isfinite(x) else "" for x in numbers)
+            yield move.joint, theirs, verdict, end.body, *cells
 
 
 def describe_transfer(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
@@ -342,13 +349,14 @@ def describe_transfer(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
     str
     """
     for verdict in (joint_moves.MoveOutcome.UNDETERMINED, joint_moves.MoveOutcome.ABSENT):
-        if which := [move.joint for move in done.joints if move.outcome is verdict]:
-            yield f"{', '.join(which)}: {verdict.value}"
+        joints = [move.joint for move in done.joints if move.outcome is verdict]
+        if joints:
+            yield f"{', '.join(joints)}: {verdict.value}"
     for move in done.joints:
         if max(1e3 * move.rolling[0], np.degrees(move.rolling[1])) > ROLLS:
             yield (
-                f"{move.theirs} rolls, or cannot turn as the bones are turned: "
-                f"as the person stands, it and our hinge differ by {1e3 * move.rolling[0]:.1f} mm, "
+                f"{move.theirs} rolls, or cannot rotate as the bones do: in the standing posture "
+                f"it differs from our hinge by {1e3 * move.rolling[0]:.1f} mm, "
                 f"{np.degrees(move.rolling[1]):.1f} deg"
             )
     yield from (f"note: {note}" for note in done.notes)
@@ -372,21 +380,19 @@ def make_muscle_table(
     """
     rows = []
     for change in changes:
-        k, spread = change.worst, compute_arm_deviations(change, draws)
-        arms = (f"{1e3 * path.arm[k]:.1f}" for path in (change.before, change.after))
-        error = "" if spread is None else f"{1e3 * spread[k]:.1f}"
-        at = f"{np.degrees(change.before.values[k]):.0f}"
+        k, deviations = change.worst, compute_arm_deviations(change, draws)
+        before = change.before
+        arms = (f"{1e3 * path.arm[k]:.1f}" for path in (before, change.after))
+        error = "" if deviations is None else f"{1e3 * deviations[k]:.1f}"
+        angle = f"{np.degrees(before.values[k]):.0f}"
         longer = f"{1e3 * change.lengthened:+.1f}"
         jumps = ", ".join(f"{np.degrees(v):.0f}" for v in change.new_jumps)
-        rows.append(
-            (change.before.muscle, change.before.coordinate, *arms, error, at, longer, jumps)
-        )
+        rows.append((before.muscle, before.coordinate, *arms, error, angle, longer, jumps))
     return AccountTable(
         title="Muscles",
-        description="Moment arm before and after where in the range it changes most, with its standard "
-        "deviation over "
-        "draws; the largest change of length; where the muscle jumps over a wrapping surface that "
-        "it did not before.",
+        description="Moment arm before and after, at the value where it changes most, with its "
+        "standard deviation over draws; largest change of length; values at which the muscle newly "
+        "jumps over a wrapping surface.",
         text_columns=("muscle", "coordinate"),
         number_columns=("arm mm", "after", "+-", "at deg", "longer mm", "new jumps"),
         rows=tuple(rows),
