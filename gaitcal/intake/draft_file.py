@@ -193,7 +193,7 @@ def format_draft(draft: Draft, folder: Path | None) -> str:
         No study follows from the folder.
     """
     lines = [
-        f"# Drafted from the folder '{draft.folder.name}'. Each line has its reason; check the lines "
+        f"# Drafted from the folder '{draft.folder.name}'. Each line has its reason; check those "
         "marked 'likely'.",
         "",
         *_format_subject(draft),

@@ -84,8 +84,8 @@ class LabelProposal:
     unused: Mapping[str, str]
     """Label -> why it is not used."""
     asked: frozenset[str] = frozenset()
-    """Labels of `rename` that the user must confirm: at an unusual position, or without movement and
-    perhaps on another segment.
+    """Labels of `rename` that the user must confirm: at an unusual position, or without movement
+    and perhaps on another segment.
     """
     basis: str
     """Evidence of heading and height."""

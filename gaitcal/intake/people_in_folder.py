@@ -288,7 +288,7 @@ def _measure_from_middle(recording: Recording, labels: list[str]) -> Array:
 
 
 def _find_starts(short: Array, long: Array) -> list[int]:
-    """Find frames of `long` at which `short` may begin, by its first, middle and last whole frame."""
+    """Find frames of `long` at which `short` may begin, by three of its complete frames."""
     spare = len(long) - len(short)
     complete = np.flatnonzero(np.isfinite(short).all(axis=1))
     if spare == 0:

@@ -544,7 +544,7 @@ def _match(
 def _select_loaded_frames(
     recording: Recording, marker_set: MarkerSet, table: FolderFile
 ) -> tuple[Array, Array]:
-    """Select centres of pressure (n, 2) m and foot markers (n, k, 2) m, from above, in loaded frames."""
+    """Select centres of pressure (n, 2) m and foot markers (n, k, 2) m of loaded frames."""
     feet = [
         i
         for i, m in enumerate(recording.labels)

@@ -325,7 +325,9 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
     shifts: tuple[list[float], list[float]] = ([], [])
     for step in _long_steps(trial):
         _, right = _directions(trial)
-        flat = feet.visible[step.frames, step.foot] & (step.load > LOADED_SHARE * trial.subject.weight)
+        flat = feet.visible[step.frames, step.foot] & (
+            step.load > LOADED_SHARE * trial.subject.weight
+        )
         if flat.sum() < 3:
             continue
         heel, toe = (

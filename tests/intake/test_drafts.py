@@ -50,19 +50,19 @@ from tests.quality.spoilt import relabelled
 from tests.synthetic_studies import made_plates, write_synthetic_study
 
 SNAPSHOT = """\
-# Drafted from the folder 'person'. Each line says what told it; look at what is 'likely'.
+# Drafted from the folder 'person'. Each line has its reason; check those marked 'likely'.
 
 [subject]
 name = "person"  # sure: name of the folder
-# mass_kg =   # MISSING: no file says it; write body mass in kg, and take the first # away
+# mass_kg =   # MISSING: not given in any file; write body mass in kg, and remove the first #
 height_m = 1.7  # sure: option
 sex = "male"  # sure: option
-# age_years =   # no file says it; tables of masses and norms of gait go by it
-# session_date = "YYYY-MM-DD"   # no file says it; with birth_date it gives the age
-# For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, laboratory
+# age_years =   # not given; mass tables and normative data depend on it
+# session_date = "YYYY-MM-DD"   # not given; with birth_date it gives the age
+# Optional, for reports and tables: birth_date, diagnosis, affected_side, aids, laboratory
 
 [markers]
-set = "gait2354"  # sure: knows 49 of 49 labels of 3 files
+set = "gait2354"  # sure: contains 49 of 49 labels of 3 files
 
 [[trial]]
 name = "static"  # after the file
@@ -71,18 +71,18 @@ file = "static.csv"  # 100 frames at 200 Hz
 
 [[trial]]
 name = "knee_r"  # after the file
-role = "joint"  # sure: joints turn by knee_r 28 deg RMS
-joint = "knee_r"  # the one that turns most, see role
+role = "joint"  # sure: joints rotate by knee_r 28 deg RMS
+joint = "knee_r"  # the joint that rotates most, see role
 file = "knee_r.csv"  # 1200 frames at 200 Hz
 
 [[trial]]
 name = "walk"  # after the file
-role = "gait"  # sure: the feet go to and fro in turn (correlation -0.86), over 1.3 m
+role = "gait"  # sure: the feet move in alternation (correlation -0.86), over 1.3 m
 file = "walk.csv"  # 208 frames at 200 Hz
-forces = "grf.csv"  # sure: covers the time, and under load acts 4 cm from the feet
+forces = "grf.csv"  # sure: covers the time, centre of pressure under load 4 cm from the feet
 
 # Not used:
-#   photo.png: gaitcal reads no file ending in '.png'
+#   photo.png: files ending in '.png' are not supported
 """
 
 
@@ -225,16 +225,13 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
-    [({}, "is empty"), ({"a.png": b"x", "notes.txt": b"hello"}, "holds 2 files, but no recording")],
+    "content", [{}, {"a.png": b"x", "notes.txt": b"hello"}], ids=["empty", "no recording"]
 )
-def test_folders_that_nobody_understands(
-    tmp_path: Path, content: dict[str, bytes], words: str
-) -> None:
+def test_folders_without_a_recording(tmp_path: Path, content: dict[str, bytes]) -> None:
     for name, data in content.items():
         (tmp_path / name).write_bytes(data)
     made = draft(tmp_path)
-    assert words in made.fault
+    check_text(made.fault, *([len(content)] if content else []))
     assert len(made.rows) == len(content)
 
 

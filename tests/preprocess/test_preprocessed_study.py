@@ -18,6 +18,7 @@ from gaitcal.preprocess.preprocessed_study import preprocess_study, preprocess_t
 from gaitcal.quality.study_checks import check_further, check_preprocessed, check_study
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
+from tests.messages import check_finding
 from tests.quality.spoilt import findings, serious, sound_study, swapped, with_trial
 
 COUNTED = {
@@ -143,7 +144,7 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     markers[:, at] = (markers[:, at] - middle) @ turn.T + middle + [0.03, -0.04, 0.0]
     spoilt = with_trial(study, study.static.name, lambda r: replace(r, markers=markers))
     (found,) = findings(spoilt, code=Code.CLUSTER_SLID)
-    assert found.severity is Severity.INFO and "which the error bars count" in found.found
+    check_finding(found, Code.CLUSTER_SLID, Severity.INFO, *KNOCKED[name])
     assert serious(spoilt) == []
     of = preprocess_study(spoilt)
     placed, (one,) = of.study, of.placed
