@@ -83,7 +83,7 @@ def analyse(
     (`preprocess_trial`), markers named as in the model; with plates if torques are
     wanted. `settings`: of the calibration (splines, force filter and errors of force plates).
     `uncertainty`: of the calibration, for standard errors. `moves`: segment -> what its markers may
-    have done since the static trial (`further_moves`).
+    have done since the static trial (`find_possible_moves_of_trial`).
     """
     prepared = prepare_trial(trial, model, settings)
     if uncertainty.joint is not None:

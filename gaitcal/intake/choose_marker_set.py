@@ -158,15 +158,17 @@ def rank_marker_sets(
     points = computed or [()] * len(recordings)
     sets = list_candidate_sets(local_sets)
     spellings = [find_respellings(marker_set, recordings) for _, marker_set in sets]
-    spelt = [[apply_renames(labels, rename) for labels in recordings] for rename, _ in spellings]
-    legs = [
-        _count_leg_markers(s, labels, points) for (_, s), labels in zip(sets, spelt, strict=True)
-    ]
+    # labels of each recording as each set spells them, and their markers of pelvis and legs
+    spelt, legs = [], []
+    for (_, marker_set), (rename, _) in zip(sets, spellings, strict=True):
+        spelt.append([apply_renames(labels, rename) for labels in recordings])
+        legs.append(_count_leg_markers(marker_set, spelt[-1], points))
     best = [max(counts) for counts in zip(*legs, strict=True)]
     choices: list[SetChoice] = []
     for (entry, marker_set), (rename, clashes), labels, counts in zip(
         sets, spellings, spelt, legs, strict=True
     ):
+        # a recording is of every set that explains nearly as many labels as the best one
         members = tuple(
             i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i])
         )

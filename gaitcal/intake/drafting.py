@@ -344,7 +344,11 @@ def _describe_other_session(
     local_sets: Sequence[tuple[str, MarkerSet]],
 ) -> str:
     """Describe that the remaining recordings are a complete session; empty if they are not."""
-    found = {i: recording for i in remaining if (recording := files[i].recording) is not None}
+    found = {}
+    for i in remaining:
+        recording = files[i].recording
+        if recording is not None:
+            found[i] = recording
     for choice in rank_sets_of_recordings(list(found.values()), local_sets):
         numbers = [list(found)[k] for k in choice.members]
         spelt = {i: _rename_recording(found[i], choice) for i in numbers}

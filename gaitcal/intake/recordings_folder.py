@@ -278,11 +278,8 @@ def find_marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
         files = sorted(p for p in above.iterdir() if p.suffix.lower() == ".toml" and p.is_file())
     except OSError:
         return ()
-    return tuple(
-        found
-        for found in (_read(file, file.name) for file in files)
-        if found.kind is FileKind.MARKER_SET
-    )
+    found = [_read(file, file.name) for file in files]
+    return tuple(file for file in found if file.kind is FileKind.MARKER_SET)
 
 
 _JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)

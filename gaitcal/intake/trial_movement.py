@@ -138,13 +138,11 @@ def _measure_landmarks(
     try:
         return dict(measure_static_posture(recording, marker_set, frames).landmarks)
     except InputError:
-        whole = {
-            n: m for n, m in marker_set.landmarks.items() if all(label in points for label in m)
-        }
-        return {
-            name: np.mean([points[label] for label in labels], axis=0)
-            for name, labels in whole.items()
-        }
+        out = {}
+        for name, labels in marker_set.landmarks.items():
+            if all(label in points for label in labels):
+                out[name] = np.mean([points[label] for label in labels], axis=0)
+        return out
 
 
 def _check_upright(

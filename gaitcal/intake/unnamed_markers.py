@@ -28,8 +28,8 @@ k that carry it (body, pelvis, hip, knee, ...), is Gaussian,
 so that markers that are already assigned determine where the others are: a tree along the body.
 Marker i at x_i has at position p, on a segment s with n markers, the cost
 
-    c_ip = 1/2 sum over axes [ (x_i - m_p)^2 / v_p + log v_p ] - log(w_p / (1 - w_p)) - min(n, 3)
-    t_is,
+    c_ip = 1/2 sum over axes [ (x_i - m_p)^2 / v_p + log v_p ]
+           - log(w_p / (1 - w_p)) - min(n, 3) t_is,
 
 with m, v the mean and variance of p given the markers that are assigned so far, w_p the share of
 laboratories that use a landmark, and t_is the mean over the markers j of s of the log odds that i
