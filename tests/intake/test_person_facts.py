@@ -44,7 +44,7 @@ def test_lengths_that_the_clinic_measured_are_drafted() -> None:
     assert (found["asis_distance_mm"].value, found["marker_diameter_mm"].value) == (245.0, 14.0)
 
 
-def test_plates_weigh_where_no_file_says_and_contradict_where_one_does() -> None:
+def test_plates_give_a_missing_mass_and_contradict_a_given_one() -> None:
     weighed_here = collect_subject("x", Options(), [("static", Facts())], ("static", 66.04))
     assert weighed_here["mass_kg"].value == 66.0 and not weighed_here["mass_kg"].certain
     against = collect_subject("x", Options(), [("static", Facts(mass=80.0))], ("static", 66.04))
@@ -123,7 +123,7 @@ def test_a_figure_in_another_unit_is_likely_and_comes_after_all_others() -> None
         (27.7, None, ()),
     ],
 )
-def test_a_mass_that_cannot_be_is_an_error_unless_the_user_says_it(
+def test_an_impossible_mass_is_an_error_unless_the_user_gives_it(
     mass: float, plates: tuple[str, float] | None, parts: tuple[str | float, ...]
 ) -> None:
     files = [("static", Facts(mass=mass, height=1.33))]

@@ -91,7 +91,7 @@ def lost_from(recording: Recording, label: str, frames: slice = slice(None)) -> 
     return replace(recording, markers=markers)
 
 
-def test_two_points_and_points_on_a_line_determine_nothing_and_it_is_said() -> None:
+def test_two_points_and_points_on_a_line_determine_nothing() -> None:
     done = rebuilt(standing("RPSI", "LPSI"), moving(2))
     assert not done.markers and set(done.left) == {"RPSI", "LPSI"}
     check_text(done.left["RPSI"], "RASI and LASI", "pelvis")
@@ -105,7 +105,7 @@ def test_two_points_and_points_on_a_line_determine_nothing_and_it_is_said() -> N
     )
 
 
-def test_a_body_that_changed_its_shape_is_told_as_uncertain() -> None:
+def test_a_changed_shape_makes_the_position_uncertain() -> None:
     """A companion 12 mm elsewhere in the walk: the place is worse, and its uncertainty says so."""
     walk = moving(4)
     bent = walk.markers.copy()
@@ -128,7 +128,9 @@ def subject01(real_study: Callable[[str], Study]) -> Study:
 
 
 @pytest.mark.parametrize("label", ["R.Thigh.Front", "L.Shank.Rear", "R.Heel", "L.Toe.Lat"])
-def test_a_real_marker_is_rebuilt_as_well_as_is_said(subject01: Study, label: str) -> None:
+def test_a_real_marker_is_reconstructed_within_its_uncertainty(
+    subject01: Study, label: str
+) -> None:
     """Median 2.3, at most 7.8 mm over 23 markers of this person; said are 4 to 12 mm."""
     recorded = subject01.static.recording
     still = find_still_window(recorded, subject01.marker_set.labels).frames
@@ -144,5 +146,5 @@ def test_a_lost_landmark_gives_a_model_and_a_finding_and_is_no_evidence(subject0
     assert np.abs(model.landmarks["toe_r"][1] - whole.landmarks["toe_r"][1]).max() < 0.01
     assert any("'R.Heel'" in note for note in model.notes)
     assert [f for f in serious(lost) if f.severity is Severity.ERROR] == []
-    (told,) = findings(lost, "lost markers")
-    assert told.severity is Severity.WARNING and "heel_r" in told.cause
+    (finding,) = findings(lost, "lost markers")
+    assert finding.severity is Severity.WARNING and "heel_r" in finding.cause
