@@ -400,7 +400,7 @@ def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
     made = draft(with_forces(tmp_path, made_plates(gait_motion()), "walk2_grf.csv", walk2=there))
     forces = {t.name: t.forces for t in made.trials if t.role == "gait"}
     chosen = forces["walk"]
-    assert chosen is not None and own.file.name == "walk2_grf.csv"
+    assert chosen is not None and chosen.file.name == "walk2_grf.csv"
     assert not chosen.certain
     check_text(chosen.reason, "walk2")
     assert forces["walk2"] is None
