@@ -286,13 +286,9 @@ def find_respellings(
             if label not in same:
                 same.append(label)
     count = Counter(label for labels in recordings for label in labels)
-    # labels of other people: those under all prefixes but the first
-    of_others = set()
+    of_others: set[str] = set()
     for labels in recordings:
-        for prefix, keys in _group_by_prefix(marker_set, labels)[1:]:
-            for label in labels:
-                if label.rpartition(":")[0] == prefix and _normalise_label(label) in keys:
-                    of_others.add(label)
+        of_others |= _list_other_people(marker_set, labels)
     rename: dict[str, str] = {}
     clashes = []
     for label, _ in sorted(count.items(), key=lambda item: (-item[1], item[0])):
@@ -309,6 +305,16 @@ def find_respellings(
         else:
             rename[label] = targets[0]
     return rename, tuple(clashes)
+
+
+def _list_other_people(marker_set: MarkerSet, labels: Sequence[str]) -> set[str]:
+    """List labels of the set under all prefixes but the one with most of them."""
+    out = set()
+    for prefix, keys in _group_by_prefix(marker_set, labels)[1:]:
+        for label in labels:
+            if label.rpartition(":")[0] == prefix and _normalise_label(label) in keys:
+                out.add(label)
+    return out
 
 
 def find_person_prefixes(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:

@@ -549,6 +549,16 @@ def _fit_likeliest_body(
             found = min((found, *others), key=compute_cost)
         whole[k] = found
     cost_of = {k: compute_cost(placed) for k, placed in whole.items()}
+    chosen = _choose_heading(cost_of, walks=walks)
+    evidence_of_heading = "direction of feet and pelvis"
+    if walks:
+        evidence_of_heading = f"both feet swing forward (agreement {agreement:.2f})"
+    basis = f"{evidence_of_heading}; fits a height of {whole[chosen].height:.2f} m"
+    return whole[chosen], views[chosen], basis
+
+
+def _choose_heading(cost_of: Mapping[int, float], *, walks: bool) -> int:
+    """Choose the heading, in walking that of the feet (0); InputError if it is not certain."""
     chosen = min(cost_of, key=cost_of.__getitem__)
     if walks and cost_of[0] - cost_of[chosen] > BEYOND_DOUBT:
         raise InputError(
@@ -558,18 +568,14 @@ def _fit_likeliest_body(
             code=Code.LANDMARKS,
         )
     chosen = 0 if walks else chosen
-    odds = min((cost_of[k] - cost_of[chosen] for k in whole if k != chosen), default=np.inf)
+    odds = min((cost_of[k] - cost_of[chosen] for k in cost_of if k != chosen), default=np.inf)
     if not walks and odds < BEYOND_DOUBT:
         raise InputError(
             "the direction of the person is not certain: no recording shows walking, and feet and "
             "pelvis fit forward and backward; add a recording of walking",
             code=Code.LANDMARKS,
         )
-    evidence_of_heading = "direction of feet and pelvis"
-    if walks:
-        evidence_of_heading = f"both feet swing forward (agreement {agreement:.2f})"
-    basis = f"{evidence_of_heading}; fits a height of {whole[chosen].height:.2f} m"
-    return whole[chosen], views[chosen], basis
+    return chosen
 
 
 def _drop_lone_forearms(
