@@ -659,13 +659,13 @@ class _Drafting:
                 used="marker set" * chosen,
                 reason="" if chosen else "another set contains more labels",
             )
-        used = {
+        uses = {
             folders.FileKind.CORNERS: "corners of the plates of the table of forces with its name",
             folders.FileKind.FACTS: "subject and events of the recording with its name",
             folders.FileKind.EVENTS: "foot events of the recordings that it names",
         }
-        if file.kind in used:
-            return build_row(file, used=used[file.kind])
+        if file.kind in uses:
+            return build_row(file, used=uses[file.kind])
         is_study = file.kind is folders.FileKind.STUDY
         return build_row(file, reason="a study file, which is not read" if is_study else "")
 
