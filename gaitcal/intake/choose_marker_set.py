@@ -158,15 +158,17 @@ def rank_marker_sets(
     points = computed or [()] * len(recordings)
     sets = list_candidate_sets(local_sets)
     spellings = [find_respellings(marker_set, recordings) for _, marker_set in sets]
-    spelt = [[apply_renames(labels, rename) for labels in recordings] for rename, _ in spellings]
-    legs = [
-        _count_leg_markers(s, labels, points) for (_, s), labels in zip(sets, spelt, strict=True)
-    ]
+    # labels of each recording as each set spells them, and their markers of pelvis and legs
+    spelt, legs = [], []
+    for (_, marker_set), (rename, _) in zip(sets, spellings, strict=True):
+        spelt.append([apply_renames(labels, rename) for labels in recordings])
+        legs.append(_count_leg_markers(marker_set, spelt[-1], points))
     best = [max(counts) for counts in zip(*legs, strict=True)]
     choices: list[SetChoice] = []
     for (entry, marker_set), (rename, clashes), labels, counts in zip(
         sets, spellings, spelt, legs, strict=True
     ):
+        # a recording is of every set that explains nearly as many labels as the best one
         members = tuple(
             i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i])
         )
@@ -284,13 +286,9 @@ def find_respellings(
             if label not in same:
                 same.append(label)
     count = Counter(label for labels in recordings for label in labels)
-    # labels of other people: those under all prefixes but the first
-    of_others = set()
+    of_others: set[str] = set()
     for labels in recordings:
-        for prefix, keys in _group_by_prefix(marker_set, labels)[1:]:
-            for label in labels:
-                if label.rpartition(":")[0] == prefix and _normalise_label(label) in keys:
-                    of_others.add(label)
+        of_others |= _list_other_people(marker_set, labels)
     rename: dict[str, str] = {}
     clashes = []
     for label, _ in sorted(count.items(), key=lambda item: (-item[1], item[0])):
@@ -307,6 +305,16 @@ def find_respellings(
         else:
             rename[label] = targets[0]
     return rename, tuple(clashes)
+
+
+def _list_other_people(marker_set: MarkerSet, labels: Sequence[str]) -> set[str]:
+    """List labels of the set under all prefixes but the one with most of them."""
+    out = set()
+    for prefix, keys in _group_by_prefix(marker_set, labels)[1:]:
+        for label in labels:
+            if label.rpartition(":")[0] == prefix and _normalise_label(label) in keys:
+                out.add(label)
+    return out
 
 
 def find_person_prefixes(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:

@@ -193,7 +193,7 @@ def format_draft(draft: Draft, folder: Path | None) -> str:
         No study follows from the folder.
     """
     lines = [
-        f"# Drafted from the folder '{draft.folder.name}'. Each line has its reason; check the lines "
+        f"# Drafted from the folder '{draft.folder.name}'. Each line has its reason; check those "
         "marked 'likely'.",
         "",
         *_format_subject(draft),
@@ -631,19 +631,26 @@ def list_uncertain_choices(draft: Draft) -> tuple[str, ...]:
             "age: not given in any file; no normative data, and masses of adults (give it with "
             "--age YEARS)"
         )
-    further = None if draft.choice is None else draft.choice.further_markers
-    if further is not None and further.tracking:
+    if draft.choice is not None and draft.choice.further_markers is not None:
+        out += _list_further_markers(draft.choice.further_markers)
+    return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
+
+
+def _list_further_markers(further: "LabelProposal") -> list[str]:
+    """List the unknown markers that are assigned to segments, and those that are not used."""
+    out = []
+    if further.tracking:
         groups = "; ".join(
             f"{', '.join(group)} with {segment}" for segment, group in further.tracking.items()
         )
         out.append(f"{LIKELY}unknown markers are assigned to segments by their movement: {groups}")
-    if further is not None and further.unused:
+    if further.unused:
         by_reason: dict[str, list[str]] = {}
         for label, why in further.unused.items():
             by_reason.setdefault(why, []).append(label)
         groups = "; ".join(f"{', '.join(group)} ({why})" for why, group in by_reason.items())
         out.append(f"labels not used: {groups}")
-    return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
+    return out
 
 
 def list_draft_notes(draft: Draft) -> tuple[str, ...]:

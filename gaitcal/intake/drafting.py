@@ -1,6 +1,6 @@
 """Draft the study of a folder: marker set, session, roles, forces and subject.
 
-If no study follows, the draft says why, in one line and for each file. Trials in which the checks
+If no study follows, the draft has the reason, in one line and for each file. Trials in which the checks
 find an error are left out of a drafted study while others are sound.
 """
 
@@ -88,7 +88,7 @@ def refuse_folder(folder: folders.Folder, fault: str, reasons: Mapping[str, str]
         As it was read.
     fault
         Why no study follows.
-    told
+    reasons
         File -> why it is not used.
 
     Returns
@@ -139,7 +139,7 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
     Returns
     -------
     Draft
-        If no study follows, `fault` says why.
+        If no study follows, `fault` is the reason.
     """
     files = folder.select_kind(folders.FileKind.RECORDING)
     recordings = [file.recording for file in files if file.recording is not None]
@@ -344,7 +344,11 @@ def _describe_other_session(
     local_sets: Sequence[tuple[str, MarkerSet]],
 ) -> str:
     """Describe that the remaining recordings are a complete session; empty if they are not."""
-    found = {i: recording for i in remaining if (recording := files[i].recording) is not None}
+    found = {}
+    for i in remaining:
+        recording = files[i].recording
+        if recording is not None:
+            found[i] = recording
     for choice in rank_sets_of_recordings(list(found.values()), local_sets):
         numbers = [list(found)[k] for k in choice.members]
         spelt = {i: _rename_recording(found[i], choice) for i in numbers}
@@ -523,10 +527,10 @@ class _Drafting:
 
         def rank(i: int) -> tuple[object, ...]:
             recording = self.spelt[i]
-            place = statics.index(i) if i in statics else 0
+            order = statics.index(i) if i in statics else 0
             coverage = measure_label_coverage(self.choice.marker_set, recording.labels)
             unknown = len(coverage.left_over)
-            return (i not in statics, not recording.plates, -len(recording.time), unknown, place, i)
+            return (i not in statics, not recording.plates, -len(recording.time), unknown, order, i)
 
         kept: list[int] = []
         copies = []

@@ -84,8 +84,8 @@ class LabelProposal:
     unused: Mapping[str, str]
     """Label -> why it is not used."""
     asked: frozenset[str] = frozenset()
-    """Labels of `rename` that the user must confirm: at an unusual position, or without movement and
-    perhaps on another segment.
+    """Labels of `rename` that the user must confirm: at an unusual position, or without movement
+    and perhaps on another segment.
     """
     basis: str
     """Evidence of heading and height."""
@@ -112,27 +112,27 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     """
     standing = min(recordings, key=_measure_sway)
     moving = [r for r in recordings if r is not standing]
-    every, scatter, points, seen, why = _collect_markers(standing, moving)
+    every, scatter, points, visible, why = _collect_markers(standing, moving)
     _require_consistent_labels(scatter)
-    names = [every[i] for i in seen]
-    forward = unnamed_markers.estimate_forward_direction(moving, points[seen], names)
-    evidence = _select_evidence(seen, points, scatter)
+    names = [every[i] for i in visible]
+    forward = unnamed_markers.estimate_forward_direction(moving, points[visible], names)
+    evidence = _select_evidence(visible, points, scatter)
     placed, view, basis = _fit_likeliest_body(*evidence, forward, height)
     # markers of knee devices would be taken for landmarks: without them again
-    still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
+    still_only = [every[i] for i in visible if not np.isfinite(scatter[i]).any()]
     devices = _find_knee_devices(
         standing, still_only, view.origin[1] + KNEE * placed.height, KNEE_SPREAD * placed.height
     )
     on_device = {label for parts in devices for label in parts}
     if on_device:
-        seen = [i for i in seen if every[i] not in on_device]
-        evidence = _select_evidence(seen, points, scatter)
+        visible = [i for i in visible if every[i] not in on_device]
+        evidence = _select_evidence(visible, points, scatter)
         placed, view, basis = _fit_likeliest_body(*evidence, forward, height)
     placed = _drop_lone_forearms(placed, view, *evidence)
-    labels = [every[i] for i in seen]
-    found = _read_labels(labels, placed, scatter[np.ix_(seen, seen)])
+    labels = [every[i] for i in visible]
+    found = _read_labels(labels, placed, scatter[np.ix_(visible, visible)])
     asked = _list_labels_to_confirm(
-        labels, found.rename, placed, view.transform_to_body(points[seen]), still_only
+        labels, found.rename, placed, view.transform_to_body(points[visible]), still_only
     )
     found = _identify_sacrum(found, {label: points[i] for i, label in enumerate(every)})
     lateral = view.transform_to_body(points)[:, 2]
@@ -182,7 +182,7 @@ def _list_labels_to_confirm(
         if label not in rename:
             continue
         is_unsure = label in still_only and placed.ahead[i] < BEYOND_DOUBT
-        segment = placed.body.segments[placed.places[i]]
+        segment = placed.body.segments[placed.assignment[i]]
         if is_unsure or (chi_squared[i] > ONE_IN_100 and segment in LOWER_BODY):
             out.add(label)
     return out
@@ -233,7 +233,7 @@ def place_unknown_markers(
     InputError
         As of `propose_labels`.
     """
-    every, scatter, points, seen, why = _collect_markers(standing, moving, segment_of)
+    every, scatter, points, visible, why = _collect_markers(standing, moving, segment_of)
     unknown_at = {
         label: position
         for label, position in zip(every, points, strict=True)
@@ -242,10 +242,10 @@ def place_unknown_markers(
     for label, row in zip(every, scatter, strict=True):
         if not np.isfinite(row).any():
             why[label] = "not in any trial with movement"
-    seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
-    labels, body = [every[i] for i in seen], unnamed_markers.load_standing_bodies()[0]
-    points, evidence = _select_evidence(seen, points, scatter)
-    segments, scatter = np.array(body.segments), scatter[np.ix_(seen, seen)]
+    visible = [i for i in visible if every[i] in segment_of or every[i] not in why]
+    labels, body = [every[i] for i in visible], unnamed_markers.load_standing_bodies()[0]
+    points, evidence = _select_evidence(visible, points, scatter)
+    segments, scatter = np.array(body.segments), scatter[np.ix_(visible, visible)]
     # known markers stay on their segments, unknown ones may be on any surface
     given = [segment_of.get(label) for label in labels]
     allowed = np.array(
@@ -258,7 +258,11 @@ def place_unknown_markers(
     placed, view, basis = _fit_likeliest_body(points, limited, forward, height)
     found = _read_labels(labels, placed, scatter)
     near = _describe_nearby_landmarks(
-        lacking, unknown_at, view, points[known], replace(placed, places=placed.places[known])
+        lacking,
+        unknown_at,
+        view,
+        points[known],
+        replace(placed, assignment=placed.assignment[known]),
     )
     # labels that are not assigned, with their reason
     near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
@@ -267,7 +271,7 @@ def place_unknown_markers(
     for label in every:
         if label not in labels:
             why.setdefault(label, "never visible with the others")
-    loose = _find_loose_markers(labels, segments[placed.places], evidence)
+    loose = _find_loose_markers(labels, segments[placed.assignment], evidence)
     why |= dict.fromkeys(
         sorted(loose - near_two), "does not keep its distance from the segment at its position"
     )
@@ -322,8 +326,8 @@ def _describe_nearby_landmarks(
     """
     out = {}
     for name in (name for name in lacking if name in placed.body.labels):
-        places = np.append(placed.places, placed.body.labels.index(name))
-        with_one = replace(placed, places=places)
+        assignment = np.append(placed.assignment, placed.body.labels.index(name))
+        with_one = replace(placed, assignment=assignment)
         away = {}
         for label, position in at.items():
             in_body = view.transform_to_body(np.vstack([points, position]))
@@ -545,6 +549,16 @@ def _fit_likeliest_body(
             found = min((found, *others), key=compute_cost)
         whole[k] = found
     cost_of = {k: compute_cost(placed) for k, placed in whole.items()}
+    chosen = _choose_heading(cost_of, walks=walks)
+    evidence_of_heading = "direction of feet and pelvis"
+    if walks:
+        evidence_of_heading = f"both feet swing forward (agreement {agreement:.2f})"
+    basis = f"{evidence_of_heading}; fits a height of {whole[chosen].height:.2f} m"
+    return whole[chosen], views[chosen], basis
+
+
+def _choose_heading(cost_of: Mapping[int, float], *, walks: bool) -> int:
+    """Choose the heading, in walking that of the feet (0); InputError if it is not certain."""
     chosen = min(cost_of, key=cost_of.__getitem__)
     if walks and cost_of[0] - cost_of[chosen] > BEYOND_DOUBT:
         raise InputError(
@@ -554,18 +568,14 @@ def _fit_likeliest_body(
             code=Code.LANDMARKS,
         )
     chosen = 0 if walks else chosen
-    odds = min((cost_of[k] - cost_of[chosen] for k in whole if k != chosen), default=np.inf)
+    odds = min((cost_of[k] - cost_of[chosen] for k in cost_of if k != chosen), default=np.inf)
     if not walks and odds < BEYOND_DOUBT:
         raise InputError(
             "the direction of the person is not certain: no recording shows walking, and feet and "
             "pelvis fit forward and backward; add a recording of walking",
             code=Code.LANDMARKS,
         )
-    evidence_of_heading = "direction of feet and pelvis"
-    if walks:
-        evidence_of_heading = f"both feet swing forward (agreement {agreement:.2f})"
-    basis = f"{evidence_of_heading}; fits a height of {whole[chosen].height:.2f} m"
-    return whole[chosen], views[chosen], basis
+    return chosen
 
 
 def _drop_lone_forearms(
@@ -579,7 +589,7 @@ def _drop_lone_forearms(
     A marker cluster on the thigh is where hands hang.
     """
     segments = np.array(placed.body.segments)
-    used = set(segments[placed.places[placed.places >= 0]].tolist())
+    used = set(segments[placed.assignment[placed.assignment >= 0]].tolist())
     lone = [
         f"forearm_hand_{s}"
         for s in SIDES
@@ -620,7 +630,7 @@ def _read_labels(
     labels: Sequence[str], placed: unnamed_markers.PlacedMarkers, scatter: Array
 ) -> LabelProposal:
     """Read the meaning of labels from the positions of their markers."""
-    body, on = placed.body, placed.places
+    body, on = placed.body, placed.assignment
     rename, tracking, weights, evidence, unused = {}, dict[str, list[str]](), {}, {}, {}
     segments = np.array([body.segments[p] if p >= 0 else "" for p in on])
     for i, label in enumerate(labels):

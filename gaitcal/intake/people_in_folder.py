@@ -288,7 +288,7 @@ def _measure_from_middle(recording: Recording, labels: list[str]) -> Array:
 
 
 def _find_starts(short: Array, long: Array) -> list[int]:
-    """Find frames of `long` at which `short` may begin, by its first, middle and last whole frame."""
+    """Find frames of `long` at which `short` may begin, by three of its complete frames."""
     spare = len(long) - len(short)
     complete = np.flatnonzero(np.isfinite(short).all(axis=1))
     if spare == 0:
@@ -355,10 +355,9 @@ def _list_swaps(
 
 def _swap_distances(distances: Distances, swap: Mapping[str, str]) -> Distances:
     """Return the distances after a swap of labels."""
-    medians = {
-        frozenset(swap.get(label, label) for label in pair): d
-        for pair, d in distances.medians.items()
-    }
+    medians = {}
+    for pair, distance in distances.medians.items():
+        medians[frozenset(swap.get(label, label) for label in pair)] = distance
     return replace(distances, medians=medians)
 
 
@@ -449,7 +448,10 @@ def find_session(
         for j in recordings
     }
     # each static trial collects the recordings with its marker positions; the largest group counts
-    groups = {i: [j for j in recordings if not differences[i, j]] for i in ranked}
+    groups: dict[int, list[int]] = {i: [] for i in ranked}
+    for (i, j), difference in differences.items():
+        if not difference:
+            groups[i].append(j)
     best = max(ranked, key=lambda i: (len(groups[i]), -ranked.index(i)))
     others = {}
     for j in (j for j in recordings if j not in groups[best]):
@@ -509,12 +511,13 @@ def _find_static_only_labels(
     recordings: Mapping[int, Recording], postures: Mapping[int, StandingPosture]
 ) -> dict[int, tuple[str, ...]]:
     """Find the labels of each standing recording that no moving recording has."""
-    moving = {
-        m
-        for i, r in recordings.items()
-        if i not in postures or not postures[i].throughout
-        for m in r.labels
-    }
+    moving: set[str] = set()
+    for i, recording in recordings.items():
+        if i not in postures or not postures[i].throughout:
+            moving.update(recording.labels)
     if not moving:
         return dict.fromkeys(postures, ())
-    return {i: tuple(m for m in recordings[i].labels if m not in moving) for i in postures}
+    out = {}
+    for i in postures:
+        out[i] = tuple(label for label in recordings[i].labels if label not in moving)
+    return out

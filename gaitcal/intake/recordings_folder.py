@@ -278,11 +278,8 @@ def find_marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
         files = sorted(p for p in above.iterdir() if p.suffix.lower() == ".toml" and p.is_file())
     except OSError:
         return ()
-    return tuple(
-        found
-        for found in (_read(file, file.name) for file in files)
-        if found.kind is FileKind.MARKER_SET
-    )
+    found = [_read(file, file.name) for file in files]
+    return tuple(file for file in found if file.kind is FileKind.MARKER_SET)
 
 
 _JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)
@@ -544,7 +541,7 @@ def _match(
 def _select_loaded_frames(
     recording: Recording, marker_set: MarkerSet, table: FolderFile
 ) -> tuple[Array, Array]:
-    """Select centres of pressure (n, 2) m and foot markers (n, k, 2) m, from above, in loaded frames."""
+    """Select centres of pressure (n, 2) m and foot markers (n, k, 2) m of loaded frames."""
     feet = [
         i
         for i, m in enumerate(recording.labels)

@@ -97,29 +97,10 @@ def collect_subject(
     mass = _collect_mass(options, files, plates, walks)
     if mass is not None:
         out["mass_kg"] = mass
-    height = _choose_number(options.height, files, lambda f: f.height, "m", 4)
-    height = height or _convert_doubtful(files, "height", 4)
-    if height is not None:
-        out["height_m"] = height
-    elif markers is not None:
-        reason = f"not given in any file; estimated from the legs to {100 * markers[1]:.0f} cm"
-        out["height_m"] = KnownField(value=round(markers[0], 2), reason=reason, certain=False)
-        out["height_error_m"] = KnownField(
-            value=round(markers[1], 3), reason="one standard deviation; included in the errors"
-        )
+    out |= _collect_height(options, files, markers)
     if options.sex:
         out["sex"] = KnownField(value=options.sex, reason="option")
-    age = _compute_age_by_dates(files)
-    if options.age is not None:
-        out["age_years"] = KnownField(value=options.age, reason="option")
-    elif age is not None:
-        out["age_years"] = age
-    dates = [(name, facts.session_date) for name, facts in files if facts.session_date]
-    if dates:
-        first, day = dates[0]
-        others = [f"{name} {other}" for name, other in dates if other != day]
-        reason = f"from {first}" + (f", but {others[0]}" if others else "")
-        out["session_date"] = KnownField(value=day, reason=reason, certain=not others)
+    out |= _collect_dates(options, files)
     for field, get in (
         ("knee_width", lambda f: f.knee_width),
         ("ankle_width", lambda f: f.ankle_width),
@@ -166,6 +147,46 @@ def _collect_mass(
         f"{walks[0]}, to about 3 %"
     )
     return KnownField(value=round(walks[1], 1), reason=reason, certain=False)
+
+
+def _collect_height(
+    options: Options, files: Sequence[tuple[str, Facts]], markers: tuple[float, float] | None
+) -> dict[str, KnownField]:
+    """Return the height (m): given, in another unit, or estimated, then with its error."""
+    height = _choose_number(options.height, files, lambda f: f.height, "m", 4)
+    height = height or _convert_doubtful(files, "height", 4)
+    if height is not None:
+        return {"height_m": height}
+    if markers is None:
+        return {}
+    estimate, error = markers
+    reason = (
+        "not given in any file; estimated from the length of the legs, standard deviation "
+        f"{100 * error:.0f} cm"
+    )
+    return {
+        "height_m": KnownField(value=round(estimate, 2), reason=reason, certain=False),
+        "height_error_m": KnownField(
+            value=round(error, 3), reason="one standard deviation; included in the errors"
+        ),
+    }
+
+
+def _collect_dates(options: Options, files: Sequence[tuple[str, Facts]]) -> dict[str, KnownField]:
+    """Return age and session date."""
+    out = {}
+    age = _compute_age_by_dates(files)
+    if options.age is not None:
+        out["age_years"] = KnownField(value=options.age, reason="option")
+    elif age is not None:
+        out["age_years"] = age
+    dates = [(name, facts.session_date) for name, facts in files if facts.session_date]
+    if dates:
+        first, day = dates[0]
+        others = [f"{name} {other}" for name, other in dates if other != day]
+        reason = f"from {first}" + (f", but {others[0]}" if others else "")
+        out["session_date"] = KnownField(value=day, reason=reason, certain=not others)
+    return out
 
 
 def _compute_age_by_dates(files: Sequence[tuple[str, Facts]]) -> KnownField | None:

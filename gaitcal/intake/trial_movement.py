@@ -31,8 +31,8 @@ from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.quality.trial_role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 
 STRAIGHT = 0.8
-"""Smallest height of the pelvis over the ankles as a share of the leg length: 0.97 to 1.00 in standing,
-0.94 with knees flexed by 40 deg, 0.7 in sitting."""
+"""Smallest height of the pelvis over the ankles as a share of the leg length: 0.97 to 1.00 in
+standing, 0.94 with knees flexed by 40 deg, 0.7 in sitting."""
 LEVEL_M = 0.08
 """m, largest difference in height of the two feet; beyond it one is lifted."""
 LOW_M = 0.3
@@ -138,13 +138,11 @@ def _measure_landmarks(
     try:
         return dict(measure_static_posture(recording, marker_set, frames).landmarks)
     except InputError:
-        whole = {
-            n: m for n, m in marker_set.landmarks.items() if all(label in points for label in m)
-        }
-        return {
-            name: np.mean([points[label] for label in labels], axis=0)
-            for name, labels in whole.items()
-        }
+        out = {}
+        for name, labels in marker_set.landmarks.items():
+            if all(label in points for label in labels):
+                out[name] = np.mean([points[label] for label in labels], axis=0)
+        return out
 
 
 def _check_upright(

@@ -28,8 +28,8 @@ k that carry it (body, pelvis, hip, knee, ...), is Gaussian,
 so that markers that are already assigned determine where the others are: a tree along the body.
 Marker i at x_i has at position p, on a segment s with n markers, the cost
 
-    c_ip = 1/2 sum over axes [ (x_i - m_p)^2 / v_p + log v_p ] - log(w_p / (1 - w_p)) - min(n, 3)
-    t_is,
+    c_ip = 1/2 sum over axes [ (x_i - m_p)^2 / v_p + log v_p ]
+           - log(w_p / (1 - w_p)) - min(n, 3) t_is,
 
 with m, v the mean and variance of p given the markers that are assigned so far, w_p the share of
 laboratories that use a landmark, and t_is the mean over the markers j of s of the log odds that i
@@ -489,7 +489,7 @@ class PlacedMarkers:
 
     cost: float
     """Negative log likelihood, to compare heights, headings and postures of the same markers."""
-    places: IntArray
+    assignment: IntArray
     """(n,) index of the position of each marker; -1 if it is not on the body."""
     away: Array
     """(n,) distance from the position by the other markers, as a share of the height."""
@@ -546,13 +546,13 @@ def place_markers(
     own_variance = np.square(body.spread)[:, None] * np.ones(3)
     surfaces, landmarks = np.flatnonzero(~landmark), np.flatnonzero(landmark)
     free = np.where(landmark, 0.0, SURFACE) - body.worn
-    places = np.full(n, -1)
+    assignment = np.full(n, -1)
     for step in range(rounds):
         v = variance + own_variance
         cost = 0.5 * (np.square(x[:, None] - mean) / v + np.log(v)).sum(axis=2) + free
         # motion counts when the first positions are known
         if step > 1:
-            cost -= _compute_motion_evidence(evidence, places, segment_of, neighbour_of)
+            cost -= _compute_motion_evidence(evidence, assignment, segment_of, neighbour_of)
         cost = np.where(evidence.allowed, cost, np.inf)
         # landmarks take one marker each; surfaces, or nowhere, any number
         at_surface = surfaces[np.argmin(cost[:, surfaces], axis=1)]
@@ -562,22 +562,24 @@ def place_markers(
         table[np.arange(n), len(landmarks) + np.arange(n)] = spare
         column = linear_sum_assignment(table)[1]
         at_landmark = column < len(landmarks)
-        places = np.where(spare < NOWHERE, at_surface, -1)
-        places[at_landmark] = landmarks[column[at_landmark]]
-        mean, variance, fit = _compute_conditional_positions(x, places, body, spread, own_variance)
+        assignment = np.where(spare < NOWHERE, at_surface, -1)
+        assignment[at_landmark] = landmarks[column[at_landmark]]
+        mean, variance, fit = _compute_conditional_positions(
+            x, assignment, body, spread, own_variance
+        )
     chosen = table[np.arange(n), column]
-    on, found = places >= 0, places[places >= 0]
+    on, found = assignment >= 0, assignment[assignment >= 0]
     total = fit + NOWHERE * float((~on).sum()) + float(free[found].sum()) + 3 * n * np.log(height)
-    motion = _compute_motion_evidence(evidence, places, segment_of, neighbour_of)
+    motion = _compute_motion_evidence(evidence, assignment, segment_of, neighbour_of)
     total -= 0.5 * float(motion[np.flatnonzero(on), found].sum())
     # costs of the positions on other segments
     segments = np.array(segment_of)
-    chosen_segments = np.where(on, segments[places], -1)
+    chosen_segments = np.where(on, segments[assignment], -1)
     others = np.where(segments[None] == chosen_segments[:, None], np.inf, cost)
     return PlacedMarkers(
         cost=total,
-        places=places,
-        away=np.where(on, np.linalg.norm(x - mean[places], axis=1), np.nan),
+        assignment=assignment,
+        away=np.where(on, np.linalg.norm(x - mean[assignment], axis=1), np.nan),
         ahead=np.where(on, np.minimum(others.min(axis=1), NOWHERE) - chosen, 0.0),
         body=body,
         height=height,
@@ -604,8 +606,8 @@ def compute_misplacement(points: Array, placed: PlacedMarkers) -> Array:
     With K their covariance and r their residuals, it is the sum over the axes of
     (K^-1 r)_i^2 / (K^-1)_ii.
     """
-    body, on = placed.body, placed.places >= 0
-    found, out = placed.places[on], np.full(len(points), np.nan)
+    body, on = placed.body, placed.assignment >= 0
+    found, out = placed.assignment[on], np.full(len(points), np.nan)
     residual = points[on] / placed.height - body.positions[found]
     out[on] = 0.0
     for axis in range(3):
@@ -624,12 +626,12 @@ def _number_segments(body: BodyTemplate) -> tuple[list[int], list[int]]:
 
 
 def _compute_motion_evidence(
-    evidence: MotionEvidence, places: IntArray, segment_of: list[int], neighbour_of: list[int]
+    evidence: MotionEvidence, assignment: IntArray, segment_of: list[int], neighbour_of: list[int]
 ) -> Array:
     """Compute (n, np), the log likelihood of moving with the markers on a position's segment."""
-    member = np.zeros((len(places), max(segment_of) + 1))
-    on = places >= 0
-    member[on, np.array(segment_of)[places[on]]] = 1.0
+    member = np.zeros((len(assignment), max(segment_of) + 1))
+    on = assignment >= 0
+    member[on, np.array(segment_of)[assignment[on]]] = 1.0
     count = evidence.known @ member
     mean = (evidence.log_odds @ member) / np.maximum(count, 1.0) * np.minimum(count, MOST_WITNESSES)
     out: Array = np.maximum(mean[:, segment_of], mean[:, neighbour_of])
@@ -637,11 +639,11 @@ def _compute_motion_evidence(
 
 
 def _compute_conditional_positions(
-    x: Array, places: IntArray, body: BodyTemplate, spread: Array, own_variance: Array
+    x: Array, assignment: IntArray, body: BodyTemplate, spread: Array, own_variance: Array
 ) -> tuple[Array, Array, float]:
     """Compute mean and variance (np, 3) of positions given the placed markers, and their cost."""
-    on = places >= 0
-    found = places[on]
+    on = assignment >= 0
+    found = assignment[on]
     mean, variance, total = np.empty_like(body.positions), np.empty_like(body.positions), 0.0
     for axis in range(3):
         prior = spread[:, :, axis]

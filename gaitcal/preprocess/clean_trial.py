@@ -149,7 +149,7 @@ def _list_near_segments(segment: str) -> set[str]:
 
 def _compute_median(x: Array) -> Array:
     """Compute (nf, 3), the lower median of x (nf, n, 3) over the visible markers."""
-    # Gaps come last.
+    # gaps come last
     ordered = np.sort(x, axis=1)
     count = np.isfinite(x[:, :, 0]).sum(axis=1)
     return np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None, None], axis=1)[:, 0]

@@ -216,7 +216,7 @@ def _measure_single_displacement(
     """Return how far marker k moved between two mean positions (n, 3) m if it alone moved (m)."""
     others = [i for i in range(cluster.marker_count) if i != k]
     rotation, shift = align_points(after[others], before[others])
-    # Two points leave a turn about their line free: the smallest way that explains it.
+    # two points leave the rotation about their line free: take the smallest displacement
     if len(others) < FEWEST:
         rotation, shift = align_points(
             after, before, np.where(np.arange(cluster.marker_count) == k, SLIPPED_WEIGHT, 1.0)
@@ -307,6 +307,17 @@ def find_drawn_intervals(cluster: MarkerCluster, x: Array) -> Iterator[Displaced
 
 
 def measure_bend(path: Array) -> float:
-    """Return the largest distance (m) of a path (n, 3) m from uniform motion between its ends."""
+    """Measure how far a path is from uniform motion along the line between its ends.
+
+    Parameters
+    ----------
+    path
+        (n, 3) m.
+
+    Returns
+    -------
+    float
+        m, the largest distance.
+    """
     line = path[0] + np.linspace(0.0, 1.0, len(path))[:, None] * (path[-1] - path[0])
     return float(np.nan_to_num(np.linalg.norm(path - line, axis=1)).max())

@@ -174,8 +174,10 @@ def _locate_cluster(
     together = together[np.isfinite(together).all(axis=(1, 2))]
     if len(together) < FEWEST_FRAMES:
         return None
-    turn, origin = segment_frames.fit_rigid_motions(np.array(points), together[:, : len(points)])
-    return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
+    rotation, origin = segment_frames.fit_rigid_motions(
+        np.array(points), together[:, : len(points)]
+    )
+    return np.einsum("fji,fnj->fni", rotation, together[:, len(points) :] - origin[:, None])
 
 
 def apply_placement(

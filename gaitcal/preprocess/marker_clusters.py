@@ -203,10 +203,9 @@ class Stance:
         -------
         Stance
         """
-        points = {
-            s: {m: at for m, at in placed.items() if m not in labels}
-            for s, placed in self.points.items()
-        }
+        points: dict[str, dict[str, Array]] = {}
+        for segment, placed in self.points.items():
+            points[segment] = {m: at for m, at in placed.items() if m not in labels}
         return replace(self, points=points) if labels else self
 
 
@@ -386,8 +385,6 @@ def fit_clusters(
     stance: Stance,
     landmarks: Mapping[str, tuple[str, ...]],
     is_counted: Callable[[str], bool],
-    near: Mapping[str, tuple[BoolArray, float]] | None = None,
-    before: Mapping[str, MarkerCluster] | None = None,
 ) -> dict[str, MarkerCluster]:
     """Fit the clusters of pelvis and legs of a trial to the static posture.
 
@@ -400,21 +397,41 @@ def fit_clusters(
     landmarks
         Landmark of the marker set -> its markers.
     is_counted
-        Whether a marker takes part.
-    near
-        Segment -> frames (nf,) near the static posture, and how far (rad) they still are from it.
-        None: found from a first fit to all frames.
-    before
-        Clusters of that first fit.
+        Returns whether a marker takes part.
 
     Returns
     -------
     dict
         Segment -> cluster, where three points are visible in enough frames.
     """
+    first = _fit_in_frames(recording, stance, landmarks, is_counted, {}, {})
+    # again, from the frames near the static posture, for segments whose joints flex beyond
+    near: dict[str, tuple[BoolArray, float]] = {}
+    for segment in first:
+        flexion = _measure_flexion(first, segment)
+        if np.nanmax(flexion, initial=0.0) > NEAR_RAD:
+            is_near = flexion <= max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT)))
+            near[segment] = is_near, float(np.median(flexion[is_near])) - NEAR_RAD
+    return _fit_in_frames(recording, stance, landmarks, is_counted, near, first) if near else first
+
+
+def _fit_in_frames(
+    recording: Recording,
+    stance: Stance,
+    landmarks: Mapping[str, tuple[str, ...]],
+    is_counted: Callable[[str], bool],
+    near: Mapping[str, tuple[BoolArray, float]],
+    before: Mapping[str, MarkerCluster],
+) -> dict[str, MarkerCluster]:
+    """Fit the clusters, those of segments in `near` from some frames, others as they were `before`.
+
+    `near`: segment -> frames (nf,) near the static posture, and how far (rad) they still are from
+    it.
+    """
     column_of = {label: i for i, label in enumerate(recording.labels)}
     frame_counts = find_visible(recording.markers).sum(axis=0)
     needed = max(SEEN_SHARE * len(recording.time), min(SEEN_FRAMES, len(recording.time)))
+    on_landmarks = {label for labels in landmarks.values() for label in labels}
     out: dict[str, MarkerCluster] = {}
 
     def is_usable(label: str) -> bool:
@@ -444,43 +461,34 @@ def fit_clusters(
             name, position, path = lent
             labels, static, paths = [*labels, name], [*static, position], [*paths, path]
         # in the second fit, what was near the static posture throughout stays
-        if before and near and segment not in near and lent is None:
+        if near and segment not in near and lent is None:
             if segment in before:
                 out[segment] = before[segment]
             continue
-        frames, far = (near or {}).get(segment, (None, 0.0))
-        fitted = None
-        if len(labels) >= FEWEST:
-            fitted = _fit_shape(np.array(static), np.stack(paths, axis=1), frames)
-        if fitted is not None:
-            marker_count = len(labels) - (lent is not None)
-            shape, fit, away = fitted
-            on_landmarks = {label for named in landmarks.values() for label in named}
-            out[segment] = MarkerCluster(
-                segment=segment,
-                labels=tuple(labels),
-                borrowed=lent is not None,
-                reduced=lent is not None and len(stance.points[segment]) >= FEWEST,
-                static=np.array(static),
-                shape=shape,
-                rotation=fit.rotation,
-                origin=fit.origin,
-                away=away,
-                size=stance.size,
-                determined=fit.determined,
-                far=far,
-                loose=tuple(i for i in range(marker_count) if labels[i] not in on_landmarks),
-            )
-    if near is not None:
-        return out
-    # again, from the frames near the static posture, for segments whose joints flex beyond
-    nearest: dict[str, tuple[BoolArray, float]] = {}
-    for segment in out:
-        flexion = _measure_flexion(out, segment)
-        if np.nanmax(flexion, initial=0.0) > NEAR_RAD:
-            is_near = flexion <= max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT)))
-            nearest[segment] = is_near, float(np.median(flexion[is_near])) - NEAR_RAD
-    return fit_clusters(recording, stance, landmarks, is_counted, nearest, out) if nearest else out
+        if len(labels) < FEWEST:
+            continue
+        frames, far = near.get(segment, (None, 0.0))
+        fitted = _fit_shape(np.array(static), np.stack(paths, axis=1), frames)
+        if fitted is None:
+            continue
+        shape, fit, away = fitted
+        markers = labels if lent is None else labels[:-1]
+        out[segment] = MarkerCluster(
+            segment=segment,
+            labels=tuple(labels),
+            borrowed=lent is not None,
+            reduced=lent is not None and len(stance.points[segment]) >= FEWEST,
+            static=np.array(static),
+            shape=shape,
+            rotation=fit.rotation,
+            origin=fit.origin,
+            away=away,
+            size=stance.size,
+            determined=fit.determined,
+            far=far,
+            loose=tuple(i for i, label in enumerate(markers) if label not in on_landmarks),
+        )
+    return out
 
 
 def _measure_flexion(clusters: Mapping[str, MarkerCluster], segment: str) -> Array:

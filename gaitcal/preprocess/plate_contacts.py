@@ -129,7 +129,17 @@ class PlateContact(foot_contact.Loading):
         return self.distance < foot_contact.UNDER_FOOT_M
 
     def is_whole(self, time: Array) -> bool:
-        """Return whether it begins and ends while the plate is recorded; `time` (nf,) s."""
+        """Return whether the loading begins and ends while the plate is recorded.
+
+        Parameters
+        ----------
+        time
+            (nf,) s, of the trial.
+
+        Returns
+        -------
+        bool
+        """
         inner = find_covered_frames([self.plate], time)
         return self.frames.start > inner.start and self.frames.stop < inner.stop
 

@@ -205,7 +205,7 @@ class TrialEvidence:
         return tuple(label for label in self.expected if label in self.column)
 
     def weight(self, label: str) -> float:
-        """Return the weight of a marker in this study."""
+        """Return the weight of a marker in this study; 0: not fitted."""
         return self.marker_set.weight(label)
 
     def path(self, label: str) -> Array:
@@ -217,7 +217,18 @@ class TrialEvidence:
         return bool(self.visible[:, self.column[label]].any())
 
     def landmark(self, name: str) -> Array | None:
-        """Return the path (nf, 3) m of a landmark; NaN in gaps, None without one of its markers."""
+        """Return the path of a landmark: the mean of its markers.
+
+        Parameters
+        ----------
+        name
+            Landmark of the marker set.
+
+        Returns
+        -------
+        Array or None
+            (nf, 3) m, NaN in gaps; None if the trial lacks one of its markers.
+        """
         labels = self.marker_set.landmarks.get(name, ())
         if not labels or any(label not in self.column for label in labels):
             return None
@@ -407,5 +418,5 @@ class TrialEvidence:
 
 
 def get_side(name: str) -> str:
-    """Return `r` or `l` of a segment or joint; empty for others."""
+    """Return the side of a segment or joint: `r`, `l` or empty."""
     return name[-1] if name.endswith(("_r", "_l")) else ""

@@ -145,7 +145,7 @@ def person_of(number: int) -> CohortPerson:
 def copied(source: Outcome, number: int) -> Outcome:
     rng, person = np.random.default_rng(number), person_of(number)
     if number % FAILED == FAILED - 1:
-        cause = "holds 2 files, but no recording that can be read (.c3d, .trc or .csv)"
+        cause = "2 files, but no readable recording (.c3d, .trc or .csv)"
         return Outcome(
             name=person.name,
             session="",

@@ -299,6 +299,6 @@ def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
     written = (result / "manifest.json").stat().st_mtime_ns
     again = run(*command)
     assert again.exit_code == 1
-    assert "failed: Bob: no file says" in again.stdout
+    assert "failed: Bob: subject.mass_kg" in again.stdout
     assert " of 3" not in again.stdout
     assert (result / "manifest.json").stat().st_mtime_ns == written

@@ -199,11 +199,11 @@ def test_every_failure_has_a_code(tmp_path: Path) -> None:
         (lab / name / "walk.c3d").write_bytes(b"no recording")
     write(lab / "unknown", recordings(), forces="grf")
     run(lab, out)
-    found = {row["cause"]: (row["code"], bool(row["what_to_do"])) for row in rows(out / FAILURES)}
-    assert found == {
-        "holds 1 file, but no recording that can be read (.c3d, .trc or .csv)": ("GC-223", True),
-        "no file says subject.mass_kg": ("GC-211", True),
-    }
+    failures = rows(out / FAILURES)
+    assert [row["code"] for row in failures] == ["GC-223", "GC-223", "GC-211"]
+    for row in failures:
+        assert row["what_to_do"]
+        check_text(row["cause"], 1 if row["code"] == "GC-223" else "subject.mass_kg")
 
 
 LONG = "\U00020000"

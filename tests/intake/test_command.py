@@ -33,7 +33,7 @@ def test_init_writes_what_loads_and_replaces_nothing_unasked(person: Path) -> No
         run("init", person, "--out", person / "walk.csv", "--force")
 
 
-def test_what_nobody_says_is_named(person: Path) -> None:
+def test_missing_fields_are_named(person: Path) -> None:
     with refuses(Code.WHO_IT_IS, "subject.mass_kg", source="study.toml"):
         run("init", person, "--height", 1.7)
     with refuses(Code.MISSING_FIELD, field="subject.mass_kg", source="study.toml"):
@@ -45,7 +45,7 @@ def test_what_nobody_says_is_named(person: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("options", "field"),
     [
         (("--height", "170"), "--height"),
         (("--mass", "0.5"), "--mass"),
@@ -53,9 +53,9 @@ def test_what_nobody_says_is_named(person: Path) -> None:
         (("--age", "200"), "--age"),
     ],
 )
-def test_impossible_options(person: Path, words: tuple[str, str], told: str) -> None:
-    with refuses(Code.OPTION, field=told):
-        run("init", person, *words)
+def test_impossible_options(person: Path, options: tuple[str, str], field: str) -> None:
+    with refuses(Code.OPTION, field=field):
+        run("init", person, *options)
 
 
 def test_a_folder_with_a_study_uses_it(person: Path) -> None:

@@ -50,19 +50,19 @@ from tests.quality.spoilt import relabelled
 from tests.synthetic_studies import made_plates, write_synthetic_study
 
 SNAPSHOT = """\
-# Drafted from the folder 'person'. Each line says what told it; look at what is 'likely'.
+# Drafted from the folder 'person'. Each line has its reason; check those marked 'likely'.
 
 [subject]
 name = "person"  # sure: name of the folder
-# mass_kg =   # MISSING: no file says it; write body mass in kg, and take the first # away
+# mass_kg =   # MISSING: not given in any file; write body mass in kg, and remove the first #
 height_m = 1.7  # sure: option
 sex = "male"  # sure: option
-# age_years =   # no file says it; tables of masses and norms of gait go by it
-# session_date = "YYYY-MM-DD"   # no file says it; with birth_date it gives the age
-# For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, laboratory
+# age_years =   # not given; mass tables and normative data depend on it
+# session_date = "YYYY-MM-DD"   # not given; with birth_date it gives the age
+# Optional, for reports and tables: birth_date, diagnosis, affected_side, aids, laboratory
 
 [markers]
-set = "gait2354"  # sure: knows 49 of 49 labels of 3 files
+set = "gait2354"  # sure: contains 49 of 49 labels of 3 files
 
 [[trial]]
 name = "static"  # after the file
@@ -71,18 +71,18 @@ file = "static.csv"  # 100 frames at 200 Hz
 
 [[trial]]
 name = "knee_r"  # after the file
-role = "joint"  # sure: joints turn by knee_r 28 deg RMS
-joint = "knee_r"  # the one that turns most, see role
+role = "joint"  # sure: joints rotate by knee_r 28 deg RMS
+joint = "knee_r"  # the joint that rotates most, see role
 file = "knee_r.csv"  # 1200 frames at 200 Hz
 
 [[trial]]
 name = "walk"  # after the file
-role = "gait"  # sure: the feet go to and fro in turn (correlation -0.86), over 1.3 m
+role = "gait"  # sure: the feet move in alternation (correlation -0.86), over 1.3 m
 file = "walk.csv"  # 208 frames at 200 Hz
-forces = "grf.csv"  # sure: covers the time, and under load acts 4 cm from the feet
+forces = "grf.csv"  # sure: covers the time, centre of pressure under load 4 cm from the feet
 
 # Not used:
-#   photo.png: gaitcal reads no file ending in '.png'
+#   photo.png: files ending in '.png' are not supported
 """
 
 
@@ -90,7 +90,7 @@ def test_the_text_of_a_draft(tmp_path: Path) -> None:
     folder = write(tmp_path / "person", recordings("knee_r"), forces="grf")
     (folder / "photo.png").touch()
     made = draft(folder, Options(height=1.70, sex="male"))
-    worn = "has R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..., worn for standing only"
+    worn = "has markers for the static trial only: R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..."
     assert format_draft(made, folder) == SNAPSHOT.replace("@", worn)
     assert made.missing == ("mass_kg",)
     (folder / "study.toml").write_text(format_draft(made, folder), encoding="utf-8")
@@ -147,16 +147,16 @@ def test_what_neither_walks_nor_moves_one_joint_is_a_motion(tmp_path: Path) -> N
 
 def test_who_stands_when_the_belt_stops_has_not_run(tmp_path: Path) -> None:
     walk = recordings()["walk"]
-    way = np.nanmean(walk.markers[-1] - walk.markers[0], axis=0) * [1.0, 0.0, 1.0]
+    displacement = np.nanmean(walk.markers[-1] - walk.markers[0], axis=0) * [1.0, 0.0, 1.0]
     along = (walk.time - walk.time[0]) / np.ptp(walk.time)
-    on_belt = walk.markers - along[:, None, None] * way
+    on_belt = walk.markers - along[:, None, None] * displacement
     still = np.repeat(on_belt[-1:], len(walk.time), axis=0)
     later = np.concatenate([walk.time, walk.time + np.ptp(walk.time) + 1.0 / walk.rate])
     stopped = replace(walk, time=later, markers=np.concatenate([on_belt, still]))
     assert roles(drafted(tmp_path, walk=stopped))["walk"] == "gait"
 
 
-def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
+def test_two_people_are_reported_and_stop(tmp_path: Path) -> None:
     files = recordings("hip_r")
     folder = write(
         tmp_path / "both", files | {f"b_{n}": other_person(files[n]) for n in ("static", "walk")}
@@ -225,16 +225,13 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
-    [({}, "is empty"), ({"a.png": b"x", "notes.txt": b"hello"}, "holds 2 files, but no recording")],
+    "content", [{}, {"a.png": b"x", "notes.txt": b"hello"}], ids=["empty", "no recording"]
 )
-def test_folders_that_nobody_understands(
-    tmp_path: Path, content: dict[str, bytes], words: str
-) -> None:
+def test_folders_without_a_recording(tmp_path: Path, content: dict[str, bytes]) -> None:
     for name, data in content.items():
         (tmp_path / name).write_bytes(data)
     made = draft(tmp_path)
-    assert words in made.fault
+    check_text(made.fault, *([len(content)] if content else []))
     assert len(made.rows) == len(content)
 
 
@@ -278,14 +275,14 @@ def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
         measure_pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other)
     )
     assert describe_placement_difference(one, same, marker_set) == ""
-    for other, told in ((sides, "left and right"), (child, "")):
+    for other, swap in ((sides, "left and right"), (child, "")):
         assert (
             describe_placement_difference(one, other, marker_set)
-            and find_explaining_swap(one, other, marker_set) == told
+            and find_explaining_swap(one, other, marker_set) == swap
         )
 
 
-def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> None:
+def test_a_walk_of_another_person_is_reported_first(tmp_path: Path) -> None:
     files = recordings()
     folder = write(tmp_path / "person", files | {"walk": other_person(files["walk"])})
     made = draft(folder, Options())
@@ -299,7 +296,7 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     check_text(describe_missing_fields(made), "subject.mass_kg")
 
 
-def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
+def test_standing_in_a_part_is_reported(tmp_path: Path) -> None:
     files = recordings()
     static, walk = files["static"], files["walk"]
     both = [m for m in static.labels if m in walk.labels]
@@ -344,7 +341,7 @@ def test_a_walk_in_another_unit_is_left_out_for_it(tmp_path: Path) -> None:
     assert "walk" in roles(made)
 
 
-def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
+def test_notes_report_likely_choices_and_unused_files(tmp_path: Path) -> None:
     static = relabelled("R.Knee.Med", "R.Knee.Inner")(recordings()["static"])
     (tmp_path / "person").mkdir()
     (tmp_path / "person/photo.png").touch()
@@ -372,7 +369,7 @@ def error(where: str, severity: Severity = Severity.ERROR) -> Finding:
     return Finding(code=Code.PLATE_OFFSET, severity=severity, topic="plates", where=where, **found)
 
 
-def test_a_faulty_walk_goes_and_is_told(with_bad_take: Study) -> None:
+def test_a_faulty_walk_is_left_out_and_reported(with_bad_take: Study) -> None:
     assert [t.name for t in with_bad_take.trials] == ["static", "other", "walk"]
     faulty = find_faulty_trials(with_bad_take, (error("other"), error("walk", Severity.WARNING)))
     assert faulty == {"other": "plates: x is wrong; do y"}
@@ -404,14 +401,14 @@ def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
     there = replace(walk, labels=labels, markers=walk.markers[::-1] * [1.0, 1.0, -1.0] + FAR)
     made = draft(with_forces(tmp_path, made_plates(simulate_gait()), "walk2_grf.csv", walk2=there))
     forces = {t.name: t.forces for t in made.trials if t.role == "gait"}
-    own = forces["walk"]
-    assert own is not None and own.file.name == "walk2_grf.csv"
-    assert not own.certain
-    check_text(own.reason, "walk2")
+    chosen = forces["walk"]
+    assert chosen is not None and chosen.file.name == "walk2_grf.csv"
+    assert not chosen.certain
+    check_text(chosen.reason, "walk2")
     assert forces["walk2"] is None
 
 
-def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
+def test_unused_forces_are_reported(tmp_path: Path) -> None:
     folder = with_forces(
         tmp_path, [replace(p, point=p.point + FAR) for p in made_plates(simulate_gait())]
     )
@@ -446,9 +443,7 @@ def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept:
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("cm", 1e2)])
-def test_centres_of_pressure_in_another_unit_are_told_by_it(
-    tmp_path: Path, unit: str, factor: float
-) -> None:
+def test_unit_of_centres_of_pressure_is_reported(tmp_path: Path, unit: str, factor: float) -> None:
     plates = [replace(p, point=factor * p.point) for p in made_plates(simulate_gait())]
     (row,) = (
         row for row in draft(with_forces(tmp_path, plates)).left_out if row.name == "walk_grf.csv"

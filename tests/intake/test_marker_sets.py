@@ -40,9 +40,12 @@ def test_measured_markers_of_opencap_are_not_its_video_points() -> None:
     assert "RKnee" in best.clashes
 
 
-def test_own_set_before_a_built_in_one() -> None:
-    own = load_marker_set("rcnl")
-    assert rank_marker_sets([own.labels], [("here/own.toml", own)])[0].entry == "here/own.toml"
+def test_set_of_the_folder_precedes_a_built_in_one() -> None:
+    local_set = load_marker_set("rcnl")
+    assert (
+        rank_marker_sets([local_set.labels], [("here/own.toml", local_set)])[0].entry
+        == "here/own.toml"
+    )
 
 
 def test_files_of_two_protocols_are_kept_apart() -> None:
@@ -53,7 +56,7 @@ def test_files_of_two_protocols_are_kept_apart() -> None:
 
 
 def test_one_body_has_one_prefix() -> None:
-    own = load_marker_set("plug-in-gait")
+    marker_set = load_marker_set("plug-in-gait")
     anna = (
         "RASI",
         "LASI",
@@ -70,10 +73,10 @@ def test_one_body_has_one_prefix() -> None:
     )
     ben = ("RKNE", "RTIB", "LTIB", "RTHI")
     both = tuple(f"Anna:{m}" for m in anna) + tuple(f"Ben:{m}" for m in ben)
-    assert find_person_prefixes(own, both) == ("Anna", "Ben")
-    assert find_person_prefixes(own, [f"Anna:{m}" for m in anna] + ["Box:1", "Wand:1"]) == ()
-    apart = tuple(f"Anna:{m}" for m in anna) + ("Ben:RTIB", "Ben:RTHI")
-    best = rank_marker_sets([apart])[0]
+    assert find_person_prefixes(marker_set, both) == ("Anna", "Ben")
+    assert find_person_prefixes(marker_set, [f"Anna:{m}" for m in anna] + ["Box:1", "Wand:1"]) == ()
+    separate = tuple(f"Anna:{m}" for m in anna) + ("Ben:RTIB", "Ben:RTHI")
+    best = rank_marker_sets([separate])[0]
     assert best.people_prefixes == {} and set(best.rename) == {f"Anna:{m}" for m in anna}
     assert set(best.coverage.left_over) == {"Ben:RTIB", "Ben:RTHI"}
 
@@ -96,12 +99,12 @@ def test_long_names_with_a_side_before_are_of_plug_in_gait() -> None:
 
 
 def test_what_is_left_over_makes_a_set_unsure() -> None:
-    own = load_marker_set("plug-in-gait").labels
-    assert rank_marker_sets([own])[0].certain
-    assert rank_marker_sets([(*own, "Bottle", "Wand")])[0].certain, "things are no landmarks"
-    assert not rank_marker_sets([(*own, *(f"thing{i}" for i in range(len(own))))])[0].certain
-    one_sided = rank_marker_sets([(*own, "RKADX", "LKADX"), own])[0]
+    labels = load_marker_set("plug-in-gait").labels
+    assert rank_marker_sets([labels])[0].certain
+    assert rank_marker_sets([(*labels, "Bottle", "Wand")])[0].certain, "things are no landmarks"
+    assert not rank_marker_sets([(*labels, *(f"thing{i}" for i in range(len(labels))))])[0].certain
+    one_sided = rank_marker_sets([(*labels, "RKADX", "LKADX"), labels])[0]
     assert one_sided.sided_unknown == ("RKADX", "LKADX") and not one_sided.certain
-    assert rank_marker_sets([(*own, "RKADX", "LKADX")] * 2)[0].certain, (
+    assert rank_marker_sets([(*labels, "RKADX", "LKADX")] * 2)[0].certain, (
         "on every recording: no landmarks of a static trial"
     )

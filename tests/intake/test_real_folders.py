@@ -69,7 +69,7 @@ def test_bare_folders(name: str, data_dir: Path) -> None:
     assert str(data_dir) not in format_draft(made, data_dir / name), "paths are relative"
 
 
-def test_recordings_of_nobody_who_stands(data_dir: Path) -> None:
+def test_recordings_without_standing(data_dir: Path) -> None:
     made = draft_folder(read_folder(data_dir / "c3d_formats"), Options())
     assert made.fault and made.trials == ()
     assert {row.name for row in made.rows if "SGI/MIPS" in row.reason} == {

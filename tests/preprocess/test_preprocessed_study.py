@@ -18,6 +18,7 @@ from gaitcal.preprocess.preprocessed_study import preprocess_study, preprocess_t
 from gaitcal.quality.study_checks import check_further, check_preprocessed, check_study
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
+from tests.messages import check_finding
 from tests.quality.spoilt import findings, serious, sound_study, swapped, with_trial
 
 COUNTED = {
@@ -83,19 +84,22 @@ def test_a_run_prepares_its_study_once(
     monkeypatch.setattr(run_study.Study, "load", lambda _: study)
     monkeypatch.setattr(run_study, "load_study_file", lambda _: None)
     monkeypatch.setattr(run_study, "list_input_files", lambda *_: ())
-    monkeypatch.setattr(run_study, "calibrate_preprocessed", lambda of, *_, **__: taken.append(of))
-    with pytest.raises(AttributeError):  # what follows needs a calibration
+    monkeypatch.setattr(
+        run_study, "calibrate_preprocessed", lambda prepared, *_, **__: taken.append(prepared)
+    )
+    # What follows needs a calibration.
+    with pytest.raises(AttributeError):
         run_study.run_found_study(tmp_path / "x.toml", tmp_path / "out", run_study.RunSettings())
-    (of,) = taken
+    (prepared,) = taken
     assert calls["clean_trial"] == len(study.trials) and calls["build_nominal_from_clean"] == 1
-    assert isinstance(of, preprocessed_study.PreprocessedStudy) and of.study is study
+    assert isinstance(prepared, preprocessed_study.PreprocessedStudy) and prepared.study is study
 
 
 def test_checks_change_nothing_and_say_the_same_again(study: Study) -> None:
-    of = preprocess_study(study)
-    before = [t.recording.markers.copy() for t in of.trials]
-    assert check_preprocessed(of) == check_preprocessed(of) == check_study(study)
-    for trial, markers in zip(of.trials, before, strict=True):
+    prepared = preprocess_study(study)
+    before = [t.recording.markers.copy() for t in prepared.trials]
+    assert check_preprocessed(prepared) == check_preprocessed(prepared) == check_study(study)
+    for trial, markers in zip(prepared.trials, before, strict=True):
         np.testing.assert_array_equal(trial.recording.markers, markers)
 
 
@@ -103,10 +107,10 @@ def test_labels_exchanged_for_a_part_are_put_back_in_a_study_and_in_a_further_tr
     sound = sound_study()
     pair = ("R.Thigh.Front", "R.Thigh.Rear")
     spoilt = with_trial(sound, "walk", swapped(*pair, slice(50, 80)))
-    of = preprocess_study(spoilt)
-    assert of.model is not None
-    walk = next(t for t in of.trials if t.name == "walk")
-    alone = preprocess_trial(spoilt.trials[1], of.model, spoilt.marker_set, spoilt.settings)
+    prepared = preprocess_study(spoilt)
+    assert prepared.model is not None
+    walk = next(t for t in prepared.trials if t.name == "walk")
+    alone = preprocess_trial(spoilt.trials[1], prepared.model, spoilt.marker_set, spoilt.settings)
     for trial in (walk, alone):
         (back,) = trial.put_back
         assert {back.label, back.other} == set(pair)
@@ -116,7 +120,7 @@ def test_labels_exchanged_for_a_part_are_put_back_in_a_study_and_in_a_further_tr
     codes = {f.code for f in check_further(alone)}
     assert Code.EXCHANGED_BACK in codes and Code.EXCHANGED_LABELS not in codes
     np.testing.assert_array_equal(
-        next(t for t in of.study.trials if t.name == "walk").recording.markers,
+        next(t for t in prepared.study.trials if t.name == "walk").recording.markers,
         spoilt.trials[1].recording.markers,
     )
 
@@ -136,18 +140,18 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     """By 23 degrees and 50 mm, for which the leg was refused."""
     study = real_study(name)
     static = study.static.recording
-    at = [static.labels.index(label) for label in KNOCKED[name]]
-    middle = static.markers[:, at].mean(axis=(0, 1))
-    turn = Rotation.from_euler("y", 23.0, degrees=True).as_matrix()
+    columns = [static.labels.index(label) for label in KNOCKED[name]]
+    middle = static.markers[:, columns].mean(axis=(0, 1))
+    rotation = Rotation.from_euler("y", 23.0, degrees=True).as_matrix()
     markers = static.markers.copy()
-    markers[:, at] = (markers[:, at] - middle) @ turn.T + middle + [0.03, -0.04, 0.0]
+    markers[:, columns] = (markers[:, columns] - middle) @ rotation.T + middle + [0.03, -0.04, 0.0]
     spoilt = with_trial(study, study.static.name, lambda r: replace(r, markers=markers))
     (found,) = findings(spoilt, code=Code.CLUSTER_SLID)
-    assert found.severity is Severity.INFO and "which the error bars count" in found.found
+    check_finding(found, Code.CLUSTER_SLID, Severity.INFO, *KNOCKED[name])
     assert serious(spoilt) == []
-    of = preprocess_study(spoilt)
-    placed, (one,) = of.study, of.placed
-    away = (placed.static.recording.markers - static.markers)[:, at]
+    prepared = preprocess_study(spoilt)
+    placed, (one,) = prepared.study, prepared.placed
+    away = (placed.static.recording.markers - static.markers)[:, columns]
     assert np.linalg.norm(away, axis=2).max() < PLACED_M < one.shift_spread
     assert {name for name in placed.loosened if "hip_r" in name} == {
         f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")
