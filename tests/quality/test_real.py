@@ -27,8 +27,8 @@ def test_no_error_no_warning_and_the_known_notes(
     found = check_study(real_study(name))
     assert [f.line for f in found if f.severity is not Severity.INFO] == []
     for where, topic, words in NOTED.get(name, []):
-        told = [f.evidence for f in found if (f.where, f.topic) == (where, topic)]
-        assert any(words in text for text in told), told
+        reported = [f.evidence for f in found if (f.where, f.topic) == (where, topic)]
+        assert any(words in text for text in reported), reported
 
 
 def test_unreadable_files_are_findings(data_dir: Path, tmp_path: Path) -> None:
