@@ -335,7 +335,9 @@ def test_fault_is_found_and_nothing_else(name: str, sound: Study) -> None:
 def test_empty_column_counts_as_absent_label(
     sound: Study, starts: tuple[str, ...], severity: Severity
 ) -> None:
-    """A label template names markers that were not worn: only a segment without markers is an error."""
+    """A label template names markers that were not worn: only a segment without markers is an
+    error.
+    """
 
     def emptied(r: Recording) -> Recording:
         columns = [k for k, label in enumerate(r.labels) if label.startswith(starts)]
@@ -368,7 +370,9 @@ def test_one_recording_as_two_trials(sound: Study) -> None:
 
 
 def test_segment_held_still_is_not_frozen(sound: Study) -> None:
-    """As in synthetic functional trials: one coordinate is constant, the others change by rounding."""
+    """As in synthetic functional trials: one coordinate is constant, the others change by
+    rounding.
+    """
     rounding = 1e-8 * np.arange(1200)[:, None] * [0.0, 1.0, 1.0]
     assert (
         findings(

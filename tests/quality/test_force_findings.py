@@ -241,7 +241,9 @@ def test_lever_fault_must_explain_more_with_missing_samples(
 
 
 def test_fault_with_doubtful_leg_must_explain_half(monkeypatch: pytest.MonkeyPatch) -> None:
-    """18 to 27 %: the effect of a foot without toe, or of thighs and shanks with one marker, in a walk."""
+    """18 to 27 %: the effect of a foot without toe, or of thighs and shanks with one marker, in a
+    walk.
+    """
     evidence = replace(exact_walk().evidence(), doubtful=True)
     (gain,) = [c for c in list_causes([evidence]) if c.kind is ForceFault.GAIN and not c.plates][:1]
     fit = ForceFit(

@@ -1,4 +1,6 @@
-"""Markers that are metres away, missing for a while, or single on their segment; gaps are no swaps."""
+"""Markers that are metres away, missing for a while, or single on their segment; gaps are no
+swaps.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -63,7 +65,9 @@ def test_gaps_of_real_walks_are_no_displacement_with_any_weights(
 
 
 def test_arms_rotating_under_soft_tissue_are_not_reported(real_study: RealStudies) -> None:
-    """In `knee_r` of functional_c3d both elbows' epicondyles are 90 deg from their static position."""
+    """In `knee_r` of functional_c3d both elbows' epicondyles are 90 deg from their static
+    position.
+    """
     study = real_study("functional_c3d")
     (trial,) = [t for t in study.trials if t.name == "knee_r"]
     found = check_swapped_labels(evidence(study, trial, nominal_of(study)))
@@ -105,7 +109,9 @@ def test_single_frames_without_pelvis_need_no_remedy(sound: Study) -> None:
 
 
 def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
-    """47 % without three pelvis markers were fitted for minutes, with angles of thousands of degrees."""
+    """47 % without three pelvis markers were fitted for minutes, with angles of thousands of
+    degrees.
+    """
     lost = without_pelvis(sound, lambda t, k: 0.1 < t < 0.34 or t > 0.79 or k % 12 == 5)
     study = with_trial(sound, "walk", lost)
     cut, bridged = pelvis_found(study)

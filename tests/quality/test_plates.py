@@ -1,4 +1,6 @@
-"""Forces against motion: signs, positions, gain and mass, free moments, and the foot on each plate."""
+"""Forces against motion: signs, positions, gain and mass, free moments, and the foot on each
+plate.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -317,7 +317,9 @@ def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, lab
 
 
 def test_displaced_marker_does_not_blame_two_others(trials: dict[str, TrialEvidence]) -> None:
-    """Three markers on a foot, one displaced: swapping the others may halve the error but is wrong."""
+    """Three markers on a foot, one displaced: swapping the others may halve the error but is
+    wrong.
+    """
     trio = ("R.Heel", "R.Midfoot.Sup", "R.Toe.Tip")
     walk, rng = trials["walk"], np.random.default_rng(7)
     few = without(*set(walk.templates["foot_r"][0]) - set(trio))(walk.recording)

@@ -268,7 +268,9 @@ def test_posture_is_reported_and_no_landmark_blamed(
 def test_unusual_leg_length_is_reported(
     sound: Study, share: float, severity: Severity | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Legs of one person in twelve, in fifty, in three thousand, while other lengths fit the height."""
+    """Legs of one person in twelve, in fifty, in three thousand, while other lengths fit the
+    height.
+    """
     trial = evidence(sound, sound.static)
     monkeypatch.setattr(
         "gaitcal.quality.static_landmarks.measure_hip_height", lambda t: share * t.subject.height
