@@ -95,7 +95,7 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
     weighed = any(trial.weight(outlier.label) > NEGLIGIBLE_WEIGHT for outlier in trial.outliers)
     yield trial.finding(
         Severity.WARNING if weighed else Severity.INFO,
-        "strays",
+        "stray markers",
         listed([outlier.words for outlier in trial.outliers]),
         "these samples are left out; relabel the trial if they are needed",
         cause=f"{names} {'is' if len(trial.outliers) == 1 else 'are'} metres away from the body",
@@ -568,7 +568,7 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
         cure = "relabel the static trial, or set the weight of the marker to 0"
         cause = "markers are not at their segments"
         yield trial.error(
-            "marker places", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE
+            "marker positions", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE
         )
 
 

@@ -174,7 +174,7 @@ CASES = {
         moved(FRONT, held),
         0.3,
         0.49,
-        others=["left its place", "jumps"],
+        others=["displaced markers", "jumps"],
     ),
     "flat": case(
         Code.CONSTANT_COORDINATE,
@@ -187,7 +187,7 @@ CASES = {
     "exchanged a while": case(
         Code.EXCHANGED_BACK,
         INFO,
-        "exchanged",
+        "swapped labels",
         swapped(FRONT, REAR, WHILE),
         FRONT,
         REAR,
@@ -196,19 +196,19 @@ CASES = {
         0.45,
     ),
     "in another's place": case(
-        Code.EXCHANGED_LABELS, ERROR, "exchanged", taken(REAR, SHANK, WHILE), REAR, SHANK
+        Code.EXCHANGED_LABELS, ERROR, "swapped labels", taken(REAR, SHANK, WHILE), REAR, SHANK
     ),
     "exchanged across": case(
         Code.EXCHANGED_BACK,
         INFO,
-        "exchanged",
+        "swapped labels",
         swapped(SHANK, LEFT_SHANK, WHILE),
         SHANK,
         LEFT_SHANK,
         40,
     ),
     "exchanged for good": case(
-        Code.EXCHANGED_LABELS, ERROR, "exchanged", swapped(FRONT, SHANK), 208
+        Code.EXCHANGED_LABELS, ERROR, "swapped labels", swapped(FRONT, SHANK), 208
     ),
     "sides exchanged": case(
         Code.SIDES_EXCHANGED, ERROR, "sides", mirrored, "R.Thigh.Upper", others=["forces"]

@@ -304,7 +304,7 @@ def test_displaced_plates_of_a_treadmill(treadmill: TrialEvidence) -> None:
     [
         ("time", "clocks differ", []),
         ("plates", "plate 2: saturated", ["r"]),
-        ("left its place", "marker '{heel}'", ["l"]),
+        ("displaced markers", "marker '{heel}'", ["l"]),
     ],
 )
 def test_one_fault_gives_one_finding(

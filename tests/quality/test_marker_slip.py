@@ -15,7 +15,7 @@ from tests.quality.spoilt import Array, Change, findings, moved, put, recording_
 
 def find_displaced(study: Study, change: Change, label: str = "R.Heel") -> list[Finding]:
     """Find displacements of this marker, and no other, in a walk."""
-    found = findings(with_trial(study, "walk", change), "left its place")
+    found = findings(with_trial(study, "walk", change), "displaced markers")
     assert all(f"'{label}'" in f.cause and f.where == "walk" for f in found) and len(found) <= 1
     return found
 

@@ -127,7 +127,7 @@ def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
 @pytest.mark.parametrize("label", ["L.Heel", "R.Wrist.Lat"])
 def test_marker_two_metres_off_is_left_out_throughout(sound: Study, label: str) -> None:
     spoilt = with_trial(sound, "walk", moved(label, lambda x: x + [0.0, 2.0, 0.0]))
-    (reported,) = findings(spoilt, "strays")
+    (reported,) = findings(spoilt, "stray markers")
     check_finding(reported, Code.STRAY_MARKER, Severity.WARNING, label, 208, 0.0, 1.03)
     fitted = prepare_trial(
         preprocess_study(spoilt).clean.trials[1], nominal_of(spoilt), spoilt.settings
@@ -143,7 +143,7 @@ def test_stray_samples_are_left_out_there_only(sound: Study) -> None:
     gone = ~np.isfinite(kept.markers[:, kept.labels.index("R.Thigh.Front")]).all(axis=1)
     assert np.flatnonzero(gone).tolist() == list(range(50, 60))
     assert [(s.label, s.frames) for s in strays] == [("R.Thigh.Front", 10)]
-    assert any("0.25-0.29 s" in f.found for f in findings(spoilt, "strays"))
+    assert any("0.25-0.29 s" in f.found for f in findings(spoilt, "stray markers"))
 
 
 def test_stray_marker_of_the_static_trial_is_not_in_the_model(sound: Study) -> None:
@@ -152,7 +152,7 @@ def test_stray_marker_of_the_static_trial_is_not_in_the_model(sound: Study) -> N
         "R.Thigh.Front"
         not in nominal_of(replace(spoilt, weights={"R.Thigh.Front": 0.0})).markers.labels
     )
-    assert any(f.where == "static" for f in findings(spoilt, "strays"))
+    assert any(f.where == "static" for f in findings(spoilt, "stray markers"))
 
 
 CLOSE_DEG = 6.0

@@ -14,7 +14,11 @@ NOTED = {
     "pig_c3d": [("gait", "plate to foot", "left foot rests partly beside it (")],
     "uf3": [("ankle_r", "time", "CameraRate 100"), ("knee_r", "jumps", "the recording has a seam")],
     "functional_c3d": [
-        ("hip_r", "exchanged", "'RLFE' and 'RMFE' have swapped labels in 958 frames, 7.49-17.06 s")
+        (
+            "hip_r",
+            "swapped labels",
+            "'RLFE' and 'RMFE' have swapped labels in 958 frames, 7.49-17.06 s",
+        )
     ],
 }
 """Trial, topic, words of notes, facts that need no action, that are true of these recordings."""

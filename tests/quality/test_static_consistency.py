@@ -25,7 +25,7 @@ from tests.quality.spoilt import Change, moved, scaled, serious, swapped, with_t
 
 Array = NDArray[np.float64]
 
-BODY = ("one body", "body size", "left its place", "joint")
+BODY = ("one body", "body size", "displaced markers", "joint")
 SIZE_MM = 35.0
 """Well above the 8 to 10 mm of skin, whatever the direction."""
 ROUNDING = 1e-9
