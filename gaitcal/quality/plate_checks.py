@@ -13,8 +13,8 @@ weight times height, each whole step gives
     d = s (mean of T over LATE - mean of T over EARLY) / (W H)
 
 which is positive. Its mean x over the steps of each leg, and then over the legs with steps, is
-N(USUAL_MEAN, v) with v = PERSON_SD^2 + LEG_SD^2 / legs, and N(-USUAL_MEAN, v) if the sign is wrong. The evidence
-for a wrong sign is -2 USUAL_MEAN x / v nats.
+N(USUAL_MEAN, v) with v = PERSON_SD^2 + LEG_SD^2 / legs, and N(-USUAL_MEAN, v) if the sign is wrong.
+The evidence for a wrong sign is -2 USUAL_MEAN x / v nats.
 
 Mass: while every foot on the ground is on a plate, from ta to tb, the vertical force changes the
 momentum of the body: mean force = m (g + (v_b - v_a) / (t_b - t_a)). The velocity of the pelvis
@@ -81,10 +81,10 @@ LATE = (0.55, 0.95)
 USUAL_MEAN = 3.5e-3  # Usual d, of body weight times height
 PERSON_SD = 1.0e-3  # Its standard deviation between people
 LEG_SD = 1.8e-3
-"""Its standard deviation between legs of a person. Measured: straight walks of eight recorded people, four of them children: 1.9
-to 4.4 a person, 3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5 to 12.8 a step, 1.9 to 6.8 in the
-mean of both legs. Simulated: 0.6 and 2.1 on two people of OpenSim's, 7 to 9 where the body is made
-to walk without a residual."""
+"""Its standard deviation between legs of a person. Straight walks of eight recorded people, four
+of them children: 1.9 to 4.4 thousandths a person, 3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5
+to 12.8 a step, 1.9 to 6.8 in the mean of both legs. Simulated: 0.6 and 2.1 on two people of
+OpenSim's, 7 to 9 where the body is made to walk without a residual."""
 # Odds from which a wrong sign is reported: one laboratory in 100 has one, and at most one warning
 # in ten is to be false
 WRONG_SIGN_ODDS = 1000.0
