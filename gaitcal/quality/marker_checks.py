@@ -564,8 +564,8 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
             )
     if wrong:
         found = (
-            f"{listed(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than any "
-            "other"
+            f"{listed(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than "
+            "to any other segment"
         )
         cure = "relabel the static trial, or set the weight of the marker to 0"
         cause = "markers are not at their segments"

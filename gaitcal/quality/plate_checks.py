@@ -507,10 +507,10 @@ def check_step_loads(trial: TrialEvidence) -> Iterator[Finding]:
             share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
             if not (STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK):
                 found = (
-                    f"plate {plate.name}, {format_spans(plate.time, [run])}: mean {share:.2f} and peak "
-                    f"{peak:.2f} body "
+                    f"plate {plate.name}, {format_spans(plate.time, [run])}: mean {share:.2f} and "
+                    f"peak {peak:.2f} body weights of {trial.subject.mass:g} kg; usual in walking: "
+                    "0.8 and 1.1"
                 )
-                found += f"weights of {trial.subject.mass:g} kg; usual in walking: 0.8 and 1.1"
                 cure = "check mass_kg, the gain of the plate, and whether the whole foot was on it"
                 cause = f"forces of steps on plate {plate.name} do not match body weight"
                 yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)
