@@ -34,7 +34,7 @@ from gaitcal.preprocess.trial_evidence import TrialEvidence
 
 TOPIC = "plate to foot"
 PLATES_ELSEWHERE = "the positions of plates and markers do not match"
-DISORDERS_PRESSURE = ("units", "axes", "sides", "exchanged", "time", "forces")
+DISORDERS_PRESSURE = ("units", "axes", "sides", "swapped labels", "time", "forces")
 """Topics of warnings and errors whose causes displace centres of pressure from the feet."""
 FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)  # Height of a resting heel or toe marker above the centre of pressure

@@ -56,8 +56,9 @@ EXPLAINED_DOUBTFUL = 0.5
 """The same where markers do not determine the motion of a leg: its error is so explained to 27 %.
 Forces in kgf, a wrong sign or wrong axes explain more."""
 LEVER_FAULTS = (ForceFault.PLACE, ForceFault.TILT, ForceFault.MARKERS_TILTED)
-RIVAL_SHARE, RIVAL_BEHIND, MOST_BEHIND = 0.75, 3.0, 25.0
-"""A rival has 0.75 of the gain and is at most 25 nats behind, or is within 3 nats (odds of 20)."""
+RIVAL_SHARE = 0.75  # A rival has this share of the best gain,
+MOST_BEHIND = 25.0  # and is at most so many nats behind;
+RIVAL_BEHIND = 3.0  # or it is within so many nats (odds of 20)
 MOST_RIVALS = 3
 ODD_FACTORS: Mapping[ForceFault, ForceFault] = {
     ForceFault.FORCE_UNIT: ForceFault.GAIN,

@@ -46,7 +46,8 @@ LEAST_OTHERS = 0.5  # Standard deviations by which all other side evidence must 
 IN_TRIAL_DEG = 30.0
 """Clean recordings reach 26 deg at large knee flexion, as the soft tissue of the thigh rotates, and
 14 deg in walking."""
-AXIS_FLEXION, AXIS_RANGE = np.deg2rad(75.0), np.deg2rad(35.0)
+AXIS_FLEXION = np.deg2rad(75.0)
+AXIS_RANGE = np.deg2rad(35.0)
 AXIS_PERCENTILES = (5.0, 95.0)
 AXIS_FRAMES = 20
 """The knee axis is estimated below `AXIS_FLEXION` (rad), beyond which soft tissue slides much, from

@@ -61,18 +61,20 @@ SEGMENT_ENDS = (
 """Segment of a leg, and the landmarks at its ends."""
 # Largest distance from the segment in body heights; a marker on a wand adds some 0.05
 FARTHEST_SHARE = 0.14
-OFF_SEGMENT, NEARER_SHARE = 0.06, 0.4
-"""A marker of a thigh or shank farther than the first share of body height from its segment is
-misplaced if another of these is nearer by the second factor: on thirteen people the nearest such
-neighbour is 0.9 times as far as the marker's segment."""
+OFF_SEGMENT = 0.06  # Share of body height from which a marker of a thigh or shank may be misplaced
+NEARER_SHARE = 0.4
+"""It is misplaced if another of these segments is nearer by this factor: on thirteen people the
+nearest such neighbour is 0.9 times as far as the marker's segment."""
 ONE_MARKER = "one marker"
 TWO = 2  # Fewest markers of a segment whose adjacent joints determine the rest
 # Uncertainty from which an angle is not determined, in the worst tenth of the frames
 UNDETERMINED_RAD = np.deg2rad(12.0)
 WORST_SHARE = 0.9  # Quantile over frames
-FIXED_DISTANCE_M, BESIDE_JOINT_M, MOVES_M = 0.010, 0.015, 0.030
-"""Standard deviation of the distance to a marker of the same segment, and to one near its upper
-joint, at most; and to others, at least: if nothing moves, every distance is constant."""
+# Largest standard deviation of the distance to a marker of the same segment
+FIXED_DISTANCE_M = 0.010
+BESIDE_JOINT_M = 0.015  # The same to a marker near the proximal joint
+# Least standard deviation of the distance to others: if nothing moves, every distance is constant
+MOVES_M = 0.030
 COMMON_FRAMES = 20  # Fewest frames in which both markers are visible
 
 
@@ -95,7 +97,7 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
     weighed = any(trial.weight(outlier.label) > NEGLIGIBLE_WEIGHT for outlier in trial.outliers)
     yield trial.make_finding(
         Severity.WARNING if weighed else Severity.INFO,
-        "strays",
+        "stray markers",
         listed([outlier.description for outlier in trial.outliers]),
         "these samples are left out; relabel the trial if they are needed",
         cause=f"{names} {'is' if len(trial.outliers) == 1 else 'are'} metres away from the body",
@@ -572,13 +574,13 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
             )
     if wrong:
         found = (
-            f"{listed(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than any "
-            "other"
+            f"{listed(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than "
+            "to any other segment"
         )
         cure = "relabel the static trial, or set the weight of the marker to 0"
         cause = "markers are not at their segments"
         yield trial.error(
-            "marker places", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE
+            "marker positions", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE
         )
 
 

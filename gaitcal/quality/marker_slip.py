@@ -64,7 +64,7 @@ def check_displaced_markers(trial: TrialEvidence) -> Iterator[Finding]:
             )
         yield trial.make_finding(
             Severity.ERROR if any(_is_harmful(s, time) for s in of_marker) else Severity.WARNING,
-            "left its place",
+            "displaced markers",
             f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} "
             f"frames, {format_spans(time, frames)}",
             f"leave this interval out with time = [start, end], {cure}",

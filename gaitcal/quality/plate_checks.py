@@ -13,8 +13,8 @@ weight times height, each whole step gives
     d = s (mean of T over LATE - mean of T over EARLY) / (W H)
 
 which is positive. Its mean x over the steps of each leg, and then over the legs with steps, is
-N(MEAN, v) with v = PERSON^2 + LEG^2 / legs, and N(-MEAN, v) if the sign is wrong. The evidence
-for a wrong sign is -2 MEAN x / v nats.
+N(USUAL_MEAN, v) with v = PERSON_SD^2 + LEG_SD^2 / legs, and N(-USUAL_MEAN, v) if the sign is wrong.
+The evidence for a wrong sign is -2 USUAL_MEAN x / v nats.
 
 Mass: while every foot on the ground is on a plate, from ta to tb, the vertical force changes the
 momentum of the body: mean force = m (g + (v_b - v_a) / (t_b - t_a)). The velocity of the pelvis
@@ -57,9 +57,10 @@ OFFSET_N = 15.0  # Reading of an empty plate from which it is reported
 UNKNOWN_OFFSET_N = 20.0  # Reading of empty plates that were not zeroed, in real files
 CLIPPED = 5  # Consecutive samples at the same largest value: an amplifier at its limit
 CLIPPED_N = 200.0  # Least force that counts as saturated
-DEAD_N, DEAD_SAMPLES = 0.5, 20
-"""A horizontal force that changes by less (N) over so many loaded samples is not measured: noise
-alone changes more."""
+# A horizontal force that changes by less over so many loaded samples is not measured: noise alone
+# changes more
+DEAD_N = 0.5
+DEAD_SAMPLES = 20
 # Median ratio of horizontal to vertical force under load from which axes are doubted; walking has
 # 0.1 to 0.2
 MAX_HORIZONTAL_RATIO = 0.5
@@ -74,13 +75,16 @@ BESIDE_M = 0.025
 """Least distance of the centres of pressure of both feet to one side; on real walks they are 13 to
 22 mm beside the line from heel to toe, on either side."""
 LOADED_SHARE = 0.5  # Of body weight: a foot that carries as much is flat
-EARLY, LATE = (0.10, 0.40), (0.55, 0.95)
-"""Parts of a step; impact and lift-off, whose centres of pressure are uncertain, are left out."""
-MEAN, PERSON, LEG = 3.5e-3, 1.0e-3, 1.8e-3
-"""Of body weight times height. Straight walks of eight recorded people, four of them children: 1.9
-to 4.4 a person, 3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5 to 12.8 a step, 1.9 to 6.8 in the
-mean of both legs. Simulated: 0.6 and 2.1 on two people of OpenSim's, 7 to 9 where the body is made
-to walk without a residual."""
+# Parts of a step; impact and lift-off, whose centres of pressure are uncertain, are left out
+EARLY = (0.10, 0.40)
+LATE = (0.55, 0.95)
+USUAL_MEAN = 3.5e-3  # Usual d, of body weight times height
+PERSON_SD = 1.0e-3  # Its standard deviation between people
+LEG_SD = 1.8e-3
+"""Its standard deviation between legs of a person. Straight walks of eight recorded people, four
+of them children: 1.9 to 4.4 thousandths a person, 3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5
+to 12.8 a step, 1.9 to 6.8 in the mean of both legs. Simulated: 0.6 and 2.1 on two people of
+OpenSim's, 7 to 9 where the body is made to walk without a residual."""
 # Odds from which a wrong sign is reported: one laboratory in 100 has one, and at most one warning
 # in ten is to be false
 WRONG_SIGN_ODDS = 1000.0
@@ -448,7 +452,7 @@ def check_free_moment_sign(trial: TrialEvidence) -> Iterator[Finding]:
         return
     # the mean of each leg counts alike, however many steps it has
     mean = float(np.mean([np.mean(found) for found in of_leg.values()]))
-    evidence = -2.0 * MEAN * mean / (PERSON**2 + LEG**2 / len(of_leg))
+    evidence = -2.0 * USUAL_MEAN * mean / (PERSON_SD**2 + LEG_SD**2 / len(of_leg))
     if evidence < np.log(WRONG_SIGN_ODDS) or any(check_horizontal_signs(trial)):
         # a reversal of horizontal forces is reported there, and may reverse the moment as well
         return
@@ -456,7 +460,7 @@ def check_free_moment_sign(trial: TrialEvidence) -> Iterator[Finding]:
         "forces",
         f"in {sum(map(len, of_leg.values()))} whole steps the free moment rotates the foot first "
         f"inward and then outward, by {-1e3 * mean:.1f} thousandths of body weight times height; "
-        f"usual: first outward and then inward, by {1e3 * MEAN:.1f}",
+        f"usual: first outward and then inward, by {1e3 * USUAL_MEAN:.1f}",
         "change the sign of the moment about the vertical, or check its reference point and axis",
         cause="the free moment of all plates has the wrong sign",
         code=Code.FREE_MOMENT,
@@ -505,10 +509,10 @@ def check_step_loads(trial: TrialEvidence) -> Iterator[Finding]:
             share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
             if not (STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK):
                 found = (
-                    f"plate {plate.name}, {format_spans(plate.time, [run])}: mean {share:.2f} and peak "
-                    f"{peak:.2f} body "
+                    f"plate {plate.name}, {format_spans(plate.time, [run])}: mean {share:.2f} and "
+                    f"peak {peak:.2f} body weights of {trial.subject.mass:g} kg; usual in walking: "
+                    "0.8 and 1.1"
                 )
-                found += f"weights of {trial.subject.mass:g} kg; usual in walking: 0.8 and 1.1"
                 cure = "check mass_kg, the gain of the plate, and whether the whole foot was on it"
                 cause = f"forces of steps on plate {plate.name} do not match body weight"
                 yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)

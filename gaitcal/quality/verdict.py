@@ -23,9 +23,9 @@ from gaitcal.model.linkage import SIDE_WORDS, SIDES
 SHOWN = 3
 """Number of pieces of evidence in a reason; the number of further ones is added."""
 SPOILS = {
-    "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
-    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
-    "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
+    "landmarks": ("static trial", "posture", "sides", "axes", "marker positions"),
+    "axes": ("sides", "swapped labels", "heading", "plate to foot", "plates", "time", "joint"),
+    "sides": ("swapped labels", "heading", "plate to foot", "plates", "joint"),
 }
 """Topic of an error with known cause -> topics of the same trial that follow from it."""
 SPOILS_BODY = ("units", "axes", "sides", "landmarks")
@@ -34,7 +34,7 @@ FORCE_TOPICS = ("forces", "plates", "plate to foot", "body mass")
 """Topics of faults of forces, which were not used to find joints."""
 FORCES, JOINT_POSITIONS, BOUNDS, MARKERS_AFTER_FIT = (
     "forces",
-    "joint places",
+    "joint positions",
     "physical bounds",
     "markers after the fit",
 )

@@ -78,9 +78,7 @@ def findings(
     cause: str = "",
     code: Code | None = None,
 ) -> list[Finding]:
-    """What the checks find: of a topic, as serious as that, with these words in its cause, of a
-    code.
-    """
+    """Find findings of a topic, severity, cause text and code."""
     wanted = {"topic": topic or None, "severity": severity, "code": code}
     found = [f for f in check_study(study) if cause in f.cause]
     return [
@@ -91,7 +89,7 @@ def findings(
 
 
 def serious(study: Study) -> list[Finding]:
-    """What the checks find beside notes."""
+    """Find warnings and errors."""
     return [f for f in check_study(study) if f.severity is not Severity.INFO]
 
 
@@ -100,7 +98,7 @@ def recording_of(study: Study, name: str = "walk") -> Recording:
 
 
 def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> TrialEvidence:
-    """What the checks see of one trial."""
+    """Build the evidence of one trial, as the checks use it."""
     marker_set = study.marker_set.with_weights(study.weights)
     return TrialEvidence(
         trial=clean_trial(trial, marker_set.segment_of, marker_set.noise),
@@ -112,7 +110,7 @@ def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> T
 
 
 def drafted(folder: Path) -> Study:
-    """The study that is drafted from a real folder."""
+    """Draft the study of a real folder."""
     return build_study(draft_folder(read_folder(folder), Options(sex="female")))
 
 
@@ -129,7 +127,7 @@ def moved(label: str, change: Callable[[Array], Array]) -> Change:
 
 
 def swapped(a: str, b: str, frames: slice = slice(None)) -> Change:
-    """Two labels exchanged in some frames."""
+    """Two labels swapped in some frames."""
     return put_into(a, b, frames, back=True)
 
 
@@ -150,12 +148,12 @@ def put_into(a: str, b: str, frames: slice = slice(None), *, back: bool = False)
 
 
 def taken(a: str, b: str, frames: slice) -> Change:
-    """The label `a` in the place of `b`, which is not seen meanwhile."""
+    """The label `a` at the position of `b`, which is not visible meanwhile."""
     return lambda r: gone(frames, b)(put_into(a, b, frames)(r))
 
 
 def relabelled(old: str, new: str) -> Change:
-    """One label spelt otherwise."""
+    """One label spelt differently."""
     return lambda r: replace(r, labels=tuple(new if label == old else label for label in r.labels))
 
 
@@ -182,7 +180,7 @@ def times(factor: float) -> Callable[[ForcePlate], ForcePlate]:
 
 
 def backwards(recording: Recording) -> Recording:
-    """From the end to the beginning: a body that walks backwards, and turns its feet the other way."""
+    """Reverse the frames: the body walks backwards, with feet rotated accordingly."""
     reverse = plates(
         lambda p: replace(p, force=p.force[::-1], point=p.point[::-1], moment=p.moment[::-1])
     )

@@ -1,6 +1,4 @@
-"""What a finished fit says: what no body can do is refused, leg by leg; residuals with structure
-are named.
-"""
+"""Post-fit checks: physical limits, leg by leg, and markers whose residuals have structure."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -71,7 +69,7 @@ def shifted(motion: Motion, coordinate: str, degrees: float) -> Motion:
     return replace(motion, coefficients=coefficients)
 
 
-def test_walking_is_possible() -> None:
+def test_walking_is_within_physical_limits() -> None:
     walk = walking()
     assert check_physical_limits(walk, WEIGHT, loads(walk), all_of(walk)) == ()
 
@@ -157,7 +155,7 @@ SEGMENTS = ("foot_r", "foot_r", "foot_r", "upper_arm_r", "forearm_hand_r")
 
 
 def tracked(seed: int = 0) -> TrackedMarkers:
-    """Markers on their ways with 8 mm of slow skin, 80 mm on the arm, all as a fit leaves them."""
+    """Markers with 8 mm of slow soft tissue motion, 80 mm on the arm, as after a fit."""
     rng = np.random.default_rng(seed)
     time = np.arange(200) / 100.0
     model = np.cumsum(rng.normal(size=(1, 5, 3)), axis=0) + 1.3 * time[:, None, None] * [
@@ -187,13 +185,13 @@ def changed(markers: TrackedMarkers, k: int, frames: slice, path: Array) -> Trac
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_slow_skin_and_a_crude_arm_are_not_told(seed: int) -> None:
+def test_slow_soft_tissue_and_arms_are_not_reported(seed: int) -> None:
     assert check_tracked_markers(tracked(seed)) == ()
 
 
 @pytest.mark.parametrize("k", [0, 2, 3, 4])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_marker_elsewhere_is_named_with_its_time(seed: int, k: int) -> None:
+def test_displaced_marker_is_named_with_its_time(seed: int, k: int) -> None:
     sound = tracked(seed)
     start = int(np.random.default_rng(seed).integers(20, 150))
     frames = slice(start, start + 30)
@@ -206,7 +204,7 @@ def test_a_marker_elsewhere_is_named_with_its_time(seed: int, k: int) -> None:
     assert found.leg == ("r" if k < 3 else "")
 
 
-def test_a_held_marker_and_a_straight_line() -> None:
+def test_constant_and_straight_paths_are_interpolated() -> None:
     sound = tracked(1)
     frames = slice(60, 100)
     for end in (60, 100):
@@ -218,7 +216,7 @@ def test_a_held_marker_and_a_straight_line() -> None:
         check_finding(found, Code.MARKER_AWAY, Severity.ERROR, "R.Toe")
 
 
-def test_two_markers_that_swap_are_told_once() -> None:
+def test_swapped_markers_give_one_finding() -> None:
     sound = tracked(2)
     frames = slice(80, 121)
     swapped = changed(sound, 0, frames, sound.measured[frames, 4])
@@ -228,7 +226,7 @@ def test_two_markers_that_swap_are_told_once() -> None:
     check_finding(found, Code.EXCHANGED_LABELS, Severity.ERROR)
 
 
-def test_a_marker_far_off_throughout() -> None:
+def test_marker_displaced_throughout() -> None:
     sound = tracked(3)
     (found,) = check_tracked_markers(
         changed(sound, 2, slice(None), sound.measured[:, 2] + [0.0, 0.0, 0.09])
@@ -237,7 +235,7 @@ def test_a_marker_far_off_throughout() -> None:
     check_finding(found, Code.MARKER_OFF_STATIC, Severity.ERROR, 0.0, 1.99)
 
 
-def test_what_has_no_weight_is_left_out() -> None:
+def test_markers_without_weight_are_skipped() -> None:
     sound = tracked(4)
     spoilt = changed(sound, 0, slice(50, 90), sound.measured[50:90, 0] + [0.0, 0.15, 0.0])
     assert len(check_tracked_markers(spoilt)) == 1
@@ -247,9 +245,7 @@ def test_what_has_no_weight_is_left_out() -> None:
     )
 
 
-def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_bears_no_leg() -> (
-    None
-):
+def test_impossible_functional_trial_is_left_out_with_a_warning_without_leg() -> None:
     walk, other = walking(), bent(walking(), len(walking().coefficients) // 2, 600.0)
     trials = [
         SimpleNamespace(name="hip_l", joint="hip_l", motion=other),

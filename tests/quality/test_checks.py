@@ -1,6 +1,4 @@
-"""Each check finds the fault it is about, tells it with numbers, and says nothing about a sound
-study.
-"""
+"""Each check finds its fault, reports numbers, and finds nothing in a sound study."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -42,13 +40,13 @@ from tests.quality.spoilt import (
 ERROR, WARNING, INFO = Severity.ERROR, Severity.WARNING, Severity.INFO
 
 
-def test_sound_study_has_only_facts(sound: Study) -> None:
+def test_sound_study_has_only_notes(sound: Study) -> None:
     assert serious(sound) == []
 
 
 @dataclass(frozen=True)
 class Case:
-    """A fault of one trial, and the finding that it is; `parts`: names and numbers in it."""
+    """A fault of one trial and its finding; `parts`: names and numbers in it."""
 
     code: Code
     severity: Severity
@@ -57,7 +55,7 @@ class Case:
     parts: tuple[str | float, ...]
     trial: str
     serious: set[str]
-    """Topics of all that is told beside notes."""
+    """Topics of all that is reported beside notes."""
 
 
 def case(
@@ -94,7 +92,7 @@ def of_plate_1(change: Callable[[ForcePlate], Array]) -> Change:
 
 
 def later(p: ForcePlate, seconds: float = 0.15) -> ForcePlate:
-    """The plate's signal later on the same clock."""
+    """The plate's signal later on the same time axis."""
     shift = round(seconds / float(p.time[1] - p.time[0]))
     return replace(
         p, **{name: np.roll(getattr(p, name), shift, 0) for name in ("force", "point", "moment")}
@@ -176,7 +174,7 @@ CASES = {
         moved(FRONT, held),
         0.3,
         0.49,
-        others=["left its place", "jumps"],
+        others=["displaced markers", "jumps"],
     ),
     "flat": case(
         Code.CONSTANT_COORDINATE,
@@ -189,7 +187,7 @@ CASES = {
     "exchanged a while": case(
         Code.EXCHANGED_BACK,
         INFO,
-        "exchanged",
+        "swapped labels",
         swapped(FRONT, REAR, WHILE),
         FRONT,
         REAR,
@@ -198,19 +196,19 @@ CASES = {
         0.45,
     ),
     "in another's place": case(
-        Code.EXCHANGED_LABELS, ERROR, "exchanged", taken(REAR, SHANK, WHILE), REAR, SHANK
+        Code.EXCHANGED_LABELS, ERROR, "swapped labels", taken(REAR, SHANK, WHILE), REAR, SHANK
     ),
     "exchanged across": case(
         Code.EXCHANGED_BACK,
         INFO,
-        "exchanged",
+        "swapped labels",
         swapped(SHANK, LEFT_SHANK, WHILE),
         SHANK,
         LEFT_SHANK,
         40,
     ),
     "exchanged for good": case(
-        Code.EXCHANGED_LABELS, ERROR, "exchanged", swapped(FRONT, SHANK), 208
+        Code.EXCHANGED_LABELS, ERROR, "swapped labels", swapped(FRONT, SHANK), 208
     ),
     "sides exchanged": case(
         Code.SIDES_EXCHANGED, ERROR, "sides", mirrored, "R.Thigh.Upper", others=["forces"]
@@ -304,7 +302,7 @@ CASES = {
         "plate to foot",
         plates(lambda p: replace(p, point=p.point + [0, 0, 0.8]), 1),
     ),
-    "plate told in words": case(
+    "plate reported in words": case(
         Code.PLATE_DESCRIPTION,
         WARNING,
         "plates",
@@ -334,10 +332,10 @@ def test_fault_is_found_and_nothing_else(name: str, sound: Study) -> None:
         (("L.Shank", "L.Ankle"), ERROR),
     ],
 )
-def test_an_empty_column_is_no_more_than_an_absent_label(
+def test_empty_column_counts_as_absent_label(
     sound: Study, starts: tuple[str, ...], severity: Severity
 ) -> None:
-    """A template of labels names markers that nobody wore: only what loses all its markers is an
+    """A label template names markers that were not worn: only a segment without markers is an
     error.
     """
 
@@ -349,9 +347,7 @@ def test_an_empty_column_is_no_more_than_an_absent_label(
     assert [f.severity for f in found if f.code is Code.NEVER_SEEN] == [severity]
 
 
-def test_feet_that_do_not_stand_as_the_file_says_are_told_unless_the_study_decides(
-    sound: Study,
-) -> None:
+def test_feet_that_contradict_the_file_are_reported_unless_the_study_decides(sound: Study) -> None:
     def forefeet(r: Recording) -> Recording:
         return replace(r, facts=replace(r.facts, static_plantarflexion={"r": -0.15, "l": -0.15}))
 
@@ -363,19 +359,19 @@ def test_feet_that_do_not_stand_as_the_file_says_are_told_unless_the_study_decid
 
 
 def test_one_recording_as_two_trials(sound: Study) -> None:
-    def told(recording: Recording) -> list[Finding]:
+    def reported(recording: Recording) -> list[Finding]:
         again = replace(sound.trials[1], name="walk2", recording=recording)
         return findings(replace(sound, trials=(*sound.trials, again)), "trials")
 
     copy = replace(recording_of(sound), source="copy.csv", plates=())
-    (found,) = told(copy)
+    (found,) = reported(copy)
     check_finding(found, Code.SAME_RECORDING, ERROR, "walk", 208, where="walk2")
-    assert told(replace(copy, time=copy.time[10:], markers=copy.markers[10:])) == []
+    assert reported(replace(copy, time=copy.time[10:], markers=copy.markers[10:])) == []
 
 
-def test_a_segment_held_still_by_its_maker_is_not_frozen(sound: Study) -> None:
-    """As the synthetic isolated trials hold a segment: one coordinate without a change, the others
-    by rounding.
+def test_segment_held_still_is_not_frozen(sound: Study) -> None:
+    """As in synthetic functional trials: one coordinate is constant, the others change by
+    rounding.
     """
     rounding = 1e-8 * np.arange(1200)[:, None] * [0.0, 1.0, 1.0]
     assert (
@@ -404,10 +400,8 @@ def test_a_segment_held_still_by_its_maker_is_not_frozen(sound: Study) -> None:
         gone(slice(70, None), "R.ASIS"),
     ],
 )
-def test_an_isolated_trial_answers_for_its_joint_alone(sound: Study, spoil: Change) -> None:
-    """The joint is fitted by thigh and shank: what is wrong elsewhere spoils nothing; in the walk
-    it does.
-    """
+def test_functional_trial_is_checked_for_its_joint_only(sound: Study, spoil: Change) -> None:
+    """Thigh and shank determine the joint: other faults have no effect; in the walk they have."""
     assert serious(with_trial(sound, "knee_r", spoil)) == []
     notes = {f.line for f in check_study(sound)}
     assert [f for f in check_study(with_trial(sound, "walk", spoil)) if f.line not in notes]

@@ -18,9 +18,7 @@ def study(tmp_path: Path) -> Path:
 
 
 def spoil(study: Path, sides: str = "R") -> None:
-    """The trajectories of two markers in two segments of a leg under each other's label, all the
-    time.
-    """
+    """Swap two markers of two segments of a leg throughout."""
     table = pd.read_csv(study.parent / "walk.csv")
     swap = [(f"{s}.{one}", f"{s}.{other}") for s in sides for one, other in (PAIR, PAIR[::-1])]
     names = {f"{a}_{axis}": f"{b}_{axis}" for a, b in swap for axis in "xyz"}
@@ -46,9 +44,7 @@ def test_table_of_errors(study: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(
-    study: Path, tmp_path: Path
-) -> None:
+def test_refused_walk_is_left_out_of_the_study(study: Path, tmp_path: Path) -> None:
     sound = (study.parent / "walk.csv").read_bytes()
     spoil(study, "RL")
     (study.parent / "again.csv").write_bytes(sound)
@@ -62,13 +58,13 @@ def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(
     assert done.returncode == 0, done
     _, after = done.stdout.split("verdict:")  # where readers end
     assert "R.Thigh.Front" in after
-    told = json.loads((tmp_path / "result" / "summary.json").read_text(encoding="utf-8"))
-    assert "again" in told["trials"] and "walk" not in told["trials"]
-    assert any("'walk'" in note for note in told["notes"])
+    reported = json.loads((tmp_path / "result" / "summary.json").read_text(encoding="utf-8"))
+    assert "again" in reported["trials"] and "walk" not in reported["trials"]
+    assert any("'walk'" in note for note in reported["notes"])
 
 
 @pytest.mark.slow
-def test_force_goes_on_and_says_so(study: Path, tmp_path: Path) -> None:
+def test_force_continues_with_a_note(study: Path, tmp_path: Path) -> None:
     spoil(study, "RL")  # what is wrong with one leg alone would leave the other
     with study.open("a", encoding="utf-8") as stream:
         stream.write("jp = false\n")  # under such data joints would be sought for a minute
@@ -77,8 +73,8 @@ def test_force_goes_on_and_says_so(study: Path, tmp_path: Path) -> None:
     assert not result.exists()
     done = gaitcal("calibrate", study, "--out", result, "--force")
     assert done.returncode in (0, 3), "such data may not converge"
-    told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
-    assert (told["verdict"], told["forced"]) == ("refused", True)
-    assert any("R.Thigh.Front" in w for w in told["warnings"])
+    reported = json.loads((result / "summary.json").read_text(encoding="utf-8"))
+    assert (reported["verdict"], reported["forced"]) == ("refused", True)
+    assert any("R.Thigh.Front" in w for w in reported["warnings"])
     page = (result / "result.html").read_text(encoding="utf-8")
     assert "--force" in done.stdout and "--force" in page

@@ -1,4 +1,4 @@
-"""Centres of pressure outside of the feet: accused where they are, by frame, and nowhere else."""
+"""Centres of pressure outside the feet are reported, by frame, and only there."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -46,8 +46,8 @@ def evidence(recording: Recording, plates: dict[str, str] | None = None) -> Tria
     )
 
 
-def told(trial: TrialEvidence) -> list[Finding]:
-    """What is said of centres of pressure, with nothing else found."""
+def find_pressure_faults(trial: TrialEvidence) -> list[Finding]:
+    """Find faults of centres of pressure, with no other findings."""
     return list(check_pressure_outside_sole(trial, ()))
 
 
@@ -67,8 +67,8 @@ def divided_walk() -> Recording:
 
 @pytest.mark.parametrize("corners", [False, True])
 @pytest.mark.parametrize("named", [False, True])
-def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, corners: bool) -> None:
-    """With and without the plates' outlines, and the feet that stand on them."""
+def test_divided_total_force_is_reported(named: bool, corners: bool) -> None:
+    """With and without plate corners, and with and without named feet."""
     recording = divided_walk()
     if corners:
         own = zip(recording.plates, (0.0, -0.6), strict=True)
@@ -77,7 +77,7 @@ def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, cor
             plates=tuple(replace(p, corners=outline(-0.7, 1.9, z, z + 0.6)) for p, z in own),
         )
     trial = evidence(recording, {"1": "r", "2": "l"} if named else None)
-    (found,) = told(trial)
+    (found,) = find_pressure_faults(trial)
     assert (found.severity, found.leg, found.cause) == (
         Severity.WARNING,
         "",
@@ -88,10 +88,8 @@ def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, cor
 
 
 @pytest.mark.parametrize("every", [0.5, 1.0])
-def test_a_total_on_both_plates_throughout_is_told_once(every: float) -> None:
-    """Half of it, or all, on each: far from both feet most of the time, which `contacts` does not
-    tell again.
-    """
+def test_total_force_on_both_plates_gives_one_finding(every: float) -> None:
+    """Half of it, or all, on each: far from both feet most of the time, which is not repeated."""
     recording = divided_walk()
     total = np.sum([resample_wrench(p, recording.time) for p in recording.plates], axis=0) * every
     both = [
@@ -101,7 +99,7 @@ def test_a_total_on_both_plates_throughout_is_told_once(every: float) -> None:
         for name in "12"
     ]
     trial = evidence(replace(recording, plates=tuple(both)))
-    (found,) = told(trial)
+    (found,) = find_pressure_faults(trial)
     assert found.cause.startswith(DIVIDED) and "0.00-1.03 s" in found.found
     assert [
         f
@@ -146,7 +144,7 @@ def pressed(path: Array, load: Array, name: str = "1", corners: Array | None = N
 
 
 def edge_of(recording: Recording, foot: int = 0) -> Array:
-    """(m, 2) m, the edge of a sole of somebody who stands."""
+    """(m, 2) m, the edge of a sole of a standing person."""
     feet = Feet(recording.time, evidence(recording).landmark).build_points(HEIGHT)
     return compute_sole_edge(feet, foot, slice(0, 1))[0]
 
@@ -158,20 +156,22 @@ weights = st.lists(st.floats(0.01, 1.0), min_size=12, max_size=12)
 
 @settings(max_examples=25)
 @given(weights, weights, st.floats(0.0, 2.0 * np.pi), st.floats(0.0, 2.0 * np.pi))
-def test_inside_the_sole_nobody_is_accused_and_80_mm_off_it_always(
+def test_pressure_inside_the_sole_is_accepted_and_80_mm_off_reported(
     first: list[float], last: list[float], turn: float, way: float
 ) -> None:
     recording = standing(np.array([np.cos(turn), np.sin(turn)]))
     edge = edge_of(recording)
     ends = [np.array(w) @ edge / np.sum(w) for w in (first, last)]
     path = ends[0] + np.linspace(0.0, 1.0, 61)[:, None] * (ends[1] - ends[0])
-    assert told(evidence(replace(recording, plates=(pressed(path, ARCH),)))) == []
+    assert find_pressure_faults(evidence(replace(recording, plates=(pressed(path, ARCH),)))) == []
 
     out = np.array([np.cos(way), np.sin(way)])
     path = path + (float((edge @ out).max()) + 0.08 - path @ out)[:, None] * out
     trial = evidence(replace(recording, plates=(pressed(path, ARCH),)))
     (found,) = [
-        f for f in (*told(trial), *check_contacts(trial)) if f.severity is not Severity.INFO
+        f
+        for f in (*find_pressure_faults(trial), *check_contacts(trial))
+        if f.severity is not Severity.INFO
     ]
     if found.leg:  # otherwise it is so far from both feet that `contacts` says so
         assert (found.code, found.leg) == (Code.PRESSURE_LEAVES_FOOT, "r")
@@ -183,22 +183,24 @@ def test_inside_the_sole_nobody_is_accused_and_80_mm_off_it_always(
     [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)],
     ids=["front", "rear", "right", "left"],
 )
-def test_where_it_lies_and_for_how_long(way: tuple[float, float]) -> None:
+def test_direction_and_duration_of_pressure_outside(way: tuple[float, float]) -> None:
     recording = standing(AHEAD)
     edge = edge_of(recording)
     path = np.tile(edge.mean(axis=0), (61, 1))
     path[30:50] = edge[(edge @ way).argmax()] + 0.06 * np.array(way)
-    (found,) = told(evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),))))
+    (found,) = find_pressure_faults(
+        evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),)))
+    )
     check_finding(found, Code.PRESSURE_LEAVES_FOOT, 0.5, 0.69, 60, 33)
     assert (
-        told(
+        find_pressure_faults(
             evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),)), {"1": "none"})
         )
         == []
     )
 
 
-def test_noise_of_moments_at_small_loads_accuses_nobody() -> None:
+def test_noise_of_moments_at_small_loads_is_not_reported() -> None:
     """1 N·m of noise moves the centre of 25 N by 40 mm, and that of 600 N by 2 mm."""
     recording = standing(AHEAD)
     edge = edge_of(recording)
@@ -207,20 +209,26 @@ def test_noise_of_moments_at_small_loads_accuses_nobody() -> None:
     for seed in range(20):
         noise = np.random.default_rng(seed).normal(0.0, 1.0, (61, 2)) / load[:, None]
         path = np.column_stack([np.linspace(heel, tip, 61), np.zeros(61)]) + noise
-        assert told(evidence(replace(recording, plates=(pressed(path, load),)))) == []
+        assert (
+            find_pressure_faults(evidence(replace(recording, plates=(pressed(path, load),)))) == []
+        )
 
 
-def test_both_feet_on_one_plate_press_with_the_ground_between() -> None:
-    """Unless its outline holds one of them alone."""
+def test_both_feet_on_one_plate_include_the_ground_between() -> None:
+    """Unless its corners hold one of them alone."""
     recording = standing(AHEAD, np.array([0.0, -0.25]))
     between = np.tile([0.08, -0.10], (61, 1))
     load = np.full(61, 650.0)
-    assert told(evidence(replace(recording, plates=(pressed(between, load),)))) == []
+    assert (
+        find_pressure_faults(evidence(replace(recording, plates=(pressed(between, load),)))) == []
+    )
     alone = pressed(between, load, corners=outline(-0.1, 0.4, -0.12, 0.3))
-    (found,) = told(evidence(replace(recording, plates=(alone,))))
+    (found,) = find_pressure_faults(evidence(replace(recording, plates=(alone,))))
     check_finding(found, Code.PRESSURE_LEAVES_FOOT)
     other = pressed(np.tile([0.08, -0.25], (61, 1)), load, "2")
-    (found,) = told(evidence(replace(recording, plates=(pressed(between, load), other))))
+    (found,) = find_pressure_faults(
+        evidence(replace(recording, plates=(pressed(between, load), other)))
+    )
     assert found.leg == "r", "the left foot has a plate of its own"
 
 
@@ -233,7 +241,7 @@ def test_a_foot_across_two_plates_is_not_divided() -> None:
     two = tuple(
         pressed(path, np.full(61, 300.0), name) for path, name in zip(parts, "12", strict=True)
     )
-    assert told(evidence(replace(recording, plates=two))) == []
+    assert find_pressure_faults(evidence(replace(recording, plates=two))) == []
 
 
 @cache
@@ -266,10 +274,10 @@ def treadmill(real_study: Callable[[str], Study]) -> TrialEvidence:
         "opensim_truth/p18",
     ],
 )
-def test_real_people_press_under_their_feet(name: str, data_dir: Path) -> None:
+def test_real_walks_have_pressure_under_the_feet(name: str, data_dir: Path) -> None:
     """Adults, children, turns, feet across two plates, two feet one after the other on one plate."""
     walks = real_walks(name, data_dir)
-    assert walks and [f.line for walk in walks for f in told(walk)] == []
+    assert walks and [f.line for walk in walks for f in find_pressure_faults(walk)] == []
 
 
 def with_recording(trial: TrialEvidence, change: Change) -> TrialEvidence:
@@ -277,15 +285,17 @@ def with_recording(trial: TrialEvidence, change: Change) -> TrialEvidence:
 
 
 def moved(trial: TrialEvidence, x: float, z: float, number: int | None = None) -> TrialEvidence:
-    """Some plates, or all, elsewhere, m."""
+    """Some plates, or all, displaced by m."""
     return with_recording(trial, plates(lambda p: replace(p, point=p.point + [x, 0.0, z]), number))
 
 
-def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: TrialEvidence) -> None:
-    assert told(treadmill) == [] == told(moved(treadmill, 0.03, 0.0))
-    (both,) = told(moved(treadmill, -0.12, 0.0))
+def test_displaced_plates_of_a_treadmill(treadmill: TrialEvidence) -> None:
+    assert (
+        find_pressure_faults(treadmill) == [] == find_pressure_faults(moved(treadmill, 0.03, 0.0))
+    )
+    (both,) = find_pressure_faults(moved(treadmill, -0.12, 0.0))
     check_finding(both, Code.PLATES_ELSEWHERE, leg="")
-    (one,) = told(moved(treadmill, 0.0, 0.08, 1))
+    (one,) = find_pressure_faults(moved(treadmill, 0.0, 0.08, 1))
     check_finding(one, Code.PRESSURE_LEAVES_FOOT, 1, leg="r")
 
 
@@ -294,15 +304,13 @@ def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: TrialEvidence) -> N
     [
         ("time", "clocks differ", []),
         ("plates", "plate 2: saturated", ["r"]),
-        ("left its place", "marker '{heel}'", ["l"]),
+        ("displaced markers", "marker '{heel}'", ["l"]),
     ],
 )
-def test_one_fault_is_told_once(
+def test_one_fault_gives_one_finding(
     treadmill: TrialEvidence, topic: str, cause: str, legs: list[str]
 ) -> None:
-    """What another check says already, unless it is a note: clocks, the plate itself, its heel
-    marker.
-    """
+    """Faults of other checks, unless notes: time offset, the plate, the heel marker."""
     walk = moved(treadmill, -0.12, 0.0)
     cause = cause.format(heel=walk.marker_set.landmarks["heel_r"][0])
     blamed = walk.warning(topic, cause, "", code=Code.CLOCKS_DIFFER)
@@ -312,7 +320,7 @@ def test_one_fault_is_told_once(
     )
 
 
-def test_a_plate_that_is_loaded_for_a_part_of_a_stance_is_no_matter_of_clocks(sound: Study) -> None:
+def test_partly_loaded_stance_is_no_time_offset(sound: Study) -> None:
     """Loaded 0.3 s after the foot came down, and free before it leaves."""
 
     def part(p: ForcePlate) -> ForcePlate:
@@ -325,10 +333,12 @@ def test_a_plate_that_is_loaded_for_a_part_of_a_stance_is_no_matter_of_clocks(so
     assert found and Code.CLOCKS_DIFFER not in {f.code for f in found}
 
 
-def test_forces_that_come_late_are_a_matter_of_clocks(data_dir: Path) -> None:
+def test_late_forces_are_a_time_offset(data_dir: Path) -> None:
     """On a floor, where only the ends of a loading leave the foot."""
     for walk in real_walks("labs_c3d/multi", data_dir):
-        (found,) = told(with_recording(walk, plates(lambda p: replace(p, time=p.time + 0.12))))
+        (found,) = find_pressure_faults(
+            with_recording(walk, plates(lambda p: replace(p, time=p.time + 0.12)))
+        )
         check_finding(found, Code.LOADED_IN_AIR)
 
 
@@ -337,7 +347,7 @@ def test_forces_that_come_late_are_a_matter_of_clocks(data_dir: Path) -> None:
     [(0.0, Severity.WARNING, True), (5.0, Severity.INFO, False), (None, Severity.WARNING, False)],
     ids=["dead", "missed", "no outline"],
 )
-def test_plates_that_nobody_loads_are_a_fault_only_where_a_foot_stands_on_them(
+def test_unloaded_plates_are_a_fault_only_under_a_foot(
     corners: float | None, severity: Severity, stands: bool
 ) -> None:
     square = None if corners is None else outline(corners - 0.5, corners + 0.5, -0.5, 0.5)

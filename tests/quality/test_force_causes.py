@@ -1,6 +1,4 @@
-"""Every cause undoes its own fault, put in by code that knows no causes; whitening against a dense
-covariance.
-"""
+"""Each cause corrects its fault, made by independent code; whitening against a dense covariance."""
 
 from dataclasses import replace
 from typing import Any
@@ -28,7 +26,7 @@ def faults() -> Any:
 
 
 def fault(name: str) -> Any:
-    """A fault of all plates that is large enough to see, by the function of that name or kind."""
+    """A fault of all plates that is large enough to find, by the function of that name or kind."""
     module = faults()
     for make in module.FAULTS:
         for seed in range(200):
@@ -78,7 +76,7 @@ ROWS = [
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_a_cause_undoes_its_own_fault(row: str) -> None:
+def test_cause_corrects_its_fault(row: str) -> None:
     made = fault(row)
     evidence = exact_walk().evidence(made.change)
     _, found = fit_causes(ForceResidual([evidence]))
@@ -93,7 +91,7 @@ def test_a_cause_undoes_its_own_fault(row: str) -> None:
     assert made.kind in [fit.cause.kind for fit in select_named(found)]
 
 
-def test_without_a_fault_nothing_is_named() -> None:
+def test_no_cause_without_a_fault() -> None:
     assert choose([exact_walk().evidence()])[:2] == ([], [])
 
 
@@ -119,10 +117,8 @@ def test_coefficients_of_zero_change_nothing_and_linear_causes_are_linear() -> N
             )
 
 
-def test_markers_upright_is_a_turn_of_gravity_about_the_mass_centre() -> None:
-    """Seen from tilted markers, a body at rest on tilted plates under tilted gravity needs no more
-    than before.
-    """
+def test_marker_tilt_rotates_gravity_about_the_mass_centre() -> None:
+    """In tilted marker axes, a body at rest on tilted plates under tilted gravity has no residual."""
     evidence = exact_walk().evidence()
     cause = next(c for c in list_causes([evidence]) if c.kind is ForceFault.MARKERS_TILTED)
     x = np.array([0.07, -0.04])
@@ -177,7 +173,7 @@ def test_whitened_squares_are_those_of_the_dense_covariance() -> None:
     np.testing.assert_allclose(residual.sum_squares(y).sum(), y @ y, rtol=RELATIVE)
 
 
-def test_an_error_that_inertial_parameters_can_make_weighs_little() -> None:
+def test_residual_of_inertial_errors_has_little_weight() -> None:
     trial = some_frames(12)
     usual = trial.spread[:, :, 3]
     other = np.random.default_rng(1).permutation(usual.ravel()).reshape(usual.shape)

@@ -1,4 +1,4 @@
-"""What a user is told of the forces of a session."""
+"""Findings on the forces of a session."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -80,13 +80,13 @@ def test_faults_of_a_real_walk_are_errors_and_named(
     assert diagnosis.faulty == {"walk"}
 
 
-def test_a_late_clock_of_a_real_walk_is_told_in_milliseconds(real_walk: Walk) -> None:
+def test_time_offset_of_a_real_walk_is_reported_in_milliseconds(real_walk: Walk) -> None:
     (finding,) = find_force_faults([real_walk.evidence(plates(later))]).findings
     check_finding(finding, Code.CLOCKS_DIFFER)
     assert numbers(finding.cause) == [pytest.approx(1e3 * LATE, abs=MS)]
 
 
-def test_a_clean_real_walk_is_left_in_peace(real_walk: Walk) -> None:
+def test_clean_real_walk_has_no_findings(real_walk: Walk) -> None:
     diagnosis = find_force_faults([real_walk.evidence()])
     assert diagnosis.findings == () and not diagnosis.faulty
 
@@ -98,7 +98,7 @@ def test_a_moderate_fault_is_a_warning() -> None:
     assert any(9 <= number <= 11 for number in numbers(finding.evidence))
 
 
-def test_a_fault_common_to_all_trials_is_told_once_and_that_of_one_with_its_name() -> None:
+def test_common_fault_gives_one_finding_and_single_fault_names_its_trial() -> None:
     walk = exact_walk()
     late = [walk.evidence(plates(later), name) for name in ("one", "two")]
     common = find_force_faults(late)
@@ -110,7 +110,7 @@ def test_a_fault_common_to_all_trials_is_told_once_and_that_of_one_with_its_name
     assert finding.where == "two" and alone.faulty == {"two"}
 
 
-def test_small_evidence_of_several_trials_adds_up() -> None:
+def test_evidence_of_several_trials_is_summed() -> None:
     too_much = plates(lambda p: replace(p, force=p.force * [1.0, 1.07, 1.0]))
     several = [exact_walk().evidence(too_much, name) for name in "abc"]
     single = choose(several[:1])[0]
@@ -119,9 +119,7 @@ def test_small_evidence_of_several_trials_adds_up() -> None:
     assert not single or together[0].fits[0].gain > 2.0 * single[0].fits[0].gain
 
 
-def test_a_disagreement_that_no_fault_explains_is_told_as_such(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_unexplained_disagreement_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     evidence = exact_walk().evidence()
     noise = 60.0 * np.random.default_rng(0).normal(size=evidence.required_wrench.shape)
     shaken = replace(evidence, required_wrench=evidence.required_wrench + noise)
@@ -132,7 +130,7 @@ def test_a_disagreement_that_no_fault_explains_is_told_as_such(
     assert find_force_faults([shaken]).findings == ()
 
 
-def test_the_torques_that_a_fault_moves_are_those_of_inverse_dynamics() -> None:
+def test_torque_change_is_that_of_inverse_dynamics() -> None:
     walk = exact_walk()
     evidence = walk.evidence(plates(times(2.0)))
     (named,), *_ = choose([evidence])
@@ -148,7 +146,7 @@ def test_the_torques_that_a_fault_moves_are_those_of_inverse_dynamics() -> None:
 
 
 @pytest.mark.slow
-def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_path: Path) -> None:
+def test_trial_with_faulty_forces_is_left_out_of_the_inertial_fit(tmp_path: Path) -> None:
     path = write_synthetic_study(tmp_path / "study")
     clean = calibrate(Study.load(path))
     assert clean.inertial is not None and clean.warnings == ()
@@ -179,10 +177,10 @@ def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_pat
         ((0.014, 0.014, 0.014, 0.014, 0.014), ""),
     ],
 )
-def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves(
+def test_late_walk_does_not_make_slightly_late_walks_faulty(
     monkeypatch: pytest.MonkeyPatch, late: tuple[float, ...], convicted: str
 ) -> None:
-    """Clocks of real walks: 14 ms late with nothing wrong gain 11 nats by that, 42 ms late 56 nats."""
+    """Time offsets of real walks: 14 ms without a fault gain 11 nats, 42 ms 56 nats."""
     size = dict(zip("12345", late, strict=True))
     cause = next(c for c in list_causes([exact_walk().evidence()]) if c.kind is ForceFault.CLOCK)
 
@@ -211,10 +209,10 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
     assert "".join(sorted(t.name for one in named for t in one.trials)) == convicted and left == []
 
 
-def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go(
+def test_lever_fault_must_explain_more_with_missing_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """19 % and 14 nats: what single frames without markers left in a clean real walk."""
+    """19 % and 14 nats: the effect of single missing frames in a clean real walk."""
     evidence = exact_walk().evidence()
     causes = {c.kind: c for c in list_causes([evidence]) if not c.plates}
     found = [
@@ -242,10 +240,10 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
     )
 
 
-def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """18 to 27 %: what a foot without its toe, or thighs and shanks of one marker, left in a walk."""
+def test_fault_with_doubtful_leg_must_explain_half(monkeypatch: pytest.MonkeyPatch) -> None:
+    """18 to 27 %: the effect of a foot without toe, or of thighs and shanks with one marker, in a
+    walk.
+    """
     evidence = replace(exact_walk().evidence(), doubtful=True)
     (gain,) = [c for c in list_causes([evidence]) if c.kind is ForceFault.GAIN and not c.plates][:1]
     fit = ForceFit(
@@ -259,7 +257,7 @@ def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(
     assert len(choose([evidence])[0]) == 1
 
 
-def test_the_share_of_missing_samples_is_known() -> None:
+def test_share_of_missing_samples() -> None:
     def blanked(recording: Recording) -> Recording:
         markers = recording.markers.copy()
         markers[::20] = np.nan

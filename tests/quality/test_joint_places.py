@@ -1,6 +1,4 @@
-"""Fitted joints against where people have them: the chi^2 of a place, when one is doubted, and what
-is said of it.
-"""
+"""Fitted joints against anatomy: chi^2 of a position, its limit, and the finding."""
 
 import re
 from dataclasses import replace
@@ -29,17 +27,17 @@ EXACT = ErrorSources(LEGS, np.zeros((len(LEGS), 1)), ("markers/walk/R.Knee/x",))
 
 
 def moved(**by: float) -> Parameters:
-    """Where all is expected, but for some parameters (`hip_r__pelvis__lat=0.03`, m and rad)."""
+    """Expected values, but for some parameters (`hip_r__pelvis__lat=0.03`, m and rad)."""
     offset = np.zeros(len(JP_NAMES))
     for name, d in by.items():
         offset[JP_INDEX[name.replace("__", ".")]] = d
     return drawn(offset)
 
 
-def told(
+def find_unusual_joints(
     parameters: Parameters, influence: ErrorSources = EXACT, prior: JointPrior = ANATOMY
 ) -> list[Finding]:
-    """What makes doubtful."""
+    """Find warnings on joint positions."""
     found = check_joint_positions(MODEL, parameters, influence, prior)
     return [finding for finding in found if finding.severity is not Severity.INFO]
 
@@ -49,9 +47,7 @@ def drawn(offset: Array) -> Parameters:
 
 
 def test_squares_of_drawn_people_are_chi_squared() -> None:
-    """Of people who scatter by P and fits that miss them by E, as many are so far away as the
-    probability says.
-    """
+    """Of people with covariance P and fits with errors E, as many are so far off as computed."""
     rng = np.random.default_rng(4)
     at = [JP_INDEX[f"hip_r.pelvis.{way}"] for way in ("ant", "sup", "lat")]
     scatter, error = COVARIANCE[np.ix_(at, at)], np.diag([4e-3, 2e-3, 9e-3]) ** 2
@@ -67,11 +63,11 @@ def test_squares_of_drawn_people_are_chi_squared() -> None:
         )
 
 
-def test_a_hip_beside_its_socket_is_doubted_and_says_where() -> None:
-    (one,) = told(moved(hip_r__pelvis__lat=0.040, hip_r__pelvis__sup=-0.006))
+def test_displaced_hip_is_reported_with_its_offset() -> None:
+    (one,) = find_unusual_joints(moved(hip_r__pelvis__lat=0.040, hip_r__pelvis__sup=-0.006))
     check_finding(one, Code.JOINT_PLACE, Severity.WARNING, 40, 9, leg="r")
     assert one.weight > 1.0 and 6 not in numbers(one.found) and "joint_prior" in one.cure
-    (left,) = told(moved(hip_l__pelvis__lat=-0.040))
+    (left,) = find_unusual_joints(moved(hip_l__pelvis__lat=-0.040))
     check_finding(left, Code.JOINT_PLACE, 40, leg="l")
 
 
@@ -82,9 +78,7 @@ def test_a_hip_beside_its_socket_is_doubted_and_says_where() -> None:
         ({"knee_l__thigh__sup": -0.034}, Code.KNEE_AXIS),
     ],
 )
-def test_what_is_unusual_is_named_in_a_note_that_doubts_nothing(
-    far: dict[str, float], code: Code
-) -> None:
+def test_unusual_position_is_a_note(far: dict[str, float], code: Code) -> None:
     (note,) = check_joint_positions(MODEL, moved(**far), EXACT, ANATOMY)
     distance = round(1e3 * abs(*far.values()))
     check_finding(note, code, Severity.INFO, 20, distance, leg="l", cure="")
@@ -100,32 +94,30 @@ def test_what_is_unusual_is_named_in_a_note_that_doubts_nothing(
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_hips_that_are_too_far_apart_together_are_doubted(sign: float) -> None:
-    """26 mm a hip is nobody's alone; both together 53 mm too far apart are (a child of 159 mm
-    between the ASIS).
-    """
+def test_unusual_hip_distance_is_reported(sign: float) -> None:
+    """26 mm a hip is usual; both together 53 mm too far apart are not (a child, ASIS 159 mm)."""
     one_side = {"hip_r__pelvis__lat": sign * 0.026, "hip_r__thigh__lat": sign * 0.026}
-    assert told(moved(**one_side)) == []
-    (one,) = told(
+    assert find_unusual_joints(moved(**one_side)) == []
+    (one,) = find_unusual_joints(
         moved(**one_side, hip_l__pelvis__lat=-sign * 0.026, hip_l__thigh__lat=-sign * 0.026)
     )
     check_finding(one, Code.JOINT_PLACE, 999, 1000, 0.65, 0.82, leg="")
 
 
-def test_a_knee_axis_beside_the_epicondyles_is_doubted() -> None:
-    (one,) = told(moved(knee_l__thigh__sup=-0.045))
+def test_displaced_knee_axis_is_reported() -> None:
+    (one,) = find_unusual_joints(moved(knee_l__thigh__sup=-0.045))
     check_finding(one, Code.KNEE_AXIS, 45, leg="l")
-    (turned,) = told(moved(knee_r__shank__trans=np.deg2rad(50.0)))
+    (turned,) = find_unusual_joints(moved(knee_r__shank__trans=np.deg2rad(50.0)))
     check_finding(turned, Code.KNEE_AXIS, 50, leg="r")
 
 
-def test_what_people_scatter_by_accuses_nobody() -> None:
-    """Joints drawn from anatomy's own population, and those within 10 mm and 10 degrees, as
-    simulated ones are.
-    """
+def test_usual_scatter_is_not_reported() -> None:
+    """Joints drawn from the population, and those within 10 mm and 10 degrees."""
     rng = np.random.default_rng(0)
     root = factor_prior(JP_NAMES, None)
-    found = sum(len(told(drawn(root @ rng.normal(size=len(JP_NAMES))))) for _ in range(300))
+    found = sum(
+        len(find_unusual_joints(drawn(root @ rng.normal(size=len(JP_NAMES))))) for _ in range(300)
+    )
     looked_at = 300 * (
         1 + len({name.rpartition(".")[0] for name in LEGS})
     )  # joints as segments see them, hips apart
@@ -134,26 +126,31 @@ def test_what_people_scatter_by_accuses_nobody() -> None:
         [0.010 if name.endswith(("ant", "sup", "lat")) else np.deg2rad(10) for name in JP_NAMES]
     )
     for _ in range(100):
-        assert told(drawn(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * near)) == []
+        assert find_unusual_joints(drawn(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * near)) == []
 
 
-def test_a_wide_error_bar_of_the_markers_excuses_and_that_of_the_prior_does_not() -> None:
+def test_marker_error_widens_the_limit_and_prior_error_does_not() -> None:
     far = moved(hip_r__pelvis__lat=0.040)
     wide = np.zeros((len(LEGS), 1))
     wide[LEGS.index("hip_r.pelvis.lat")] = 0.010
-    assert told(far, ErrorSources(LEGS, wide, ("markers/walk/R.Thigh/x",))) == []
-    assert len(told(far, ErrorSources(LEGS, wide, ("nominal/hip_r.pelvis.lat",)))) == 1
+    assert find_unusual_joints(far, ErrorSources(LEGS, wide, ("markers/walk/R.Thigh/x",))) == []
+    assert (
+        len(find_unusual_joints(far, ErrorSources(LEGS, wide, ("nominal/hip_r.pelvis.lat",)))) == 1
+    )
 
 
-def test_what_a_study_knows_of_a_person_is_expected_but_a_wide_prior_is_no_excuse() -> None:
+def test_study_prior_shifts_the_mean_but_does_not_widen_the_limit() -> None:
     far = moved(hip_r__pelvis__lat=0.040, hip_r__thigh__lat=0.040)
     mean = ANATOMY.mean.copy()
     mean[[JP_INDEX["hip_r.pelvis.lat"], JP_INDEX["hip_r.thigh.lat"]]] = 0.035
-    assert told(far, prior=replace(ANATOMY, mean=mean)) == []
-    assert len(told(far, prior=replace(ANATOMY, covariance=100.0 * ANATOMY.covariance))) == 1
+    assert find_unusual_joints(far, prior=replace(ANATOMY, mean=mean)) == []
+    assert (
+        len(find_unusual_joints(far, prior=replace(ANATOMY, covariance=100.0 * ANATOMY.covariance)))
+        == 1
+    )
 
 
-def test_too_few_markers_to_show_moving_skin_are_told() -> None:
+def test_too_few_markers_for_soft_tissue_are_reported() -> None:
     markers = MODEL.markers
     thigh = [k for k, segment in enumerate(markers.segments) if segment == "thigh_r"]
     weight = markers.weight.copy()
@@ -167,8 +164,8 @@ def test_too_few_markers_to_show_moving_skin_are_told() -> None:
     check_text(found[1], 2)
 
 
-def test_pages_tell_from_where_on_a_joint_is_named() -> None:
-    """In one direction alone, without errors of the fit's own markers."""
+def test_explanation_pages_have_the_limits() -> None:
+    """In one direction alone, without errors of the fit."""
 
     def limits(joint: str, segment: str, *ways: str) -> list[str]:
         at = [k for k, name in enumerate(JP_NAMES) if name.startswith(f"{joint}.{segment}.")]
@@ -182,7 +179,7 @@ def test_pages_tell_from_where_on_a_joint_is_named() -> None:
             for level in (RARE, UNUSUAL)
         ]
 
-    told = (ROOT / "docs/explanation/verdict.md").read_text(encoding="utf-8").splitlines()
+    reported = (ROOT / "docs/explanation/verdict.md").read_text(encoding="utf-8").splitlines()
     for start, found in (
         ("| hip", limits("hip_r", "pelvis", "lat", "sup", "ant")),
         ("| knee axis, in the thigh", limits("knee_r", "thigh", "sup", "trans", "front")),
@@ -197,12 +194,12 @@ def test_pages_tell_from_where_on_a_joint_is_named() -> None:
             ],
         ),
     ):
-        row = next(line for line in told if line.startswith(start))
+        row = next(line for line in reported if line.startswith(start))
         assert [" ".join(re.findall(r"\d+", cell)) for cell in row.split("|")[2:4]] == found
 
 
-def test_a_parameter_three_scatters_of_people_off_is_named_however_wide_its_error_bar() -> None:
-    """Nothing of it is doubted, and at two scatters nothing is said."""
+def test_parameter_three_standard_deviations_off_is_a_note_with_any_error() -> None:
+    """There is no warning, and nothing at two standard deviations."""
     wide = np.zeros((len(LEGS), 1))
     wide[LEGS.index("knee_r.thigh.ant")] = 0.030
     errors = ErrorSources(LEGS, wide, ("markers/walk/R.Thigh/x",))

@@ -1,6 +1,4 @@
-"""Epicondyles off their line on both legs, or one, against pelvis, malleoli and the bending of the
-knees in walks.
-"""
+"""Epicondyle lines of both legs, or one, against pelvis, malleoli and flexion axes in walks."""
 
 import numpy as np
 import pytest
@@ -21,17 +19,17 @@ from tests.messages import check_finding
 from tests.quality.spoilt import Array, findings, moved, with_trial
 
 
-def told(study: Study) -> list[Finding]:
+def find_knee_lines(study: Study) -> list[Finding]:
     return findings(study, code=Code.KNEE_MARKERS)
 
 
-def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
+def measure_knees(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
     trials = preprocess_study(study).trials
     return collect_landmarks(next(t for t in trials if t.is_static)), measure_bending(trials)
 
 
-def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study:
-    """Epicondyles of the static trial moved forward by so many m."""
+def displace_epicondyles(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study:
+    """Displace epicondyles of the static trial forward, m."""
     for side in sides:
         for end, by in (("Lat", lateral), ("Med", medial)):
             study = with_trial(
@@ -40,20 +38,21 @@ def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study
     return study
 
 
-def test_both_knees_off_are_one_finding_with_degrees_and_markers(sound: Study) -> None:
-    assert told(sound) == [] and told(off(sound, 0.01, 0.0)) == [], (
-        "ten millimetres are below the floor"
-    )
-    (found,) = told(off(sound, 0.02, -0.02))
+def test_both_knees_give_one_finding_with_degrees_and_markers(sound: Study) -> None:
+    assert (
+        find_knee_lines(sound) == []
+        and find_knee_lines(displace_epicondyles(sound, 0.01, 0.0)) == []
+    ), "ten millimetres are below the floor"
+    (found,) = find_knee_lines(displace_epicondyles(sound, 0.02, -0.02))
     labels = ("R.Knee.Lat", "L.Knee.Med")
     check_finding(found, Code.KNEE_MARKERS, Severity.WARNING, *labels, topic="landmarks", leg="")
 
 
-def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
-    (back,) = told(off(sound, -0.025, 0.025))
+def test_opposite_rotation_and_single_knee(sound: Study) -> None:
+    (back,) = find_knee_lines(displace_epicondyles(sound, -0.025, 0.025))
     check_finding(back, Code.KNEE_MARKERS, leg="")
-    left = off(sound, 0.022, -0.022, "L")
-    p, turns = seen(left)
+    left = displace_epicondyles(sound, 0.022, -0.022, "L")
+    p, turns = measure_knees(left)
     (one,) = find_odd_lines(p, turns)
     assert one.sides == ("l",) and one.angle == pytest.approx(25.0, abs=8.0)
     (said,) = check_knee_lines(preprocess_study(left).trials, ())
@@ -61,7 +60,7 @@ def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
 
 
 def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:
-    """Landmarks of both legs turned about the vertical through their mean, lateral ends forward."""
+    """Landmarks of both legs rotated about the vertical through their mean, lateral ends forward."""
     axes = compute_body_axes(p)
     out = dict(p)
     for side, way in (("r", 1.0), ("l", -1.0)):
@@ -80,8 +79,8 @@ def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[
     return out
 
 
-def test_somebody_whose_bones_are_twisted_bends_about_the_epicondyles(sound: Study) -> None:
-    p, turns = seen(sound)
+def test_twisted_bones_are_not_reported(sound: Study) -> None:
+    p, turns = measure_knees(sound)
     twisted = turned(p, 35.0, ("knee_lat", "knee_med"))
     assert list(find_odd_lines(twisted, turns)) == []  # the axis of bending went along
     (found,) = find_odd_lines(twisted, {side: x + 35.0 for side, x in turns.items()})
@@ -89,8 +88,8 @@ def test_somebody_whose_bones_are_twisted_bends_about_the_epicondyles(sound: Stu
     assert found.angle == pytest.approx(35.0, abs=4.0)
 
 
-def test_without_malleoli_two_witnesses_are_left(sound: Study) -> None:
-    p, turns = seen(off(sound, 0.02, -0.02))
+def test_without_malleoli_two_pieces_of_evidence_remain(sound: Study) -> None:
+    p, turns = measure_knees(displace_epicondyles(sound, 0.02, -0.02))
     some = {name: x for name, x in p.items() if not name.startswith("ankle_med")}
     (found,) = find_odd_lines(some, turns)
     assert set(found.side_evidence) == {"bending", "pelvis"}

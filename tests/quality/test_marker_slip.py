@@ -1,4 +1,4 @@
-"""Markers that leave their place for a while are named with their time."""
+"""Markers that are displaced for a while are named with their time."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ from tests.messages import check_finding
 from tests.quality.spoilt import Array, Change, findings, moved, put, recording_of, with_trial
 
 
-def left(study: Study, change: Change, label: str = "R.Heel") -> list[Finding]:
-    """What is said of a walk in which that marker, and no other, leaves its place."""
-    found = findings(with_trial(study, "walk", change), "left its place")
+def find_displaced(study: Study, change: Change, label: str = "R.Heel") -> list[Finding]:
+    """Find displacements of this marker, and no other, in a walk."""
+    found = findings(with_trial(study, "walk", change), "displaced markers")
     assert all(f"'{label}'" in f.cause and f.where == "walk" for f in found) and len(found) <= 1
     return found
 
@@ -33,17 +33,15 @@ def shifted(label: str, frames: slice, by: float) -> Change:
         ("L.Thigh.Front", slice(90, None), 0.025, "slipped"),
     ],
 )
-def test_a_marker_elsewhere_for_a_stretch_or_from_then_on(
+def test_marker_displaced_for_a_while_or_permanently(
     sound: Study, label: str, frames: slice, by: float, words: str
 ) -> None:
-    (found,) = left(sound, shifted(label, frames, by), label)
+    (found,) = find_displaced(sound, shifted(label, frames, by), label)
     assert words in found.cause and f"{recording_of(sound).time[frames.start]:.2f}-" in found.found
 
 
-def every(frames: int, seconds: float, by: float) -> Change:
-    """Each so-many-th frame, in which R.Heel goes up within so many seconds by so many metres, and
-    stays.
-    """
+def move_every(frames: int, seconds: float, by: float) -> Change:
+    """Move R.Heel up in every n-th frame within some seconds by some metres, permanently."""
 
     def change(recording: Recording) -> Recording:
         x = recording.markers.copy()
@@ -56,23 +54,25 @@ def every(frames: int, seconds: float, by: float) -> Change:
 
 
 @pytest.mark.parametrize("frames", [1, 4])
-def test_what_takes_a_while_is_no_slip_at_any_rate(sound: Study, frames: int) -> None:
-    assert not any("slipped" in f.cause for f in left(sound, every(frames, 0.15, 0.02)))
-    assert any("slipped" in f.cause for f in left(sound, every(frames, 0.0, 0.06)))
+def test_slow_displacement_is_no_slip_at_any_rate(sound: Study, frames: int) -> None:
+    assert not any(
+        "slipped" in f.cause for f in find_displaced(sound, move_every(frames, 0.15, 0.02))
+    )
+    assert any("slipped" in f.cause for f in find_displaced(sound, move_every(frames, 0.0, 0.06)))
 
 
-def test_a_marker_that_cameras_lose_again_and_again_has_not_slipped(sound: Study) -> None:
+def test_intermittent_marker_has_not_slipped(sound: Study) -> None:
     def rattling(x: Array) -> Array:
         for edge in (40, 48, 60):
             x[edge : edge + 3, 1] += 0.02
         x[90:, 1] += 0.02
         return x
 
-    assert not any("slipped" in f.cause for f in left(sound, moved("R.Heel", rattling)))
+    assert not any("slipped" in f.cause for f in find_displaced(sound, moved("R.Heel", rattling)))
 
 
 @pytest.mark.parametrize("made", ["held", "straight", "cubic"])
-def test_a_path_that_software_made_up(sound: Study, made: str) -> None:
+def test_interpolated_path_is_reported(sound: Study, made: str) -> None:
     def bridged(x: Array) -> Array:
         end = x[60] if made == "held" else x[110]
         around = [*range(55, 60), *range(111, 116)]
@@ -82,14 +82,14 @@ def test_a_path_that_software_made_up(sound: Study, made: str) -> None:
         return x
 
     label = "R.Heel" if made == "cubic" else "R.Shank.Front"
-    (found,) = left(sound, moved(label, bridged), label)
+    (found,) = find_displaced(sound, moved(label, bridged), label)
     check_finding(found, Code.MARKER_LEFT_PLACE)
     assert made != "held" or found.severity is Severity.ERROR
 
 
-def test_skin_that_moves_smoothly_is_not_told(sound: Study) -> None:
+def test_smooth_soft_tissue_is_not_reported(sound: Study) -> None:
     def skin(x: Array) -> Array:
         wave = 0.008 * np.sin(np.linspace(0.0, 9.0, len(x)))
         return x + wave[:, None] * [1.0, 0.5, -0.5]
 
-    assert left(sound, moved("R.Thigh.Front", skin)) == []
+    assert find_displaced(sound, moved("R.Thigh.Front", skin)) == []

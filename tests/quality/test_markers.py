@@ -1,5 +1,5 @@
-"""Markers that are metres away, gone for a while, or alone on their segment; gaps accuse nobody of
-exchanged labels.
+"""Markers that are metres away, missing for a while, or single on their segment; gaps are no
+swaps.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,9 +37,7 @@ RealStudies = Callable[[str], Study]
 
 
 def accused(study: Study, seed: int) -> list[Finding]:
-    """Who is said to carry another's label where a fifth of the samples and a tenth of the markers
-    are missing.
-    """
+    """Labels reported as swapped where a fifth of samples and a tenth of markers are missing."""
     rng = np.random.default_rng(seed)
     model, out = build_nominal_model(study), []
     for trial in study.moving[:3]:
@@ -52,12 +50,12 @@ def accused(study: Study, seed: int) -> list[Finding]:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_gaps_accuse_nobody(seed: int, sound: Study) -> None:
+def test_gaps_are_no_displacement(seed: int, sound: Study) -> None:
     assert accused(sound, seed) == []
 
 
 @pytest.mark.parametrize("name", ["subject01", "uf3"])
-def test_gaps_of_real_people_accuse_nobody_whatever_the_weights(
+def test_gaps_of_real_walks_are_no_displacement_with_any_weights(
     name: str, real_study: RealStudies
 ) -> None:
     study = real_study(name)
@@ -66,9 +64,9 @@ def test_gaps_of_real_people_accuse_nobody_whatever_the_weights(
         assert accused(study, seed) == []
 
 
-def test_arms_that_turn_under_their_skin_are_not_accused(real_study: RealStudies) -> None:
-    """In `knee_r` of functional_c3d both elbows' epicondyles lie a right angle from where the
-    static trial has them.
+def test_arms_rotating_under_soft_tissue_are_not_reported(real_study: RealStudies) -> None:
+    """In `knee_r` of functional_c3d both elbows' epicondyles are 90 deg from their static
+    position.
     """
     study = real_study("functional_c3d")
     (trial,) = [t for t in study.trials if t.name == "knee_r"]
@@ -77,7 +75,7 @@ def test_arms_that_turn_under_their_skin_are_not_accused(real_study: RealStudies
 
 
 def without_pelvis(study: Study, lost: Callable[[float, int], bool]) -> Change:
-    """All but two markers of the pelvis unseen where `lost` (s, frame)."""
+    """All but two markers of the pelvis invisible where `lost` (s, frame)."""
 
     def spoil(r: Recording) -> Recording:
         markers = r.markers.copy()
@@ -95,7 +93,7 @@ def without_pelvis(study: Study, lost: Callable[[float, int], bool]) -> Change:
 
 
 def pelvis_found(study: Study) -> tuple[Finding, ...]:
-    """What is said of the walk's gaps, beside each marker's own."""
+    """Findings on the walk's gaps, apart from single markers."""
     return tuple(
         f
         for f in check_gaps(evidence(study, study.trials[1], build_nominal_model(study)))
@@ -103,7 +101,7 @@ def pelvis_found(study: Study) -> tuple[Finding, ...]:
     )
 
 
-def test_single_frames_without_the_pelvis_need_no_cure(sound: Study) -> None:
+def test_single_frames_without_pelvis_need_no_remedy(sound: Study) -> None:
     (found,) = pelvis_found(
         with_trial(sound, "walk", without_pelvis(sound, lambda t, k: k % 12 == 5))
     )
@@ -111,7 +109,9 @@ def test_single_frames_without_the_pelvis_need_no_cure(sound: Study) -> None:
 
 
 def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
-    """47 % without three pelvis markers were fitted for minutes, to angles of thousands of degrees."""
+    """47 % without three pelvis markers were fitted for minutes, with angles of thousands of
+    degrees.
+    """
     lost = without_pelvis(sound, lambda t, k: 0.1 < t < 0.34 or t > 0.79 or k % 12 == 5)
     study = with_trial(sound, "walk", lost)
     cut, bridged = pelvis_found(study)
@@ -125,17 +125,17 @@ def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
 
 
 @pytest.mark.parametrize("label", ["L.Heel", "R.Wrist.Lat"])
-def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, label: str) -> None:
+def test_marker_two_metres_off_is_left_out_throughout(sound: Study, label: str) -> None:
     spoilt = with_trial(sound, "walk", moved(label, lambda x: x + [0.0, 2.0, 0.0]))
-    (told,) = findings(spoilt, "strays")
-    check_finding(told, Code.STRAY_MARKER, Severity.WARNING, label, 208, 0.0, 1.03)
+    (reported,) = findings(spoilt, "stray markers")
+    check_finding(reported, Code.STRAY_MARKER, Severity.WARNING, label, 208, 0.0, 1.03)
     fitted = prepare_trial(
         preprocess_study(spoilt).clean.trials[1], build_nominal_model(spoilt), spoilt.settings
     ).recording
     assert label not in fitted.labels and any(label in note for note in fitted.notes)
 
 
-def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
+def test_stray_samples_are_left_out_there_only(sound: Study) -> None:
     spoilt = with_trial(
         sound, "walk", moved("R.Thigh.Front", lambda x: put(x, slice(50, 60), [5.0, 3.0, 0.0]))
     )
@@ -143,16 +143,16 @@ def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
     gone = ~np.isfinite(kept.markers[:, kept.labels.index("R.Thigh.Front")]).all(axis=1)
     assert np.flatnonzero(gone).tolist() == list(range(50, 60))
     assert [(s.label, s.frames) for s in strays] == [("R.Thigh.Front", 10)]
-    assert any("0.25-0.29 s" in f.found for f in findings(spoilt, "strays"))
+    assert any("0.25-0.29 s" in f.found for f in findings(spoilt, "stray markers"))
 
 
-def test_a_tracking_marker_metres_away_in_the_static_trial_is_in_no_model(sound: Study) -> None:
+def test_stray_marker_of_the_static_trial_is_not_in_the_model(sound: Study) -> None:
     spoilt = with_trial(sound, "static", moved("R.Thigh.Front", lambda x: x + [0.0, 0.0, 2.0]))
     assert (
         "R.Thigh.Front"
         not in build_nominal_model(replace(spoilt, weights={"R.Thigh.Front": 0.0})).markers.labels
     )
-    assert any(f.where == "static" for f in findings(spoilt, "strays"))
+    assert any(f.where == "static" for f in findings(spoilt, "stray markers"))
 
 
 CLOSE_DEG = 6.0
@@ -178,9 +178,7 @@ def of_one_marker(study: Study) -> list[Finding]:
     return findings(study, "one marker")
 
 
-def test_wands_that_the_set_does_not_know_are_named_and_the_joints_tell_the_rest(
-    pig: Study,
-) -> None:
+def test_unknown_wands_are_named_and_joints_determine_the_pose(pig: Study) -> None:
     thigh, shank = of_one_marker(
         renamed(pig, {"RTHI": "WandA", "RTIB": "WandB"}, ("static", "gait"))
     )
@@ -190,7 +188,7 @@ def test_wands_that_the_set_does_not_know_are_named_and_the_joints_tell_the_rest
     assert "('RKNE')" in thigh.found
 
 
-def test_a_foot_without_its_toe_is_refused_with_the_angles_that_nobody_knows(pig: Study) -> None:
+def test_foot_without_toe_is_refused_with_undetermined_angles(pig: Study) -> None:
     (found,) = of_one_marker(renamed(pig, {"RTOE": "Unknown"}))
     assert found.severity is Severity.ERROR
     assert "subtalar_angle_r" in found.found  # the heel and the posture tell the ankle's
@@ -217,10 +215,8 @@ def tracked(study: Study) -> Motion:
     return track_motion(problem, model.parameters)
 
 
-def test_the_posture_found_is_that_of_all_markers(pig: Study) -> None:
-    """Started with the thigh straight below the pelvis, both legs fell into another posture 33 to
-    56 deg away.
-    """
+def test_posture_with_single_markers_is_that_of_all_markers(pig: Study) -> None:
+    """From a thigh straight below the pelvis, both legs converged to a posture 33 to 56 deg away."""
     whole = tracked(pig)
     reduced = tracked(renamed(pig, {f"{s}{m}": f"{s}{m}x" for s in "RL" for m in ("THI", "TIB")}))
     away = np.degrees(np.sqrt(np.mean((whole.q - reduced.q) ** 2, axis=0)))

@@ -1,5 +1,5 @@
-"""Forces against the motion: signs, places, gain and mass, free moments, and which foot stands on
-which plate.
+"""Forces against motion: signs, positions, gain and mass, free moments, and the foot on each
+plate.
 """
 
 from collections.abc import Callable
@@ -31,9 +31,7 @@ ERROR, WARNING, INFO = Severity.ERROR, Severity.WARNING, Severity.INFO
 
 
 def negated(axis: int) -> Change:
-    """One component of the force of both plates with the other sign, and the reader's turn where it
-    is the vertical.
-    """
+    """One force component of both plates negated, with the reader's reversal for the vertical one."""
     sign = np.ones(3)
     sign[axis] = -1.0
     return plates(lambda p: replace(p, force=(-sign if axis == 1 else sign) * p.force))
@@ -52,15 +50,15 @@ def test_reversed_forces(sound: Study, axis: int, names: tuple[str, ...]) -> Non
 
 
 @pytest.mark.parametrize("name", ["HC002D", "HC030A", "HC032A"])
-def test_who_turns_over_one_plate_pushes_outwards_with_that_leg(name: str, data_dir: Path) -> None:
+def test_turn_over_one_plate_has_no_wrong_sign(name: str, data_dir: Path) -> None:
     spoilt = with_trial(
         drafted(data_dir / "children" / name), "turn", lambda r: replace(r, plates=r.plates[1:])
     )
     assert findings(spoilt, code=Code.FORCE_SIGN) == []
 
 
-def test_a_step_of_a_foot_without_toe_is_a_fact_and_accuses_no_plate(sound: Study) -> None:
-    """Nobody can tell how far the other foot is: it is not `inf mm` away."""
+def test_step_of_a_foot_without_toe_is_a_note(sound: Study) -> None:
+    """The distance of the other foot is unknown: it is not `inf mm`."""
     study = with_trial(sound, "walk", relabelled("L.Toe.Tip", "X"))
     assert findings(study, "plate to foot", WARNING) == []
     found = findings(study, "plate to foot", INFO, code=Code.UNDER_NO_FOOT)
@@ -81,7 +79,7 @@ def test_plates_beside_both_feet(sound: Study, shift: float, side: str) -> None:
 
 
 @pytest.mark.parametrize(("gain", "mass"), [(1.2, 69.4), (0.85, 69.4), (1.0, 80.0)])
-def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: float) -> None:
+def test_forces_that_do_not_match_body_weight(sound: Study, gain: float, mass: float) -> None:
     study = with_trial(sound, "walk", plates(times(gain)))
     study = replace(study, subject=replace(study.subject, mass=mass))
     (found,) = findings(study, "body mass", WARNING)
@@ -91,12 +89,8 @@ def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: fl
 
 
 @pytest.mark.parametrize("acceleration", [0.6, -0.6])
-def test_plates_carry_more_than_the_mass_of_a_body_that_is_speeding_up(
-    sound: Study, acceleration: float
-) -> None:
-    """The pelvis gains speed upwards, m/s^2, and the plates push as much harder: the same mass as
-    before.
-    """
+def test_mass_accounts_for_vertical_acceleration(sound: Study, acceleration: float) -> None:
+    """The pelvis accelerates upwards, m/s^2, and the plates push harder: the mass is the same."""
     gain = 1.0 + acceleration / GRAVITY
 
     def rising(recording: Recording) -> Recording:
@@ -105,15 +99,15 @@ def test_plates_carry_more_than_the_mass_of_a_body_that_is_speeding_up(
         markers[:, pelvis, 1] += 0.5 * acceleration * recording.time[:, None] ** 2
         return plates(times(gain))(replace(recording, markers=markers))
 
-    (told,) = findings(with_trial(sound, "walk", rising), "body mass", INFO)
-    assert float(told.found.partition("carry ")[2].split()[0]) == pytest.approx(69.4, rel=0.03)
+    (reported,) = findings(with_trial(sound, "walk", rising), "body mass", INFO)
+    assert float(reported.found.partition("carry ")[2].split()[0]) == pytest.approx(69.4, rel=0.03)
 
 
 def test_foot_beside_its_plate(sound: Study) -> None:
     walk = recording_of(sound)
     toe = float(np.median(walk.markers[40:100, walk.labels.index("R.Toe.Tip"), 0]))
 
-    def told(study: Study, severity: Severity) -> list[Finding]:
+    def reported(study: Study, severity: Severity) -> list[Finding]:
         return [
             f
             for f in findings(study, "plate to foot", severity)
@@ -121,12 +115,12 @@ def test_foot_beside_its_plate(sound: Study) -> None:
         ]
 
     beside = with_trial(sound, "walk", with_corners(toe - 0.04))
-    assert not told(beside, WARNING), "the left one is on its plate"
-    check_finding(told(beside, INFO)[0], Code.FOOT_BESIDE_PLATE)
+    assert not reported(beside, WARNING), "the left one is on its plate"
+    check_finding(reported(beside, INFO)[0], Code.FOOT_BESIDE_PLATE)
     alone = with_trial(beside, "walk", lambda r: replace(r, plates=r.plates[:1]))
-    check_finding(told(alone, WARNING)[0], Code.FOOT_BESIDE_PLATE)
+    check_finding(reported(alone, WARNING)[0], Code.FOOT_BESIDE_PLATE)
     on_it = with_trial(sound, "walk", with_corners(toe + 0.06))
-    assert not told(on_it, INFO) and not told(on_it, WARNING)
+    assert not reported(on_it, INFO) and not reported(on_it, WARNING)
 
 
 def test_plate_given_to_the_wrong_foot(sound: Study) -> None:
@@ -135,10 +129,8 @@ def test_plate_given_to_the_wrong_foot(sound: Study) -> None:
     check_finding(found[0], Code.WRONG_FOOT, 'plates = { 1 = "r" }')
 
 
-def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None:
-    """Standing on plates, walking on what plates with another gain make of it; and offsets that
-    nobody knows.
-    """
+def test_mass_is_wrong_if_standing_and_walking_agree(sound: Study) -> None:
+    """Standing on plates, walking on plates of another gain; and unknown offsets."""
     mass = sound.subject.mass
 
     def standing(kg: float, count: int, declared: float = mass) -> Study:
@@ -152,9 +144,9 @@ def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None
         return replace(study, subject=replace(sound.subject, mass=declared))
 
     check_finding(findings(standing(mass, 2), "body mass", INFO)[0], Code.BODY_MASS, 69.4)
-    told = findings(standing(mass, 2, 1.1 * mass), "body mass", WARNING)
-    assert [f.where for f in told] == ["static", "walk"], "the walk alone cannot"
-    check_finding(told[0], Code.BODY_MASS, "subject.mass_kg", 69.4, 76.34)
+    reported = findings(standing(mass, 2, 1.1 * mass), "body mass", WARNING)
+    assert [f.where for f in reported] == ["static", "walk"], "the walk alone cannot"
+    check_finding(reported[0], Code.BODY_MASS, "subject.mass_kg", 69.4, 76.34)
     contradicted = [
         f for f in findings(standing(1.2 * mass, 1), "body mass") if f.where == "static"
     ]
@@ -165,7 +157,7 @@ def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None
 
 
 def test_plates_that_touch_are_one_surface(sound: Study) -> None:
-    """A foot across the border of two plates is fine; beside both of them it is not."""
+    """A foot across the border of two plates is valid; beside both of them it is not."""
 
     def bordered(end: float) -> Change:
         """Plate 1 ends at x = `end`, where plate 3 begins."""
@@ -184,8 +176,8 @@ def test_plates_that_touch_are_one_surface(sound: Study) -> None:
     middle = float(np.median(walk.plates[0].point[loaded, 0]))
     for plate, beside in ((bordered(middle), 0), (with_corners(middle), 1)):
         found = findings(with_trial(sound, "walk", plate), "plate to foot", INFO)
-        told = [f for f in found if "plate 1" in f.found and "partly beside" in f.found]
-        assert len(told) == beside and not any("none" in f.cure for f in told)
+        reported = [f for f in found if "plate 1" in f.found and "partly beside" in f.found]
+        assert len(reported) == beside and not any("none" in f.cure for f in reported)
 
 
 def of_free_moment(study: Study) -> list[Finding]:
@@ -197,15 +189,15 @@ def turned_by(factor: float) -> Change:
     return plates(lambda p: replace(p, moment=factor * p.moment))
 
 
-def test_a_wrong_sign_is_told_and_a_wrong_size_is_not_taken_for_one(sound: Study) -> None:
-    [told] = of_free_moment(with_trial(sound, "walk", turned_by(-1.0)))
-    check_finding(told, Code.FREE_MOMENT)
+def test_wrong_sign_is_reported_and_wrong_size_is_not(sound: Study) -> None:
+    [reported] = of_free_moment(with_trial(sound, "walk", turned_by(-1.0)))
+    check_finding(reported, Code.FREE_MOMENT)
     for small in (0.1, -0.1):  # too small to tell, and to matter
         assert of_free_moment(with_trial(sound, "walk", turned_by(small))) == []
 
 
-def test_backwards_and_with_another_sign_wrong_nothing_is_said(sound: Study) -> None:
-    """Both turn the moment round, or may: the cause is told elsewhere."""
+def test_backward_walking_and_other_wrong_signs_are_not_reported(sound: Study) -> None:
+    """Both reverse the moment, or may: the cause is reported elsewhere."""
     assert of_free_moment(with_trial(sound, "walk", backwards)) == []
     pushing_outwards = plates(lambda p: replace(p, force=p.force * [-1, 1, -1], moment=-p.moment))
     assert of_free_moment(with_trial(sound, "walk", pushing_outwards)) == []

@@ -14,7 +14,11 @@ NOTED = {
     "pig_c3d": [("gait", "plate to foot", "left foot rests partly beside it (")],
     "uf3": [("ankle_r", "time", "CameraRate 100"), ("knee_r", "jumps", "the recording has a seam")],
     "functional_c3d": [
-        ("hip_r", "exchanged", "'RLFE' and 'RMFE' have swapped labels in 958 frames, 7.49-17.06 s")
+        (
+            "hip_r",
+            "swapped labels",
+            "'RLFE' and 'RMFE' have swapped labels in 958 frames, 7.49-17.06 s",
+        )
     ],
 }
 """Trial, topic, words of notes, facts that need no action, that are true of these recordings."""
@@ -27,8 +31,8 @@ def test_no_error_no_warning_and_the_known_notes(
     found = check_study(real_study(name))
     assert [f.line for f in found if f.severity is not Severity.INFO] == []
     for where, topic, words in NOTED.get(name, []):
-        told = [f.evidence for f in found if (f.where, f.topic) == (where, topic)]
-        assert any(words in text for text in told), told
+        reported = [f.evidence for f in found if (f.where, f.topic) == (where, topic)]
+        assert any(words in text for text in reported), reported
 
 
 def test_unreadable_files_are_findings(data_dir: Path, tmp_path: Path) -> None:

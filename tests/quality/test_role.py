@@ -1,6 +1,4 @@
-"""Which way is up, which side is right, which joint moves, and whether further static trials show
-the same body.
-"""
+"""Vertical axis, right and left, the moving joint, and whether further static trials agree."""
 
 from dataclasses import replace
 
@@ -53,7 +51,7 @@ def test_one_error_names_the_cause_in_every_role(sound: Study, trial: str, case:
     assert error.where == trial and words in error.cause
 
 
-def test_lying_on_a_bench_is_no_fault_of_an_isolated_trial(sound: Study) -> None:
+def test_lying_is_no_fault_of_a_functional_trial(sound: Study) -> None:
     assert findings(with_trial(sound, "knee_r", lying), severity=Severity.ERROR) == []
 
 
@@ -64,7 +62,7 @@ def on_the_spot(r: Recording) -> Recording:
     )
 
 
-def test_a_walk_that_is_declared_for_one_joint(sound: Study) -> None:
+def test_walk_declared_as_functional_trial(sound: Study) -> None:
     walk = recording_of(sound)
     for recording, goes in ((walk, True), (on_the_spot(walk), False)):
         (found,) = findings(with_trial(sound, "knee_r", lambda _, walk=recording: walk), "role")  # type: ignore[misc]
@@ -72,7 +70,7 @@ def test_a_walk_that_is_declared_for_one_joint(sound: Study) -> None:
         assert ("pelvis" in found.found) == goes
 
 
-def test_on_a_belt_a_person_goes_where_the_feet_go(sound: Study) -> None:
+def test_walking_direction_on_a_belt_is_that_of_the_feet(sound: Study) -> None:
     """A belt under the same walk; then the same with its frames in reverse."""
 
     def heading(change: Change) -> list[Severity]:
@@ -84,7 +82,7 @@ def test_on_a_belt_a_person_goes_where_the_feet_go(sound: Study) -> None:
 
 
 def with_second(study: Study, change: Change) -> Study:
-    """The study with its static trial given again, elsewhere in the room, turned, and changed."""
+    """The study with its static trial added at another position, rotated and changed."""
     turn = Rotation.from_euler("y", 130.0, degrees=True).as_matrix()
     again = change(study.static.recording)
     again = replace(again, source="again.csv", markers=again.markers @ turn.T + [1.0, 0.0, -2.0])
@@ -93,13 +91,13 @@ def with_second(study: Study, change: Change) -> Study:
     )
 
 
-def told(study: Study) -> list[Finding]:
+def find_contradictions(study: Study) -> list[Finding]:
     return [f for f in serious(study) if f.where == "standing2"]
 
 
-def test_the_same_body_standing_elsewhere_agrees(sound: Study) -> None:
+def test_same_body_at_another_position_agrees(sound: Study) -> None:
     two = with_second(sound, lambda r: r)
-    assert told(two) == []
+    assert find_contradictions(two) == []
     assert any(
         f.code is Code.STATICS_DISAGREE and "static" in f.found
         for f in check_study(two)
@@ -120,7 +118,9 @@ def test_a_marker_that_moved_between_two_static_trials_is_named(
 ) -> None:
     (found,) = [
         f
-        for f in told(with_second(sound, moved(label, lambda x: x + [0.0, 0.0, shift])))
+        for f in find_contradictions(
+            with_second(sound, moved(label, lambda x: x + [0.0, 0.0, shift]))
+        )
         if "body" in f.cause
     ]
     assert found.severity is severity

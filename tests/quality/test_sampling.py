@@ -1,4 +1,4 @@
-"""Seams of a recording: frames cut out or doubled, parts joined, and what only looks like one."""
+"""Seams of a recording: frames missing or duplicated, parts joined, and similar motions."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -17,7 +17,7 @@ from tests.quality.spoilt import findings, sound_study, with_trial
 from tests.synthetic_studies import made_recording
 
 NEAR = 0.3
-"""Frames by which the number of lost ones may be told wrong: a foot's path bends within the
+"""Frames by which the number of lost ones may be reported wrong: a foot's path bends within the
 windows.
 """
 REAL = (
@@ -37,7 +37,7 @@ def walk() -> Array:
 
 
 def cut(x: Array, at: int, count: int) -> Array:
-    """Without so many frames from `at` on; -1: that frame twice."""
+    """Remove some frames from `at` on; -1: duplicate that frame."""
     return (
         np.insert(x, at, x[at], axis=0)
         if count < 0
@@ -46,7 +46,7 @@ def cut(x: Array, at: int, count: int) -> Array:
 
 
 def places(x: Array) -> range:
-    """Where a seam has a whole window on either side."""
+    """Frames with a whole window on either side."""
     return range(HALF_WINDOW + 1, len(x) - HALF_WINDOW - 3, 7)
 
 
@@ -68,14 +68,14 @@ def test_real_walks_have_no_seam_until_a_frame_is_cut_out(name: str, data_dir: P
     assert missed == []
 
 
-def test_parts_joined_across_the_way_of_walking_are_a_seam() -> None:
+def test_parts_joined_sideways_are_a_seam() -> None:
     x = walk().copy()
     x[100:] += [0.0, 0.0, 0.3]
     assert [one.frame for one in find_seams(x)] == [99]
 
 
-def test_a_body_that_stops_at_once_steps_nowhere() -> None:
-    """As in landing: velocities break between two frames, positions do not."""
+def test_sudden_stop_is_no_seam() -> None:
+    """As in landing: velocities change between two frames, positions do not."""
     time = np.arange(60) / 100.0
     falling = np.where(time < 0.3, 2.0 * (0.3 - time), 0.0)
     x = np.random.default_rng(6).uniform(0.0, 1.0, (1, 20, 3)) + falling[:, None, None] * [
@@ -86,7 +86,7 @@ def test_a_body_that_stops_at_once_steps_nowhere() -> None:
     assert find_seams(x) == []
 
 
-def test_few_markers_or_a_body_at_rest_tell_nothing() -> None:
+def test_few_markers_or_a_body_at_rest_have_no_seam() -> None:
     x = walk()
     still = x[:1] + np.random.default_rng(7).normal(0.0, CAMERAS_M, x.shape)
     assert find_seams(cut(x[:, :5], 80, 1)) == []
@@ -96,7 +96,9 @@ def test_few_markers_or_a_body_at_rest_tell_nothing() -> None:
 @pytest.mark.parametrize(
     ("count", "words"), [(1, "missing"), (-1, "duplicated")], ids=["lost", "twice"]
 )
-def test_walk_is_warned_of_and_an_isolated_trial_noted(count: int, words: str) -> None:
+def test_seam_is_a_warning_in_a_walk_and_a_note_in_a_functional_trial(
+    count: int, words: str
+) -> None:
     def spoil(recording: Recording) -> Recording:
         markers = cut(recording.markers, 100, count)[: len(recording.time)]
         return replace(recording, time=recording.time[: len(markers)], markers=markers)

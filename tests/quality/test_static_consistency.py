@@ -1,6 +1,4 @@
-"""One body in all trials: faults in random places of a sound study are named, and nothing is said
-of the sound one.
-"""
+"""One body in all trials: random faults of a sound study are named, the sound one has none."""
 
 from dataclasses import replace
 
@@ -31,7 +29,7 @@ from tests.quality.spoilt import Change, moved, scaled, serious, swapped, with_t
 
 Array = NDArray[np.float64]
 
-BODY = ("one body", "body size", "left its place", "joint")
+BODY = ("one body", "body size", "displaced markers", "joint")
 SIZE_MM = 35.0
 """Well above the 8 to 10 mm of skin, whatever the direction."""
 ROUNDING = 1e-9
@@ -43,27 +41,29 @@ def trials(sound: Study) -> dict[str, TrialEvidence]:
     return {t.name: t for t in preprocess_study(sound).trials}
 
 
-def told(study: Study) -> list[Finding]:
+def find_contradictions(study: Study) -> list[Finding]:
     return [f for f in check_study(study) if f.topic in BODY]
 
 
-def of_further(study: Study, trials: dict[str, TrialEvidence]) -> list[Finding]:
-    """The same of the walk held against a saved model."""
+def check_further_trial(study: Study, trials: dict[str, TrialEvidence]) -> list[Finding]:
+    """Check the walk against a saved model."""
     evidence = preprocess_trial(
         study.trials[1], trials["walk"].model, study.marker_set, study.settings
     )  # type: ignore[arg-type]
     return [f for f in check_further(evidence) if f.topic in BODY]
 
 
-def some_way(trial: TrialEvidence, segment: str, size: float) -> Array:
-    """(1, 3) so many m in the plane of a cluster's markers."""
+def make_displacement(trial: TrialEvidence, segment: str, size: float) -> Array:
+    """(1, 3) m in the plane of a cluster's markers."""
     static = trial.clusters[segment].static
     way = static[0] - static[1]
     return np.asarray(size * way / np.linalg.norm(way))[None]
 
 
-def turned_with(trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
-    """Markers moved by (n, 3) m in static axes, which the segment carries along."""
+def displace_markers(
+    trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array
+) -> Change:
+    """Displace markers by (n, 3) m in static axes, which move with the segment."""
     rotation = trial.clusters[segment].rotation
 
     def change(recording: Recording) -> Recording:
@@ -75,21 +75,21 @@ def turned_with(trial: TrialEvidence, segment: str, labels: tuple[str, ...], by:
     return change
 
 
-def test_nothing_is_said_of_a_sound_study(sound: Study) -> None:
-    assert told(sound) == []
+def test_sound_study_has_no_contradictions(sound: Study) -> None:
+    assert find_contradictions(sound) == []
 
 
-def test_what_is_too_weak_to_be_told_may_be_so(
+def test_small_contradictions_are_not_reported(
     sound: Study, trials: dict[str, TrialEvidence]
 ) -> None:
-    """A thigh whose markers turned by 12 deg about its length: an error of so many degrees there,
-    and nowhere else.
-    """
+    """A thigh cluster rotated by 12 deg about its length is an error of that size there only."""
     walk = trials["walk"]
     cluster = walk.clusters["thigh_r"]
     at = cluster.static - cluster.static.mean(axis=0)
     by = Rotation.from_euler("y", 12.0, degrees=True).apply(at) - at
-    turned = walk.with_recording(turned_with(walk, "thigh_r", cluster.labels, by)(walk.recording))
+    turned = walk.with_recording(
+        displace_markers(walk, "thigh_r", cluster.labels, by)(walk.recording)
+    )
     assert find_contradictions(turned.clusters, turned.links) == ()
     before, after = (
         np.rad2deg([m.rotation for m in find_possible_moves(t.clusters, t.links).values()])
@@ -117,20 +117,22 @@ def test_a_displaced_marker_is_named_with_its_size(
     cluster = walk.clusters[segment]
     label = cluster.labels[np.random.default_rng(seed).integers(cluster.marker_count)]
     spoilt = with_trial(
-        sound, "walk", turned_with(walk, segment, (label,), some_way(walk, segment, 1e-3 * SIZE_MM))
+        sound,
+        "walk",
+        displace_markers(walk, segment, (label,), make_displacement(walk, segment, 1e-3 * SIZE_MM)),
     )
-    (found,) = told(spoilt)
+    (found,) = find_contradictions(spoilt)
     assert f"'{label}'" in found.cause and (found.where, found.leg) == ("walk", segment[-1])
     assert abs(float(found.found.split(" mm off")[0]) - SIZE_MM) < 0.35 * SIZE_MM
     assert f'weights = {{ "{label}" = 0 }}' in found.cure
-    assert told(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
+    assert find_contradictions(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
 
 
-def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
+def test_marker_displaced_in_all_trials_gives_one_finding(
     sound: Study, trials: dict[str, TrialEvidence]
 ) -> None:
     spoilt = with_trial(sound, "static", moved("R.Shank.Front", lambda x: x + [0.0, 0.03, 0.0]))
-    found = [f for f in told(spoilt) if "'R.Shank.Front'" in f.cause]
+    found = [f for f in find_contradictions(spoilt) if "'R.Shank.Front'" in f.cause]
     assert [f.where for f in found] == [STUDY]
     check_finding(found[0], Code.MARKER_OFF_STATIC)
 
@@ -138,7 +140,7 @@ def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
 @pytest.mark.parametrize(
     "pair", [("R.Thigh.Upper", "R.Thigh.Front"), ("L.Shank.Upper", "L.Shank.Rear")]
 )
-def test_exchanged_labels_are_told_once_and_refused(sound: Study, pair: tuple[str, str]) -> None:
+def test_swapped_labels_give_one_error(sound: Study, pair: tuple[str, str]) -> None:
     (found,) = serious(with_trial(sound, "walk", swapped(*pair)))
     assert found.severity is Severity.ERROR and all(
         f"'{label}'" in found.evidence for label in pair
@@ -166,21 +168,21 @@ def test_a_turned_or_mirrored_cluster_is_an_error(
     shift: float,
     code: Code,
 ) -> None:
-    """The isolated knee has it as the static trial: nothing is placed."""
+    """The functional knee trial has it as the static trial."""
     cluster = trials["walk"].clusters[segment]
     away = cluster.static - cluster.static.mean(axis=0)
     by = away @ (change - np.eye(3)).T + [0.0, shift, 0.0]
-    found = told(
-        with_trial(sound, "walk", turned_with(trials["walk"], segment, cluster.labels, by))
+    found = find_contradictions(
+        with_trial(sound, "walk", displace_markers(trials["walk"], segment, cluster.labels, by))
     )[0]
     check_finding(found, code, Severity.ERROR, leg=segment[-1])
     assert not shift or numbers(found.found)[1] == pytest.approx(1e3 * shift, abs=2.0)
 
 
 def test_another_size_of_one_trial_and_of_the_static_one(sound: Study) -> None:
-    (one,) = told(with_trial(sound, "knee_r", scaled(1.03)))
+    (one,) = find_contradictions(with_trial(sound, "knee_r", scaled(1.03)))
     check_finding(one, Code.BODY_SIZE, "knee_r", 1.03, where="knee_r", topic="body size")
-    (static,) = told(with_trial(sound, "static", scaled(1.03)))
+    (static,) = find_contradictions(with_trial(sound, "static", scaled(1.03)))
     assert static.where == "static" and static.severity is Severity.ERROR
 
 
@@ -191,12 +193,12 @@ def test_a_trial_declared_for_another_joint_names_the_one_that_moves(
     spoilt = replace(
         sound, trials=tuple(replace(t, joint=joint) if t.joint else t for t in sound.trials)
     )
-    (found,) = [f for f in told(spoilt) if f.topic == "joint"]
+    (found,) = [f for f in find_contradictions(spoilt) if f.topic == "joint"]
     assert found.severity is Severity.ERROR
     check_finding(found, Code.OTHER_JOINT, joint, "knee_r")
 
 
-def test_alignment_and_turns_are_exact() -> None:
+def test_alignment_and_rotations_are_exact() -> None:
     rng = np.random.default_rng(5)
     for _ in range(10):
         angles = rng.uniform(-1.0, 1.0, 3)
@@ -233,12 +235,14 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvi
         )
 
     three = replace(sound, trials=(*sound.trials, again("walk2"), again("walk3")))
-    assert told(three) == []
+    assert find_contradictions(three) == []
     label, by = (
         trials["walk"].clusters["thigh_r"].labels[:1],
-        some_way(trials["walk"], "thigh_r", 0.011),
+        make_displacement(trials["walk"], "thigh_r", 0.011),
     )
-    (found,) = told(with_trial(three, "walk2", turned_with(trials["walk"], "thigh_r", label, by)))
+    (found,) = find_contradictions(
+        with_trial(three, "walk2", displace_markers(trials["walk"], "thigh_r", label, by))
+    )
     check_finding(found, Code.ODD_WALK, 2, where="walk2")
 
 
@@ -247,20 +251,18 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvi
 def test_in_a_further_trial_the_marker_itself_is_named(
     sound: Study, trials: dict[str, TrialEvidence], label: str, axis: int
 ) -> None:
-    """Held against the saved model."""
+    """Checked against the saved model."""
     spoilt = with_trial(
         sound,
         "walk",
-        turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]),
+        displace_markers(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]),
     )
-    (found,) = of_further(spoilt, trials)
+    (found,) = check_further_trial(spoilt, trials)
     check_finding(found, Code.MARKER_OFF_STATIC, label)
-    assert of_further(sound, trials) == []
+    assert check_further_trial(sound, trials) == []
 
 
-def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(
-    trials: dict[str, TrialEvidence],
-) -> None:
+def test_constant_flexion_is_no_displaced_marker(trials: dict[str, TrialEvidence]) -> None:
     walk = trials["walk"]
     hip = walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation
     bent = np.argsort(np.abs(compute_root_angles(hip)[:, 0]))[-12:]
@@ -287,7 +289,7 @@ def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, TrialEvide
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.02])
-def test_sizes_that_scatter_leave_the_body_its_size(
+def test_scatter_of_cluster_sizes_widens_the_limit(
     sound: Study, trials: dict[str, TrialEvidence], scatter: float
 ) -> None:
     spoilt = sound
@@ -299,16 +301,18 @@ def test_sizes_that_scatter_leave_the_body_its_size(
         by = (size - 1.0) * (cluster.static - cluster.static.mean(axis=0))
         for name in ("walk", "knee_r"):
             spoilt = with_trial(
-                spoilt, name, turned_with(trials[name], segment, cluster.labels, by)
+                spoilt, name, displace_markers(trials[name], segment, cluster.labels, by)
             )
-    assert any(f.topic == "body size" for f in told(spoilt)) == (scatter == 0.0)
+    assert any(f.topic == "body size" for f in find_contradictions(spoilt)) == (scatter == 0.0)
 
 
 @pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front"])
 def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, label: str) -> None:
     two = with_trial(sound, "walk", without("R.Thigh.Rear"))
-    assert told(two) == []
-    (found,) = told(with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0])))
+    assert find_contradictions(two) == []
+    (found,) = find_contradictions(
+        with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0]))
+    )
     assert (
         "'R.Thigh.Upper'" in found.cause
         and "'R.Thigh.Front'" in found.cause
@@ -316,9 +320,9 @@ def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, lab
     )
 
 
-def test_a_marker_at_fault_does_not_accuse_two_good_ones(trials: dict[str, TrialEvidence]) -> None:
-    """Three markers on a foot, one elsewhere: exchanging the others may halve what is wrong, but
-    puts nothing right.
+def test_displaced_marker_does_not_blame_two_others(trials: dict[str, TrialEvidence]) -> None:
+    """Three markers on a foot, one displaced: swapping the others may halve the error but is
+    wrong.
     """
     trio = ("R.Heel", "R.Midfoot.Sup", "R.Toe.Tip")
     walk, rng = trials["walk"], np.random.default_rng(7)
@@ -327,6 +331,6 @@ def test_a_marker_at_fault_does_not_accuse_two_good_ones(trials: dict[str, Trial
         for _ in range(40):
             way = rng.normal(size=3)
             by = rng.uniform(0.03, 0.12) * way / np.linalg.norm(way)
-            spoilt = walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few))
+            spoilt = walk.with_recording(displace_markers(walk, "foot_r", (wrong,), by[None])(few))
             found = find_swaps_by_lengths(spoilt.recording, spoilt.templates)
             assert all(wrong in (one.label, one.other) for one in found)

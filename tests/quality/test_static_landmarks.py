@@ -1,6 +1,4 @@
-"""The static trial by itself: exchanged and displaced landmarks, a wrong height, bent people;
-nothing on sound ones.
-"""
+"""Static trial alone: swapped and displaced landmarks, wrong height, bent legs; sound ones pass."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -77,15 +75,15 @@ def spoilt(study: Study, change: Change) -> list[Finding]:
     return [f for f in serious(with_trial(study, "static", change)) if f.where == "static"]
 
 
-def test_no_landmark_of_sound_people_is_accused(people: People) -> None:
+def test_sound_landmarks_are_not_reported(people: People) -> None:
     for name, (p, height) in people.items():
         assert list(find_faults(p, height)) == [], name
         assert estimate_height_factor(p, height) == 1.0
         assert max(abs(m.z) for m in measure_landmarks(p, height)) < 3.0, name
 
 
-def test_a_foot_without_a_landmark_turns_nobody(people: People) -> None:
-    """Forward comes from the pelvis then: toes that turn out by 26 degrees are no displacement."""
+def test_missing_foot_landmark_does_not_change_body_axes(people: People) -> None:
+    """Forward is that of the pelvis then: toes 26 degrees outward are no displacement."""
     for name, (p, height) in people.items():
         for lost in ("toe_l", "heel_r", "ankle_lat_l"):
             some = {landmark: x for landmark, x in p.items() if landmark != lost}
@@ -105,7 +103,7 @@ def test_a_foot_without_a_landmark_turns_nobody(people: People) -> None:
 
 
 @pytest.mark.parametrize("lost", ["L.Toe.Tip", "R.Heel", "R.Knee.Lat", "L.ASIS"])
-def test_without_a_required_marker_no_other_is_accused(sound: Study, lost: str) -> None:
+def test_missing_required_marker_blames_no_other(sound: Study, lost: str) -> None:
     wrong = moved("L.Ankle.Lat", lambda x: x + [0.05, 0.05, 0.0])
     assert "'L.Ankle.Lat'" in spoilt(sound, wrong)[0].cause
     found = spoilt(sound, lambda r: without(lost)(wrong(r)))
@@ -129,7 +127,7 @@ EXCHANGES = [
 
 
 @pytest.mark.parametrize("pairs", EXCHANGES, ids=lambda pairs: "+".join(a for a, _ in pairs))
-def test_exchanged_landmarks_are_found_on_everybody(
+def test_swapped_landmarks_are_found_on_all_people(
     people: People, pairs: tuple[tuple[str, str], ...]
 ) -> None:
     for name, (p, height) in people.items():
@@ -140,8 +138,8 @@ def test_exchanged_landmarks_are_found_on_everybody(
 
 @pytest.mark.slow
 def test_a_landmark_90_mm_off_is_found_and_named(people: People) -> None:
-    """Forty, the same every time: of 1780 draws 10 are missed, heels across a foot that is turned
-    out, whom nothing but the foot's own direction would betray, and feet do turn.
+    """Forty, the same every time: of 1780 draws 10 are missed, heels across an outward foot, which only the
+    foot's own direction would show.
     """
     rng = np.random.default_rng(2)
     for _ in range(40):
@@ -156,20 +154,18 @@ def test_a_landmark_90_mm_off_is_found_and_named(people: People) -> None:
                 find_faults({**p, name: p[name] + 0.09 * way / np.linalg.norm(way)}, height)
             )
             assert isinstance(first, DisplacedLandmark)
-            told = (first.landmark, *(other for other, _ in first.rivals))
+            reported = (first.landmark, *(other for other, _ in first.rivals))
             # A heel straight up leaves both feet as unlike each other as the other heel down: of
-            # uf3 that one is told.
-            assert name in told or (landmark == "heel" and first.landmark.startswith("heel"))
+            # uf3 that one is reported.
+            assert name in reported or (landmark == "heel" and first.landmark.startswith("heel"))
             assert 0.05 < first.size < 0.14
 
 
 @pytest.mark.slow
 def test_how_often_a_landmark_40_mm_off_is_found(people: People) -> None:
-    """In nine of ten cases on thirteen people; three of four are asked for here, as only two people
-    stand for all.
-    """
+    """Nine of ten cases on thirteen people; three of four are required here, with two people."""
     rng = np.random.default_rng(1)
-    told, named, of = 0, 0, 0
+    reported, named, of = 0, 0, 0
     for p, height in (people[name] for name in ("subject01", "uf3")):
         for name in p:
             if name == "sacrum":
@@ -179,10 +175,10 @@ def test_how_often_a_landmark_40_mm_off_is_found(people: People) -> None:
                 find_faults({**p, name: p[name] + 0.04 * away / np.linalg.norm(away)}, height)
             )
             of += 1
-            told += bool(found)
+            reported += bool(found)
             if found and isinstance(found[0], DisplacedLandmark):
                 named += name in (found[0].landmark, *(other for other, _ in found[0].rivals))
-    assert told > 0.75 * of
+    assert reported > 0.75 * of
     assert named > 0.7 * of
 
 
@@ -216,7 +212,7 @@ def test_how_often_a_landmark_40_mm_off_is_found(people: People) -> None:
     ],
     ids=["exchanged", "off its bone", "a knee as wide as two", "thigh and shank"],
 )
-def test_what_is_told_of_a_landmark(
+def test_findings_on_landmarks(
     sound: Study, change: Change, severity: Severity, leg: str, words: tuple[str, ...]
 ) -> None:
     (found,) = spoilt(sound, change)
@@ -225,7 +221,7 @@ def test_what_is_told_of_a_landmark(
 
 
 @pytest.mark.parametrize("factor", [0.87, 1.15])
-def test_a_height_that_no_length_goes_with(people: People, factor: float) -> None:
+def test_wrong_body_height_is_estimated(people: People, factor: float) -> None:
     for name, (p, height) in people.items():
         found = estimate_height_factor(p, factor * height)
         assert abs(found * factor - 1.0) < 0.08, name
@@ -233,9 +229,7 @@ def test_a_height_that_no_length_goes_with(people: People, factor: float) -> Non
 
 
 def bent(knee: float, other: float) -> Recording:
-    """The synthetic person standing with right and left knee bent by so many degrees, hips and
-    ankles following.
-    """
+    """The synthetic subject standing with right and left knee flexed, hips and ankles following."""
     motion = simulate_static_trial()
     model = published_model(static_only=True)
     q = motion.q.copy()
@@ -258,7 +252,7 @@ def bent(knee: float, other: float) -> Recording:
         ((50.0, 5.0), "unevenly", WARNING),
     ],
 )
-def test_how_somebody_stands_is_told_and_no_landmark_accused(
+def test_posture_is_reported_and_no_landmark_blamed(
     sound: Study, knees: tuple[float, float], cause: str | None, severity: Severity | None
 ) -> None:
     trial = evidence(sound, replace(sound.static, recording=bent(*knees)))
@@ -275,11 +269,11 @@ def test_how_somebody_stands_is_told_and_no_landmark_accused(
 @pytest.mark.parametrize(
     ("share", "severity"), [(0.479, None), (0.455, Severity.INFO), (0.41, WARNING)]
 )
-def test_legs_are_doubted_where_hardly_anybody_has_them(
+def test_unusual_leg_length_is_reported(
     sound: Study, share: float, severity: Severity | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Legs of one person in twelve, in fifty, in three thousand, where no other length speaks
-    against a height.
+    """Legs of one person in twelve, in fifty, in three thousand, while other lengths fit the
+    height.
     """
     trial = evidence(sound, sound.static)
     monkeypatch.setattr(
@@ -291,10 +285,8 @@ def test_legs_are_doubted_where_hardly_anybody_has_them(
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
-def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Path) -> None:
-    """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of
-    its segments.
-    """
+def test_unusual_build_is_not_reported(seed: int, tmp_path: Path) -> None:
+    """Every joint axis rotated by up to 10 degrees, every joint displaced by up to 10 mm."""
     model = make_synthetic_model(
         np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0]), perturb=True
     )
@@ -314,8 +306,8 @@ def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Pat
     )
 
 
-def test_the_cost_of_build_is_the_least_of_turns_and_shifts(sound: Study) -> None:
-    """Against the same least squares solved densely; one landmark alone is no build."""
+def test_build_cost_is_the_minimum_over_rotations_and_translations(sound: Study) -> None:
+    """Against a dense least squares solution; a single landmark is no build."""
     rng = np.random.default_rng(3)
     standing, height = body(sound)
     p = {name: point + 0.01 * rng.normal(size=3) for name, point in standing.items()}

@@ -1,6 +1,4 @@
-"""From findings to a verdict: overall, for each walk and each leg, one reason a cause, the worst
-first.
-"""
+"""From findings to a verdict: overall, for each walk and leg, one reason a cause, the worst first."""
 
 from dataclasses import replace
 from itertools import permutations
@@ -117,7 +115,7 @@ FINDINGS = st.builds(
 
 
 @given(st.lists(FINDINGS, max_size=6))
-def test_more_findings_never_make_it_better(findings: list[Finding]) -> None:
+def test_more_findings_never_improve_the_verdict(findings: list[Finding]) -> None:
     order = list(Judgement)
     before = judge(findings[:-1], WALKS)
     after = judge(findings, WALKS)
@@ -130,18 +128,20 @@ def test_more_findings_never_make_it_better(findings: list[Finding]) -> None:
 
 @given(st.lists(FINDINGS, min_size=1, max_size=5))
 def test_one_reason_a_cause_the_worst_first(findings: list[Finding]) -> None:
-    told = collect_reasons(findings)
+    reported = collect_reasons(findings)
     said = [f for f in findings if f.severity is not Severity.INFO]
-    assert sorted(r.cause for r in told) == sorted({f.cause for f in said})
+    assert sorted(r.cause for r in reported) == sorted({f.cause for f in said})
     order = list(Severity)
-    assert [order.index(r.severity) for r in told] == sorted(order.index(r.severity) for r in told)
-    for reason in told:
+    assert [order.index(r.severity) for r in reported] == sorted(
+        order.index(r.severity) for r in reported
+    )
+    for reason in reported:
         own = [f for f in said if f.cause == reason.cause]
         assert reason.severity is min((f.severity for f in own), key=order.index)
         assert set(reason.trials) == {f.where for f in own} - {STUDY}
 
 
-def test_the_worst_of_one_severity_is_told_first() -> None:
+def test_worst_of_one_severity_is_first() -> None:
     some = [
         found(Severity.WARNING, "walk", cause, weight=weight)
         for cause, weight in (("a", 1), ("b", 9), ("c", 4))
@@ -161,11 +161,11 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
             cure="fill",
         )
 
-    (told,) = collect_reasons(
+    (reported,) = collect_reasons(
         [plain("a", "no marker for 0.3 s"), plain("b", "no marker for 0.51 s")]
     )
-    assert told.trials == ("a", "b")
-    assert numbers(told.line) == [0.3, 0.51] and told.line.startswith("a, b: gaps: ")
+    assert reported.trials == ("a", "b")
+    assert numbers(reported.line) == [0.3, 0.51] and reported.line.startswith("a, b: gaps: ")
     assert (
         len(collect_reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")]))
         == 2
@@ -178,7 +178,7 @@ CONTRADICTED = found(
 DISAGREE = found(Severity.ERROR, "walk", topic=BOUNDS, code=Code.FORCES_OF_ANOTHER)
 
 
-def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
+def test_consequences_of_a_named_fault_are_removed() -> None:
     late, everywhere = (
         found(Severity.WARNING, where, "the forces come late") for where in ("walk", STUDY)
     )
@@ -200,7 +200,7 @@ def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
 @pytest.mark.parametrize(
     ("topic", "spoilt"), [(topic, spoilt) for topic in SPOILS for spoilt in SPOILS[topic]]
 )
-def test_what_puts_a_trial_in_disorder_is_told_alone(topic: str, spoilt: str) -> None:
+def test_consequences_of_a_disordered_trial_are_removed(topic: str, spoilt: str) -> None:
     cause = found(Severity.ERROR, "walk", topic=topic)
     effect = found(Severity.WARNING, "walk", "b", topic=spoilt)
     assert remove_consequences([effect, cause]) == (cause,)
@@ -213,7 +213,7 @@ def test_what_puts_a_trial_in_disorder_is_told_alone(topic: str, spoilt: str) ->
 
 
 @pytest.mark.parametrize("where", ["walk", STUDY])
-def test_a_residual_that_a_named_fault_explains_is_not_told_beside_it(where: str) -> None:
+def test_explained_residual_is_removed(where: str) -> None:
     residual = found(
         Severity.WARNING, "walk", "motion and forces disagree", code=Code.UNEXPLAINED_RESIDUAL
     )
@@ -225,7 +225,7 @@ def test_a_residual_that_a_named_fault_explains_is_not_told_beside_it(where: str
     assert remove_consequences([off, residual]) == (off,)
 
 
-def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() -> None:
+def test_marker_faults_make_other_walks_doubtful_and_force_faults_do_not() -> None:
     markers = found(Severity.ERROR, "walk", topic="clusters")
     forces, doubt = found(Severity.ERROR, "walk"), replace(markers, severity=Severity.WARNING)
     for said, other in ((markers, DOUBTFUL), (forces, GOOD), (doubt, GOOD)):
@@ -236,7 +236,7 @@ def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() ->
     }
 
 
-def test_errors_stop_only_where_they_leave_a_walk_no_leg() -> None:
+def test_errors_stop_only_if_a_walk_keeps_no_leg() -> None:
     """One leg without its toe: the other is computed. A warning never stops, an error without a leg
     always does.
     """
@@ -258,7 +258,7 @@ def test_errors_stop_only_where_they_leave_a_walk_no_leg() -> None:
     assert select_stopping_errors([left], ()) == (left,)
 
 
-def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> None:
+def test_undetermined_leg_explains_later_findings() -> None:
     lost = found(Severity.ERROR, "walk", "one marker alone follows foot_l", "l", topic="one marker")
     bounds = found(Severity.ERROR, "walk", "no leg bends so", "l", topic=BOUNDS)
     assert remove_consequences([lost, bounds, DISAGREE, CONTRADICTED]) == (lost,)
@@ -275,7 +275,7 @@ def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> No
     assert remove_consequences([doubt, bounds, DISAGREE]) == (doubt, bounds, DISAGREE)
 
 
-def test_a_joint_that_lies_where_nobody_has_it_is_told_once() -> None:
+def test_unusual_joint_position_gives_one_finding() -> None:
     cause = "the right hip joint lies where fewer than 1 in 1000 people have one"
     place = found(Severity.WARNING, STUDY, cause, "r", topic=JOINT_POSITIONS, code=Code.JOINT_PLACE)
     words = "is further from its position in the static trial than in people"

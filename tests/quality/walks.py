@@ -45,15 +45,13 @@ class Walk:
 
 
 def tracked(model: SubjectModel, recording: Recording) -> Motion:
-    """With the splines' usual number of nodes."""
+    """With the splines' usual number of control points."""
     return track_motion(build_trial_problem("walk", model, recording, NodeRule()), model.parameters)
 
 
 @lru_cache(maxsize=1)
 def exact_walk() -> Walk:
-    """Markers and plates of one motion and one body; the plates lie side by side, 4 m long and 1 m
-    wide.
-    """
+    """Markers and plates of one motion and one body; two plates side by side, 4 m long, 1 m wide."""
     model, true = published_model(), simulate_gait()
     plates = [
         replace(
