@@ -100,7 +100,9 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
             code=Code.FOLDER,
         )
     folder = read_folder(person.folder)
-    source = drafts.find_study_in_folder(folder) or _require_complete(draft_folder(folder, person.options))
+    source = drafts.find_study_in_folder(folder) or _require_complete(
+        draft_folder(folder, person.options)
+    )
     # Frees the recordings of all files, also of those that are not used.
     del folder
     settings = RunSettings(

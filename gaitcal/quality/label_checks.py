@@ -64,7 +64,9 @@ def check_swapped_labels(trial: TrialEvidence) -> Iterator[Finding]:
             severity = Severity.WARNING
         code = Code.EXCHANGED_BACK if k < len(back) else Code.EXCHANGED_LABELS
         weight = 1.0 if severity is Severity.INFO else float(count)
-        yield trial.make_finding(severity, "swapped labels", message, cure, weight=weight, code=code)
+        yield trial.make_finding(
+            severity, "swapped labels", message, cure, weight=weight, code=code
+        )
 
 
 def _is_harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
