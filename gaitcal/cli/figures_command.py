@@ -22,7 +22,7 @@ from gaitcal.report.figures.journal_figures import (
     build_paper_charts,
 )
 from gaitcal.results.cycle_tables import CYCLES
-from gaitcal.results.normal_curves import build_norm_tables
+from gaitcal.results.normal_curves import NORMAL_CURVES, build_norm_tables
 from gaitcal.results.result_tables import read_result_tables
 from gaitcal.results.stride_files import PEAKS
 from gaitcal.results.stride_uses import STRIDES, average_toe_offs
@@ -64,7 +64,8 @@ def draw_figures(
     if not result.is_dir():
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    names = [n for n in (SUMMARY, CYCLES, STRIDES, PEAKS) if (result / n).exists()]
+    read_files = (SUMMARY, CYCLES, STRIDES, PEAKS, NORMAL_CURVES)
+    names = [name for name in read_files if (result / name).exists()]
     with console.show_progress() as step:
         step("reading the result")
         (strides, verdict), read = snapshot.read_whole(

@@ -4,7 +4,7 @@ A figure that does not exist is absent, never 0. The verdict in `summary.json` i
 further trials that use the model.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -595,14 +595,19 @@ def parse_verdict(summary: Mapping[str, object]) -> Verdict:
         for name, trial in get_table(summary, "trials").items()
         if "verdict" in trial
     }
-    found = {trial.judgement for trial in trials.values()} or {Judgement.TRUSTWORTHY}
-    together = found.pop() if len(found) == 1 else Judgement.DOUBTFUL
+    together = combine_judgements(trial.judgement.value for trial in trials.values())
     return Verdict(
         judgement=Judgement(summary.get("verdict", together)),
         reasons=(),
         trials=trials,
         forced=bool(summary.get("forced")),
     )
+
+
+def combine_judgements(judgements: Iterable[str]) -> Judgement:
+    """Combine judgements: the common one; doubtful if they differ; trustworthy without any."""
+    found = {Judgement(name) for name in judgements} or {Judgement.TRUSTWORTHY}
+    return found.pop() if len(found) == 1 else Judgement.DOUBTFUL
 
 
 def require_not_refused(folder: Path) -> None:

@@ -25,6 +25,7 @@ from gaitcal.report.page import bone_files, bone_placement, page_data, plain_dat
 from gaitcal.report.page.body_meshes import PACKAGE, read_body_meshes
 from gaitcal.report.page.scene import MotionScene, Scene
 from gaitcal.results.shown_labels import TRIAL_CURVES, UNIT_WORDS
+from gaitcal.results.summary import combine_judgements
 
 SCRIPTS = (
     "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
@@ -375,7 +376,7 @@ def select_trials(data: Mapping[str, Any], names: Collection[str]) -> dict[str, 
     """
     trials = [trial for trial in data["trials"] if trial["name"] in names]
     about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
-    judgement = _combine_judgements(
+    judgement = combine_judgements(
         trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None
     )
     if about and judgement is Judgement.TRUSTWORTHY:
@@ -452,7 +453,7 @@ def _combine_verdicts(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[
                 judgement=Judgement(verdict["judgement"]), legs=legs
             )
     judged = Verdict(
-        judgement=_combine_judgements(part["judgement"] for part in parts),
+        judgement=combine_judgements(part["judgement"] for part in parts),
         reasons=(),
         trials=trials,
         forced=any(part.get("forced", False) for part in parts),
@@ -467,9 +468,3 @@ def _combine_verdicts(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[
         "reasons": reasons,
         "forced": judged.forced,
     }
-
-
-def _combine_judgements(judgements: Iterable[str]) -> Judgement:
-    """Combine judgements: the common one; doubtful if they differ; trustworthy without any."""
-    found = {Judgement(name) for name in judgements} or {Judgement.TRUSTWORTHY}
-    return found.pop() if len(found) == 1 else Judgement.DOUBTFUL
