@@ -1,9 +1,8 @@
-"""What can be wrong with data and results: one code a kind, the error that refuses, the finding
-that tells.
+"""Define codes, exceptions and findings.
 
-`gaitcal explain GC-020` prints the page of a code. GC-0..: what the checks find in recordings.
-GC-1..: what a result tells of itself. GC-2..: what stops a command. A code is never used for
-another kind, nor taken away and given again: papers, notes and scripts name them.
+Every kind of error and finding has one code; `gaitcal explain GC-020` prints its page. GC-0..:
+checks of recordings. GC-1..: checks of a result. GC-2..: errors that stop a command. A code is never
+used for another kind, as papers, notes and scripts refer to it.
 """
 
 import difflib
@@ -184,21 +183,19 @@ class Code(Enum):
 
 
 class GaitcalError(Exception):
-    """Root of every error that gaitcal raises on purpose. `exit_code` is what the command line
-    returns.
-    """
+    """Base class of the errors that gaitcal raises on purpose."""
 
+    # Exit code of the command line; 1: the input is at fault
     exit_code = 1
-    """1: the input is at fault."""
     code: Code = Code.INSTALLATION
-    """Its kind: `gaitcal explain` tells what it means."""
+    """Kind of error, explained by `gaitcal explain`."""
 
 
 class InputError(GaitcalError):
     """The input is at fault. The message is one line: file, field, what was found, what is allowed."""
 
     code = Code.INPUT
-    """Unless whoever raises it says a nearer one."""
+    """Default; raise with a more specific code."""
 
     def __init__(
         self,
@@ -220,16 +217,14 @@ class UsageError(InputError):
     """
 
     code = Code.OPTION
-    exit_code = 2  # 2: usage, as for options that the command line's own parser refuses
+    exit_code = 2  # 2: usage, as for options that the parser of the command line refuses
 
 
 class ConvergenceError(GaitcalError):
     """An iteration ended without reaching its tolerance and without a usable result."""
 
     code = Code.NOT_CONVERGED
-    """Of every fit."""
-    exit_code = 3
-    """3: did not converge."""
+    exit_code = 3  # 3: did not converge
 
 
 _SIDE = re.compile(
@@ -237,21 +232,33 @@ _SIDE = re.compile(
     r"(?<=[a-z0-9])([RL])$|"
     r"^([rl])(?=[A-Z])|^(Right|Left)(?=[A-Z_.])"
 )
-"""Where a label names its side: right or left as a word; R or L alone between separators, or before
-a capital, or last after a small letter or digit."""
+"""Side in a label: right or left as a word; R or L alone between separators, before a capital, or
+last after a small letter or digit."""
 
 
 def side_named(label: str) -> str:
-    """`r` or `l` where a label names its side; empty where it names none."""
+    """Find the side in a label: `r`, `l`, or empty."""
     found = _SIDE.search(label)
     return found.group(0)[0].lower() if found else ""
 
 
 def alike(name: str, allowed: Iterable[str]) -> list[str]:
-    """The one of `allowed` that `name` may be a misspelling of; never one of the other side.
+    """Find the allowed name that `name` may be a misspelling of; never one of the other side.
 
-    Names that differ by capitals, blanks, dots, dashes and underscores alone come first: `l_asis`
-    for `L.ASIS`.
+    A name that differs only by capitals, blanks, dots, dashes and underscores is preferred:
+    `L.ASIS` for `l_asis`.
+
+    Parameters
+    ----------
+    name : str
+        Name as it was given.
+    allowed : iterable of str
+        Allowed names.
+
+    Returns
+    -------
+    list of str
+        One name, or none.
     """
     side = side_named(name)
     there = [other for other in allowed if not side or side_named(other) in ("", side)]
@@ -264,12 +271,12 @@ def alike(name: str, allowed: Iterable[str]) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """A name without what people write differently: capitals and separators."""
+    """Remove capitals and separators from a name."""
     return re.sub(r"[\s._-]+", "", name).casefold() or name
 
 
 def other_side(name: str, other: str) -> bool:
-    """Whether two names differ only by r and l at one place, or by right and left."""
+    """Return whether two names differ only by r and l in one position, or by right and left."""
     a, b = name.lower(), other.lower()
     if len(a) == len(b):
         different = [{x, y} for x, y in zip(a, b, strict=True) if x != y]
@@ -278,61 +285,58 @@ def other_side(name: str, other: str) -> bool:
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean 'X'?`, or the empty string where nothing is close. For the end of an error
-    message.
-    """
+    """Suggest a similar name, for the end of a message: `; did you mean 'X'?`, or empty."""
     return "".join(f"; did you mean '{close}'?" for close in alike(name, allowed))
 
 
-STUDY = "study"  # Where a finding is that belongs to no single trial
+STUDY = "study"  # `Finding.where` of a finding that belongs to no single trial
 
 
 class Severity(Enum):
-    """How bad a finding is."""
+    """Severity of a finding."""
 
     ERROR = "error"
     """A result of this would be wrong, or impossible: it is refused."""
     WARNING = "warning"
-    """It may be right, and somebody should look: the result is doubtful."""
+    """It may be right and should be checked: the result is doubtful."""
     INFO = "info"
-    """Good to know; nothing needs to be done."""
+    """A note; nothing needs to be done."""
 
     @property
     def rank(self) -> int:
-        """0 for the worst."""
+        """Rank of the severity: 0 for the worst."""
         return list(Severity).index(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that was found."""
+    """One finding of a check."""
 
     code: Code
-    """Its kind: `gaitcal explain` tells what it means."""
+    """Kind of finding, explained by `gaitcal explain`."""
     severity: Severity
     topic: str
-    """What it is about, in a word or two: `units`, `labels`, `gaps`, ..."""
+    """Subject in a word or two: `units`, `labels`, `gaps`, ..."""
     where: str = ""
-    """Name of the trial, or `study`; empty where whoever asks for it knows the trial."""
+    """Name of the trial, or `study`; empty if the caller knows the trial."""
     found: str
-    """The evidence: what was found, with numbers."""
+    """Evidence: what was found, with numbers."""
     cure: str = ""
-    """What to do; empty where there is nothing to do."""
+    """Remedy: what to do; empty if nothing needs to be done."""
     source: str = ""
     """The file at fault."""
     cause: str = ""
-    """What is wrong, in a clause of its own ("the heel marker R_Heel left its place"); empty where
-    the topic and the evidence say it. Findings of one cause are told once."""
+    """What is wrong, as a clause ("the heel marker R_Heel is displaced"); empty if topic and
+    evidence suffice. Findings with one cause are reported once."""
     leg: str = ""
-    """`r` or `l` where it concerns one leg alone."""
+    """`r` or `l` if it concerns one leg alone."""
     weight: float = 1.0
-    """How many times its own error bar a torque may be wrong by this, roughly: the worst is told
-    first.
+    """Possible error of a torque in units of its error bar, roughly: the largest is reported first.
     """
 
     @property
     def evidence(self) -> str:
-        """What was found, after what is wrong."""
+        """The cause, if any, and what was found."""
         return f"{self.cause}: {self.found}" if self.cause else self.found
 
     @property
@@ -344,7 +348,7 @@ class Finding:
 
     @classmethod
     def of_fault(cls, fault: InputError, where: str, source: str, topic: str) -> "Finding":
-        """An InputError as a finding; its text already tells what is allowed."""
+        """Make a finding of an InputError, whose text already contains what is allowed."""
         text = str(fault).removeprefix(f"{source}: ")
         return cls(
             code=fault.code,
@@ -357,12 +361,12 @@ class Finding:
 
 
 def listed(names: list[str], most: int = 6) -> str:
-    """The first few names of a list, and how many more there are."""
+    """Join the first names of a list, with the number of those left out."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
 def note_of(finding: Finding) -> str:
-    """A finding as a note of a result: it begins with the name of its trial, where it has one."""
+    """Format a finding as a note of a result, which begins with the name of its trial."""
     place = "" if finding.where in (STUDY, "") else f"{finding.where}: "
     return f"{place}{finding.evidence}" + (f"; {finding.cure}" if finding.cure else "")

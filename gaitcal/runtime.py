@@ -1,21 +1,17 @@
-"""What a fit asks of the process it runs in, and the type of a callable that is told how long work
-goes on.
+"""Limit BLAS to one thread, keep freed memory, and define the type of progress callables.
 
-Freed memory is kept for the next array. A fit passes over a few megabytes of arrays again and
-again. As long as a process has freed none larger, glibc gives those back to the system and gets
-them again, page by page, for the next pass: tracking a walk then takes half as long again, and a
-draw in a dask worker (started with MALLOC_TRIM_THRESHOLD_=65536) more than twice its time. What
-glibc does by itself in a process that has once freed a large array is asked for here, once in each
-process, before it fits.
+*Memory.* A fit passes over a few megabytes of arrays again and again. Until a process has freed a
+larger array, glibc returns them to the system and requests them again, page by page, for the next
+pass. Tracking a walk then takes 1.5 times as long, and a draw in a dask worker (started with
+MALLOC_TRIM_THRESHOLD_=65536) more than twice as long. `keep_freed_memory` changes that, once in
+each process.
 
-BLAS uses one thread. The matrices here are small, and threads would only wait for each other: with
-two, tracking a walk takes more than twice its time, and the last bits depend on how many there are.
-Whatever computes and may be called from outside (the names of `import gaitcal`, what a worker is
-handed, the parts of a study that are compared bit for bit) is therefore `with_one_blas_thread`. The
-number belongs to the whole process, so the first that enters sets it and the last that leaves gives
-the user's own back: neither two threads that calibrate at once nor one call within another restore
-it too early. A call costs microseconds, one within another less. The command line asks for one
-thread before NumPy is loaded.
+*Threads.* The matrices are small: with two BLAS threads, tracking a walk takes more than twice as
+long, and the last bits depend on the number of threads. Everything that computes and may be called
+from outside (the names of `import gaitcal`, tasks of workers) is therefore `with_one_blas_thread`.
+The number of threads belongs to the whole process: the first call that enters sets it, and the last
+one that leaves restores the number before. Nested calls and parallel threads are counted. A call
+costs microseconds. The command line sets one thread before NumPy is loaded.
 """
 
 import ctypes
@@ -36,9 +32,7 @@ LARGEST_BYTES = 16 << 20  # Arrays below this come from the heap
 
 @cache
 def keep_freed_memory() -> bool:
-    """Let this process keep up to 64 MiB that it has freed; False where the system's allocator
-    cannot be asked.
-    """
+    """Let this process keep up to 64 MiB of freed memory; False if the allocator does not allow it."""
     if not sys.platform.startswith("linux"):
         return False
     try:
@@ -55,23 +49,27 @@ _R = TypeVar("_R")
 
 @cache
 def _blas_libraries() -> tuple[Any, ...]:
-    """Looked for once in each process, as that takes milliseconds."""
+    """Find the loaded BLAS libraries, once in each process, as that takes milliseconds."""
+    # NumPy and SciPy each load a separate BLAS.
     for owner in ("numpy", "scipy.linalg"):
-        import_module(owner)  # each brings a BLAS of its own
+        import_module(owner)
     return tuple(
         library for library in ThreadpoolController().lib_controllers if library.user_api == "blas"
     )
 
 
 _entering = threading.Lock()
-_inside = 0  # How many threads of the process are in `one_blas_thread` at present
-_users_own: tuple[int, ...] = ()  # Threads of each library before the first of them
-_here = threading.local()  # `depth`: calls of this thread, one within another
+# Number of threads of the process that are in `one_blas_thread`
+_inside = 0
+# Number of threads of each library before the first of them entered
+_threads_before: tuple[int, ...] = ()
+# `depth`: nested calls of this thread
+_here = threading.local()
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """BLAS uses one thread inside, and as many as before afterwards."""
+    """Limit BLAS to one thread inside the context, and restore the number afterwards."""
     depth = getattr(_here, "depth", 0)
     before = () if depth else _enter()
     _here.depth = depth + 1
@@ -84,11 +82,11 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _enter() -> tuple[int, ...]:
-    global _inside, _users_own
+    global _inside, _threads_before
     libraries = _blas_libraries()
     with _entering:
         before = tuple(library.get_num_threads() for library in libraries)
-        _users_own = before if _inside == 0 else _users_own
+        _threads_before = before if _inside == 0 else _threads_before
         _inside += 1
         for library in libraries:
             _set_threads(library, 1)
@@ -99,16 +97,19 @@ def _leave(before: tuple[int, ...]) -> None:
     global _inside
     with _entering:
         _inside -= 1
-        for library, own, of_process in zip(_blas_libraries(), before, _users_own, strict=True):
+        for library, before_here, of_process in zip(
+            _blas_libraries(), before, _threads_before, strict=True
+        ):
             if getattr(library, "threading_layer", "") == "openmp":  # a number for every thread
-                _set_threads(library, own)
+                _set_threads(library, before_here)
             elif _inside == 0:
                 _set_threads(library, of_process)
 
 
 def _set_threads(library: Any, number: int) -> None:
-    """Set it whichever thread did so before, which threadpoolctl 3.8 refuses by itself; `_entering`
-    orders them.
+    """Set the number of threads, also if another thread set it before.
+
+    threadpoolctl 3.8 refuses that by itself; here `_entering` serialises the calls.
     """
     let_all = getattr(library, "clear_controlling_thread", lambda **_: None)
     let_all(force=True)
@@ -117,7 +118,7 @@ def _set_threads(library: Any, number: int) -> None:
 
 
 def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The same function, run with one BLAS thread."""
+    """Return the function as one that runs with one BLAS thread."""
 
     @wraps(function)
     def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -127,8 +128,9 @@ def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return run
 
 
-Progress: TypeAlias = Callable[[str], None]  # Takes a line of text that tells what is being done
+# Called with a line of text at the beginning of each step
+Progress: TypeAlias = Callable[[str], None]
 
 
 def silent(text: str) -> None:
-    """Say nothing."""
+    """Report nothing."""

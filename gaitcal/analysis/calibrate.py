@@ -248,7 +248,7 @@ def fit_inertia(session: CalibrationState, progress: Progress) -> CalibrationSta
         inertial parameters.
     """
     settings, loaded = session.settings, select_trials_for_inertial_fit(session)
-    progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
+    progress("error bars of the masses" if settings.ip == "none" else "inertial parameters")
     inertial = None if settings.ip == "none" or not loaded else _fit_inertial(session, loaded)
     if inertial is not None:
         parameters = session.parameters.with_inertial(inertial.inertial)

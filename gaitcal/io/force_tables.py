@@ -132,7 +132,9 @@ def build_plate(
     time
         (ns,) s.
     values
-        (ns, columns) m, N, N·m. found Columns of the plate.
+        (ns, columns) m, N, N·m.
+    found
+        Columns of the plate.
 
     Returns
     -------

@@ -83,25 +83,46 @@ class Chain:
 
     Parameters
     ----------
-    root : base segment, free in the laboratory (six coordinates). segments : segments of the part,
-    the base included. free : joint parameters whose derivatives are wanted, and variables of
-    secondary motions (names of
-        `SECONDARY` with one of `BENDS`); those that the part does not pass are left out.
-    reactions : whether the knees carry their locked reaction joints.
-    secondary : whether the knees' secondary motions are joints, whose values are prescribed.
+    root : str
+        Base segment, free in the laboratory (six coordinates).
+    segments : tuple of str
+        Segments of the part, the base included.
+    free : tuple of str
+        Joint parameters whose derivatives are wanted, and variables of secondary motions (names of
+        `SECONDARY` with one of `BENDS`). Those of joints outside the part are left out.
+    reactions : bool
+        Whether the knees have their locked reaction joints.
+    secondary : bool
+        Whether the knees' secondary motions are joints, whose values are prescribed.
 
     Attributes
     ----------
-    coordinates : names of the nq coordinates, each after those before it in the linkage. free :
-    names of the np free joint parameters and secondary variables. variables : coordinates,
-    reactions, then the free: n names. joints : (nv,) names of the joints of its models.
-    at_variables : (n,) entry in configurations of the joint that each variable moves. segment_joint
-    : (ns,) joint that carries each segment. frames_when_locked : frames of the joints, then of the
-    segments, in a model with all joints locked. parents : (nq,) index of the last coordinate before
-    each coordinate; -1 where there is none. segment_coordinate : (ns,) index of the last coordinate
-    that moves each segment. support : (n, ns) 1 where a variable moves a segment. moved_sets : the
-    distinct rows of `support`. moved_set : (n,) which of them each variable has. after : (nv, nv)
-    whether joint i + 1 is joint j + 1, or comes after it on the way from the ground.
+    coordinates : tuple of str
+        Names of the nq coordinates, each after those before it in the linkage.
+    free : tuple of str
+        Names of the np free joint parameters and secondary variables.
+    variables : tuple of str
+        Coordinates, reactions, then the free ones: n names.
+    joints : tuple of str
+        Names of the nv joints of its models.
+    at_variables : (n,) array
+        Entry in configurations of the joint that each variable moves.
+    segment_joint : (ns,) array
+        Joint that carries each segment.
+    frames_when_locked : array
+        Frames of the joints, then of the segments, in a model with all joints locked.
+    parents : (nq,) array
+        Index of the last coordinate before each coordinate; -1 without one.
+    segment_coordinate : (ns,) array
+        Index of the last coordinate that moves each segment.
+    support : (n, ns) array
+        1 where a variable moves a segment.
+    moved_sets : array
+        The distinct rows of `support`.
+    moved_set : (n,) array
+        The row of `moved_sets` of each variable.
+    after : (nv, nv) array
+        Whether joint i + 1 is joint j + 1, or comes after it on the way from the ground.
     """
 
     def __init__(
@@ -430,12 +451,14 @@ def build_model(model: SubjectModel | Parameters) -> pin.Model:
 
     Parameters
     ----------
-    model : a person's model, or parameters alone: joint and inertial ones and zero angles, SI
-    units.
+    model : SubjectModel or Parameters
+        A person's model, or the parameters alone: joint and inertial ones and zero angles, SI
+        units.
 
     Returns
     -------
-    Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y. Segment
-    frames are body frames with the names of the segments.
+    pinocchio.Model
+        Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y. Segment
+        frames are body frames with the names of the segments.
     """
     return build_linkage(model.parameters if isinstance(model, SubjectModel) else model).model

@@ -191,8 +191,8 @@ def apply_placement(
         As it was read.
     static
         Evidence of its static trial.
-    one
-        Of the cluster.
+    placement
+        New positions of the cluster, and their uncertainty.
 
     Returns
     -------

@@ -310,9 +310,7 @@ def test_scatter_of_cluster_sizes_widens_the_limit(
 def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, label: str) -> None:
     two = with_trial(sound, "walk", without("R.Thigh.Rear"))
     assert check_body(two) == []
-    (found,) = check_body(
-        with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0]))
-    )
+    (found,) = check_body(with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0])))
     assert (
         "'R.Thigh.Upper'" in found.cause
         and "'R.Thigh.Front'" in found.cause

@@ -50,10 +50,17 @@ def read_force_plates(
 
     Parameters
     ----------
+    parameters
+        Groups of parameters of the file.
     analogs
         (na, ns) All analog channels in the units of the file: N, and for moments N times the length
-        of POINT:UNITS unless ANALOG:UNITS differs. first Number of samples from time zero to the
-        first sample. rate Sampling rate, Hz. metres Length of POINT:UNITS, m.
+        of POINT:UNITS unless ANALOG:UNITS differs.
+    first
+        Number of samples from time zero to the first sample.
+    rate
+        Sampling rate, Hz.
+    metres
+        Length of the unit of POINT:UNITS, m.
     markers
         (nf, nm, 3) Marker positions, m, in the axes of the file; they show when a person is over a
         plate.
@@ -262,12 +269,17 @@ def compute_wrench(
 
     Parameters
     ----------
+    kind
+        TYPE of the plate, 1 to 4.
     channels
         (6 or 8, ns) Forces in N, moments in units of `torque`, centres of pressure in units of
         `metres`.
     origin
-        (3,) ORIGIN of the plate, m. metres Unit of the centres of pressure, m. torque Unit of the
-        moments, N·m.
+        (3,) ORIGIN of the plate, m.
+    metres
+        Unit of the centres of pressure, m.
+    torque
+        Unit of the moments, N·m.
 
     Returns
     -------
