@@ -366,8 +366,8 @@ def _describe_other_session(
         ):
             names = ", ".join(files[i].name for i in session.members)
             return (
-                f"two people, or two sessions, in one folder: {names} are the other one, with the "
-                f"static trial {files[session.statics[0]].name}; put each into a separate folder"
+                f"two people, or two sessions, in one folder: {names} belong to the other one, "
+                f"with the static trial {files[session.statics[0]].name}; put each into a separate folder"
             )
     return ""
 
