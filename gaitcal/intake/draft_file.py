@@ -464,7 +464,8 @@ def describe_missing_fields(draft: Draft) -> str:
     """
     doubts = f" ({'; '.join(draft.doubts[:2])})" if draft.doubts else ""
     fields = ", ".join(f"subject.{field}" for field in draft.missing)
-    return f"{fields} not given in {_get_file_subject(draft)}{doubts}"
+    verb = "is" if len(draft.missing) == 1 else "are"
+    return f"{fields} {verb} not given in {_get_file_subject(draft)}{doubts}"
 
 
 def _get_file_subject(draft: Draft) -> str:

@@ -1,7 +1,7 @@
 """Draft the study of a folder: marker set, session, roles, forces and subject.
 
-If no study follows, the draft has the reason, in one line and for each file. Trials in which the checks
-find an error are left out of a drafted study while others are sound.
+If no study follows, the draft has the reason, in one line and for each file. Trials in which the
+checks find an error are left out of a drafted study while others are sound.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -366,8 +366,9 @@ def _describe_other_session(
         ):
             names = ", ".join(files[i].name for i in session.members)
             return (
-                f"two people, or two sessions, in one folder: {names} are the other one, with the "
-                f"static trial {files[session.statics[0]].name}; put each into a separate folder"
+                f"two people, or two sessions, in one folder: {names} belong to the other one, "
+                f"with the static trial {files[session.statics[0]].name}; put each into a "
+                "separate folder"
             )
     return ""
 

@@ -613,6 +613,7 @@ def _identify_sacrum(found: LabelProposal, at: Mapping[str, Array]) -> LabelProp
     if len(back) != 3 or not {"asis_r", "asis_l"} <= set(back) or "sacrum" in back:
         return found
     (label,) = (label for name, label in back.items() if name.startswith("psis"))
+    # distance from the midline as a share of that of the anterior spines
     across = at[back["asis_r"]] - at[back["asis_l"]]
     aside = float(
         (at[label] - 0.5 * (at[back["asis_r"]] + at[back["asis_l"]])) @ across / (across @ across)
@@ -637,6 +638,7 @@ def _read_labels(
         if on[i] < 0:
             unused[label] = "at or moving with no segment of the standing person"
             continue
+        # evidence: distance from the landmark, and constant distances on its segment
         segment, joint = body.segments[on[i]], body.joints[on[i]]
         mates = scatter[i, (segments == segment) & (np.arange(len(labels)) != i)]
         reasons = ["likely" if placed.ahead[i] < BEYOND_DOUBT else "sure of the segment"]
@@ -649,6 +651,7 @@ def _read_labels(
                 f"{1e3 * np.nanmedian(mates):.0f} mm"
             )
         evidence[label] = ", ".join(reasons)
+        # a landmark, a marker that never moves, or one that follows its segment
         if body.labels[on[i]]:
             rename[label] = body.labels[on[i]]
         elif np.isfinite(scatter).any() and not np.isfinite(scatter[i]).any():
@@ -657,6 +660,7 @@ def _read_labels(
             tracking.setdefault(segment, []).append(label)
             if joint == "head":
                 weights[label] = 0.0
+    # landmarks under gliding skin are not fitted if other markers track the segment
     for name in rename.values():
         segment = body.segments[body.labels.index(name)]
         if name.startswith(GLIDING) and len(tracking.get(segment, ())) >= CLUSTER:

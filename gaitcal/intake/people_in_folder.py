@@ -226,6 +226,7 @@ def describe_placement_difference(one: Distances, other: Distances, marker_set: 
         Empty if they may be the same.
     """
     by_segment = compare_by_segment(one, other, marker_set)
+    # segments with the largest difference first
     ranked = sorted(by_segment, key=lambda segment: (-by_segment[segment], segment))
     if len(ranked) < 2:
         return ""
@@ -236,6 +237,7 @@ def describe_placement_difference(one: Distances, other: Distances, marker_set: 
     ]
     # knee flexion that shortens a leg of two equal parts by so much
     flexed = 2.0 * float(np.arccos(min((short / long for short, long in lengths), default=1.0)))
+    # limits widened by soft tissue and by the errors of markerless points
     tissue = compute_tissue_spread(
         float(np.sqrt(2.0)) * max(size.per_marker for size in SIZES.values()), flexed - NEAR_RAD
     )
@@ -269,6 +271,7 @@ def is_same_recording(one: Recording, other: Recording) -> bool:
     if abs(short.rate / long.rate - 1) > 0.01:
         return False
     a, b = (_measure_from_middle(recording, common) for recording in (short, long))
+    # any start at which both agree in their common frames
     for start in _find_starts(a, b):
         part = b[start : start + len(a)]
         both = np.isfinite(a) & np.isfinite(part)
@@ -362,7 +365,8 @@ def _swap_distances(distances: Distances, swap: Mapping[str, str]) -> Distances:
 
 
 STATIC_WORD = re.compile(
-    r"(static|stat(?![a-z])|(?<![a-z])cal(ib\w*)?(?![a-z])|stand|(?<![a-z])(st|sc)(?![a-z])|pose|neutral|anatom)",
+    r"(static|stat(?![a-z])|(?<![a-z])cal(ib\w*)?(?![a-z])|stand|"
+    r"(?<![a-z])(st|sc)(?![a-z])|pose|neutral|anatom)",
     re.I,
 )
 """Words in the names of static trials; weak evidence."""

@@ -516,8 +516,10 @@ def _match(
             f"its forces run from {start:.2f} to {stop:.2f} s, {stem} from {time[0]:.2f} to "
             f"{time[-1]:.2f} s"
         )
+    # share of the time without forces, to one frame
     whole = start <= time[0] + step and stop >= time[-1] - step
     lost = 0.0 if whole else 1.0 - (high - low) / float(np.ptp(time))
+    # under load the centre of pressure must be near a foot
     points, feet = _select_loaded_frames(recording, marker_set, table)
     away = _measure_distance(points, feet)
     if away is not None and away > UNDER_M:
@@ -555,6 +557,7 @@ def _select_loaded_frames(
         force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
         covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
         visible = np.asarray(np.isfinite(recording.markers[:, feet]).all(axis=2)).any(axis=1)
+        # frames of the recording in which the plate is loaded and a foot visible
         loaded = np.flatnonzero(
             (force > force_plate.BODY_N) & covered & visible & np.isfinite(point).all(axis=1)
         )

@@ -318,6 +318,7 @@ def weigh_standing(
         ]
         if not len(force):
             return None
+        # loaded plates, with corners that are known
         mean = float(np.mean(force))
         if mean > 0.1 * subject_model.GRAVITY * MASS_KG[0]:
             if plate.corners is None:
@@ -325,9 +326,11 @@ def weigh_standing(
             loaded.append(plate.corners[:, [0, 2]])
             still = max(still, float(np.std(force)))
             total += mean
+    # the force is steady, and that of a person
     mass = total / subject_model.GRAVITY
     if not loaded or not MASS_KG[0] <= mass <= MASS_KG[1] or still > STEADY * total:
         return None
+    # every foot marker is above a loaded plate
     inside = (recording.time >= posture.start) & (recording.time <= posture.stop)
     feet = [
         i
@@ -365,6 +368,7 @@ def weigh_walking(plates: Sequence[ForcePlate]) -> float | None:
     float or None
         kg, median over the strides; None without a stride.
     """
+    # whole loadings of every plate: beginning, end and impulse
     steps = []
     for plate in plates:
         up = np.nan_to_num(plate.force[:, 1])
@@ -378,6 +382,7 @@ def weigh_walking(plates: Sequence[ForcePlate]) -> float | None:
     for (begin, end, one), (second, off, other), (third, _, _) in zip(
         *(sorted(steps)[k:] for k in range(3)), strict=False
     ):
+        # double supports of equal length, steps with similar impulses
         even = abs((off - third) - (end - second)) < EVEN * (third - begin)
         if begin < second < end < third < off and even and abs(one - other) < ALIKE * one:
             masses.append((one + other) / (subject_model.GRAVITY * (third - begin)))

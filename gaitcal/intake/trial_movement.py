@@ -149,6 +149,7 @@ def _check_upright(
     points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet
 ) -> str:
     """Return why a posture is not standing; empty if it may be."""
+    # mean position of each segment's markers
     groups: dict[str, list[Array]] = {}
     for label, segment in marker_set.segment_of.items():
         if label in points:
@@ -162,6 +163,7 @@ def _check_upright(
     difference = abs(feet[0][1] - feet[1][1])
     if difference > LEVEL_M:
         return f"one foot is {difference:.2f} m above the other in the still window"
+    # height of each leg over its length
     straight = []
     for side in linkage.SIDES:
         hip, knee, ankle = (
@@ -273,6 +275,7 @@ def estimate_stance(
         if label in points:
             by_segment.setdefault(segment, {})[label] = axes @ points[label]
     in_axes = {name: axes @ position for name, position in landmarks.items()}
+    # hip centres by regression, knees and ankles from their epicondyles and malleoli
     centres = {}
     for sign, side in zip((1.0, -1.0), linkage.SIDES, strict=True):
         centres[f"hip_{side}"] = in_axes[f"asis_{side}"] + asis_width * BELL_HIP * [1.0, 1.0, -sign]
@@ -440,6 +443,7 @@ def _measure_flight(recording: Recording, marker_set: MarkerSet) -> float:
     visible = np.isfinite(speed).all(axis=1)
     if not visible.any():
         return 0.0
+    # no foot marker is at rest
     moving = speed[visible].min(axis=1) > FLYING * float(
         np.percentile(speed[visible].max(axis=1), 90)
     )
@@ -523,6 +527,7 @@ def _classify_joint_motion(
 
     `rotation_of`: joint -> RMS rotation (rad).
     """
+    # joints by their rotation, and those that are listed
     ranked = sorted(rotation_of, key=lambda joint: -rotation_of[joint])
     degrees = {joint: np.rad2deg(rotation_of[joint]) for joint in ranked}
     listed = [joint for joint in ranked[:3] if degrees[joint] >= TURNING_DEG] or ranked[:1]
@@ -533,6 +538,7 @@ def _classify_joint_motion(
     other = RecordedMovement(kind=MovementKind.OTHER, evidence=evidence)
     if not ranked:
         return other
+    # signs of another movement: steps of the other leg, a crouch, a second joint
     first = ranked[0]
     opposite = "l" if first.endswith("r") else "r"
     steps = [rotation_of.get(f"{joint}_{opposite}", 0.0) for joint in ("hip", "knee")]

@@ -264,6 +264,7 @@ def estimate_forward_direction(
         names = [recording.labels[c] for c in columns]
         standing = points[[known[name] for name in names]]
         markers = recording.markers[:, columns]
+        # markers of both feet
         low = standing[:, 1] < standing[:, 1].min() + LOW_M
         feet = _split_into_feet(
             compute_distance_scatter([recording], [n for n, k in zip(names, low, strict=True) if k])
@@ -402,9 +403,18 @@ def load_standing_bodies() -> tuple[BodyTemplate, ...]:
         forward, up, right = position
         log_odds = float(np.log(share / (1 - share)))
         for side in sides:
-            names = [_insert_side(text, side) for text in (label, segment, other, joint)]
             sign = 1.0 if side == "r" else -1.0
-            rows.append((*names, [forward, up, sign * right], spread, log_odds))  # type: ignore[arg-type]
+            rows.append(
+                (
+                    _insert_side(label, side),
+                    _insert_side(segment, side),
+                    _insert_side(other, side),
+                    _insert_side(joint, side),
+                    [forward, up, sign * right],
+                    spread,
+                    log_odds,
+                )
+            )
 
     for name, entry in table["landmarks"].items():
         add_sides(
@@ -610,6 +620,7 @@ def compute_misplacement(points: Array, placed: PlacedMarkers) -> Array:
     found, out = placed.assignment[on], np.full(len(points), np.nan)
     residual = points[on] / placed.height - body.positions[found]
     out[on] = 0.0
+    # K and r of the notes, axis by axis
     for axis in range(3):
         mean = body.positions[found, axis]
         joint = body.shared_covariance[np.ix_(found, found)][:, :, axis]
@@ -646,6 +657,7 @@ def _compute_conditional_positions(
     found = assignment[on]
     mean, variance, total = np.empty_like(body.positions), np.empty_like(body.positions), 0.0
     for axis in range(3):
+        # Gaussian conditioning by a Cholesky factor, axis by axis
         prior = spread[:, :, axis]
         joint = prior[np.ix_(found, found)] + np.diag(own_variance[found, axis])
         residual = x[on, axis] - body.positions[found, axis]

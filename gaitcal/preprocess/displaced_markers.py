@@ -292,6 +292,7 @@ def find_drawn_intervals(cluster: MarkerCluster, x: Array) -> Iterator[Displaced
             for run in find_runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)
         ]
         drawn = [frames for frames in drawn if measure_bend(x[frames, k]) <= STRAIGHT_M]
+        # cubics: no fourth difference while the neighbours have one
         smooth = fourth[:, k] < CUBIC_SHARE * np.median(np.delete(fourth, k, axis=1), axis=1)
         drawn += [slice(run.start, run.stop + 4) for run in find_runs(smooth, STRAIGHT_FRAMES)]
         for frames in drawn:

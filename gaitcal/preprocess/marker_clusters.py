@@ -124,6 +124,7 @@ class Stance:
             widths=segment_frames.JointWidths.from_subject(model.subject),
         )
         right = segment_frames.project_across(legs.frames["pelvis"].rotation[:, 2], UP)
+        # axes of the standing person, and its markers in them
         axes = np.vstack([np.cross(UP, right), UP, right])
         points: dict[str, dict[str, Array]] = {}
         for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):

@@ -177,8 +177,8 @@ def build_model_with_trunk(
     kept = [i for i, label in enumerate(static.labels) if label not in positions]
     added = np.broadcast_to(points, (len(static.time), *points.shape))
     note = (
-        f"{', '.join(positions)} are not in the static trial and were placed by the walks: the "
-        "static posture of the trunk is its mean posture while walking"
+        f"placed by the walks, not in the static trial: {', '.join(positions)}; the static posture "
+        "of the trunk is its mean posture while walking"
     )
     return build_model(
         replace(
