@@ -23,6 +23,7 @@ from gaitcal.report.figures.report_sheets import CurvePanel, SheetOfCurves, comp
 from gaitcal.report.gait_report import (
     KINEMATICS,
     KINETICS,
+    _build_joint_rows,
     _explain_missing_curves,
     read_comments,
     read_report_content,
@@ -482,3 +483,20 @@ def test_a_long_comment_leaves_the_curves_their_height(
 def test_a_report_is_no_folder(content: ReportContent, tmp_path: Path) -> None:
     with refuses(Code.FOLDER_TAKEN):
         write_pdf(content, tmp_path)
+
+
+def test_a_joint_moves_as_far_as_in_the_segment_where_it_moves_most() -> None:
+    """3 and 4 mm in the pelvis, 4 mm in the thigh: 5 mm, not the 6.4 of both together."""
+    rows = pd.DataFrame(
+        {
+            "kind": "joint position",
+            "status": "fitted",
+            "joint": "hip_r",
+            "segment": ["pelvis", "pelvis", "thigh_r"],
+            "nominal": 0.0,
+            "fitted": [3.0, 4.0, 4.0],
+            "standard_error": [1.0, 2.0, 3.0],
+        }
+    )
+    _, row = _build_joint_rows(rows)
+    assert row[1:3] == ("5.0", "3.0")
