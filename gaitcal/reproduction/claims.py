@@ -129,7 +129,10 @@ def _check_joints(draws: Sequence[SeedResult]) -> list[Claim]:
     """Test the claims on joint parameters with noise."""
 
     def compute_medians(figure: Callable[[JointRecovery], float]) -> dict[str, float]:
-        return {p: summarise_draws(figure(d.joints[p]) for d in draws).median for p in PROBLEMS}
+        out = {}
+        for problem in PROBLEMS:
+            out[problem] = summarise_draws(figure(d.joints[problem]) for d in draws).median
+        return out
 
     position = compute_medians(lambda r: r.position_mm)
     marker = compute_medians(lambda r: r.marker_mm)
@@ -195,7 +198,9 @@ def _check_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
     def compute_medians(figure: Callable[[InertialRecovery], float]) -> tuple[float, float]:
         """Compute medians from the correct seed, and of the mean from random seeds."""
         correct = summarise_draws(figure(d.correct) for d in draws)
-        means = [float(np.mean([figure(r) for r in d.random])) for d in draws]
+        means = []
+        for draw in draws:
+            means.append(float(np.mean([figure(r) for r in draw.random])))
         return correct.median, summarise_draws(means).median
 
     force, torque = compute_medians(lambda r: r.force), compute_medians(lambda r: r.torque)

@@ -1,4 +1,4 @@
-"""Make the rows of `tables.csv` and `times.csv`: every printed figure of the paper beside ours.
+"""Make the rows of `tables.csv` and `times.csv`: printed figures of the paper, and ours.
 
 Figures that depend on the noise are medians over draws of the noise. A note has their range and
 whether the printed figure is inside: the published study drew its noise once, and one draw can only
@@ -201,7 +201,9 @@ def make_table_one(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Table
             if values and published is not None:
                 rows.append(cell.fill_with_draws(published, values, _explain(key, problem)))
     cell = TableRow("I", "synthetic with noise: largest marker distance", "any", "mm")
-    peaks = [max(r.largest_mm for r in draw.joints.values()) for draw in draws]
+    peaks = []
+    for draw in draws:
+        peaks.append(max(r.largest_mm for r in draw.joints.values()))
     largest = float(get_figure("largest_marker_distance_mm")["single"])
     rows.append(cell.fill_with_draws(largest, peaks))
     return [*rows, *_list_experimental_distances(), *_compare_minima(draws)]

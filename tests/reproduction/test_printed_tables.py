@@ -86,8 +86,8 @@ TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, draws=1, jobs
 def reproduction(clean: SeedResult, draws: list[SeedResult]) -> Reproduction:
     """What `run(TINY)` gives, from the runs that other tests look at too."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reproduce, "noiseless", lambda *_: clean)
-        patch.setattr(reproduce, "noisy_draws", lambda *_: draws)
+        patch.setattr(reproduce, "recover_noiseless", lambda *_: clean)
+        patch.setattr(reproduce, "recover_noisy_draws", lambda *_: draws)
         return run(TINY)
 
 
@@ -214,8 +214,8 @@ def test_draws_have_the_published_sets_levels_and_bounds(
         asked.append((folder, options["settings"], options["plan"]))
         return SimpleNamespace(statistics=None)
 
-    monkeypatch.setattr(reproduce, "noiseless", lambda *_: clean)
-    monkeypatch.setattr(reproduce, "noisy_draws", lambda *_: draws)
+    monkeypatch.setattr(reproduce, "recover_noiseless", lambda *_: clean)
+    monkeypatch.setattr(reproduce, "recover_noisy_draws", lambda *_: draws)
     monkeypatch.setattr(reproduce, "monte_carlo", study)
     run(replace(TINY, draws=0))
     assert asked == []
@@ -278,8 +278,8 @@ def test_command_refuses_a_foreign_folder_and_data_that_are_not_there_before_it_
 
 @pytest.mark.slow
 def test_subject01_and_uf3(data_dir: Path) -> None:
-    said: list[str] = []
-    rows = compute_people_rows(data_dir, 1, said.append)
+    lines: list[str] = []
+    rows = compute_people_rows(data_dir, 1, lines.append)
     assert all(
         r.published is None and r.ours is not None and "another person" in r.note for r in rows
     )
@@ -297,7 +297,7 @@ def test_subject01_and_uf3(data_dir: Path) -> None:
         for words in ("phase 1", "third step")
     )
     assert loads < 0.6 * joints
-    assert any("third step" in line for line in said)
+    assert any("third step" in line for line in lines)
 
 
 MARKER_MM = 1e-9
