@@ -23,7 +23,7 @@ from gaitcal.montecarlo.case import make_nominal_case
 from gaitcal.montecarlo.draw import COLUMNS, MonteCarloContext, draw
 from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.montecarlo.workers import LocalProcesses, Workers
-from gaitcal.reproduction.recovery import noisy_draw
+from gaitcal.reproduction.recovery import recover_noisy_draw
 from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_gait
 from tests.synthetic_studies import made_recording
 
@@ -55,7 +55,7 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
         "a draw: alone",
         draw(MonteCarloContext(case, settings), Varied.NOISE, 50, 0).values.tobytes(),
     )
-    joints = noisy_draw(0, 0, random_seeds=1).joints
+    joints = recover_noisy_draw(0, 0, random_seeds=1).joints
     yield (
         "noisy_draw",
         np.concatenate([joint.coefficients.ravel() for joint in joints.values()]).tobytes(),

@@ -8,8 +8,8 @@ joint parameters settle. Samples of nearly no weight in the end become a finding
 Held-out error: every trial is cut into blocks of time. Each fold leaves out every fourth block of
 all trials, fits the joint parameters to the rest, and then tracks the whole trials with these. The
 error is the marker distance in the blocks left out. The four folds together visit every frame once.
-The motion in a block left out is fitted to its own markers, as for the nominal model: the test is
-of the joint parameters, not of a prediction of the motion.
+The motion in a block left out is fitted to the markers of the block, as for the nominal model: the
+test is of the joint parameters, not of a prediction of the motion.
 """
 
 from collections.abc import Callable, Sequence

@@ -86,8 +86,8 @@ class Loads:
     errors.
     """
     expected: ExpectedResidual | None = None
-    """The pelvis residual of `final` beside the residual that its errors predict; None if the
-    errors are unknown.
+    """The pelvis residual of `final`, with the residual that its errors predict; None if the errors
+    are unknown.
     """
 
     @property
@@ -125,7 +125,7 @@ class TrialResult(Displayed):
     nominal: Motion
     """Gait: the whole body. Functional trial: the segments of its joint alone."""
     calibrated: Motion
-    """With the parameters at the end of the trial's own phase."""
+    """With the parameters at the end of the phase of the trial."""
     final: Motion
     """With the parameters at the end of the whole calibration; differs from `calibrated` for
     functional trials that were fitted before gait.
@@ -259,7 +259,7 @@ class TrialResult(Displayed):
         reactions = self.loads.reactions
         found = [replace(f, where=self.name) for f in reactions.findings]
         if not reactions.has_torques:
-            # A walk beside unloaded plates is no fault; check_study notes it.
+            # A walk that misses the plates is no fault; check_study notes it.
             is_loaded = any(
                 np.nan_to_num(plate.force[:, 1]).max() >= BODY_N for plate in self.recording.plates
             )
@@ -273,7 +273,7 @@ class TrialResult(Displayed):
                     cause="only the swing has torques, no stance"
                     if has_swing
                     else "no torque is valid",
-                    found="in no frame is the foot on the ground wholly on a force plate of its own",
+                    found="in no frame is the foot on the ground wholly on a plate that it alone loads",
                     cure="use a trial in which the feet step on plates, or leave out the forces",
                     code=Code.NO_STANCE,
                 )

@@ -51,7 +51,7 @@ DECISIVE = 1.25
 AT_LIMIT = 0.99
 """Part of the highest cut-off of the frame rate from which it is reported."""
 WORSE = 1.2
-"""Factor of the marker error beside that at the markers' cut-off from which it is reported."""
+"""Ratio of the marker error to that at the markers' cut-off from which it is reported."""
 WORSE_M = 3e-4
 """m, the same as a difference; both must be exceeded."""
 

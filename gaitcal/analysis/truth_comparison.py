@@ -173,23 +173,18 @@ def _compare_features(parameters: Mapping[str, ParameterTruth]) -> tuple[Feature
             rows = [parameters[name] for name in names if name in parameters]
             if len(rows) < len(names) or all(row.status == "fixed" for row in rows):
                 continue
-            true = np.array([row.truth for row in rows])
-            nominal, fitted = (
-                _compute_gap(feature, rows[0].unit, values, true)
-                for values in (
-                    np.array([row.nominal for row in rows]),
-                    np.array([row.fitted for row in rows]),
-                )
-            )
+            unit, true = rows[0].unit, np.array([row.truth for row in rows])
+            nominal = np.array([row.nominal for row in rows])
+            fitted = np.array([row.fitted for row in rows])
             scores = [row.z for row in rows if row.z is not None]
             out.append(
                 FeatureTruth(
                     joint=f"{feature.joint}_{side}",
                     part=feature.part,
                     label=f"{describe_joint(feature.joint)} {feature.label}",
-                    unit=rows[0].unit,
-                    nominal=nominal,
-                    fitted=fitted,
+                    unit=unit,
+                    nominal=_compute_gap(feature, unit, nominal, true),
+                    fitted=_compute_gap(feature, unit, fitted, true),
                     within=tuple(bool(abs(z) <= INTERVAL) for z in scores),
                 )
             )
@@ -298,7 +293,7 @@ class TruthSum:
 
 @dataclass(frozen=True, kw_only=True)
 class CurveRow:
-    """Angle and moment of one leg coordinate of one trial beside the true ones; None if unknown."""
+    """Angle and moment of one leg coordinate of one trial, with the true ones; None if unknown."""
 
     name: str
     angle: CurveTruth | None
@@ -462,6 +457,7 @@ def describe_error_bars(truth: TruthErrors) -> str:
 
 
 def _summarise_parameters(label: str, group: Sequence[ParameterTruth]) -> TruthSum:
+    """Summarise the errors of parameters."""
     scores = [p.z for p in group if p.z is not None and p.status != UNDETERMINED]
     return TruthSum(
         label=label,
@@ -476,6 +472,7 @@ def _summarise_parameters(label: str, group: Sequence[ParameterTruth]) -> TruthS
 
 
 def _summarise_curves(label: str, unit: str, curves: Sequence[CurveTruth]) -> TruthSum:
+    """Summarise the errors of curves over their compared frames."""
     within = np.concatenate([c.within for c in curves])
     nominal = np.concatenate([(c.nominal - c.truth)[c.compared] for c in curves])
     fitted = np.concatenate([(c.fitted - c.truth)[c.compared] for c in curves])

@@ -49,7 +49,7 @@ class ParameterTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class CurveTruth:
-    """One coordinate (deg, m) or generalised force (N·m, N) of one trial beside the true one."""
+    """One coordinate (deg, m) or generalised force (N·m, N) of one trial, with the true one."""
 
     name: str
     truth: Array
@@ -96,7 +96,7 @@ class CurveTruth:
 
 @dataclass(frozen=True)
 class CurveTruths:
-    """The curves of one trial beside the true ones."""
+    """The curves of one trial, with the true ones."""
 
     time: Array
     """(nf,) s, of the result."""

@@ -29,7 +29,7 @@ from gaitcal.study.cohort_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 
 SHEET = "people.csv"
-"""Metadata of the people, beside their folders."""
+"""Metadata of the people, in the same folder as theirs."""
 COHORT = "cohort.toml"
 COMPLETE = 2
 """Fewest recordings of a session: standing and moving."""

@@ -377,7 +377,7 @@ def learn_part(
             right=np.array([p.right for p in parts]),
             design=np.array(design),
         )
-        # Fold -1 has nobody: the first population is of all people.
+        # Fold -1 is empty: the first population is of all people.
         populations = tuple(
             _learn_population(evidence.select(np.flatnonzero(folds != k)), names, learning)
             for k in range(-1, max(folds) + 1)

@@ -72,7 +72,7 @@ def run_cohort(
         Try failures again although nothing changed.
     report : callable
         Called when a person is done: outcome, number of people done, remaining seconds (None if
-        nobody was computed).
+        no person was computed).
 
     Returns
     -------

@@ -214,8 +214,8 @@ class MonteCarloContext:
         states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
         rows = Dynamics(case.parameters).compute_regressor(*states)[:, _LEG_FORCES]
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
-        """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own
-        frames.
+        """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in the frames of
+        the segments.
         """
         self.feet = compute_foot_poses(build_leg_dynamics(case.parameters).place(states[0]))
         self.torques, _ = compute_leg_torques(

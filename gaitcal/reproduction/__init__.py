@@ -1,1 +1,1 @@
-"""The study of 2007 again: its tables and claims beside ours."""
+"""Reproduction of the study of 2007: its tables and claims, with our figures."""

@@ -1,6 +1,4 @@
-"""Compute the rows of the published tables for people whose recordings are at hand, with this
-project's settings.
-"""
+"""Compute rows of the published tables for people with recordings, with this project's settings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +8,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.analysis.calibrate import calibrate
-from gaitcal.analysis.result import Calibration, Loads, Stage, TrialResult
+from gaitcal.analysis.result import Calibration, Loads, Stage
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
@@ -28,16 +26,18 @@ STAGES = {
     Stage.JP_IP: "phase 2",
     Stage.COMBINED: "third step",
 }
-"""In the words of the paper."""
+"""Stage -> its name in the paper."""
 NOTE = "another person than the published one, with this project's default settings"
 
 
 @dataclass(frozen=True)
 class _Person:
+    """A person with recordings."""
+
     subject: Subject
     marker_set: str
     trials: tuple[TrialTable, ...]
-    """Files are told from the person's folder."""
+    """Files are relative to the person's folder."""
 
 
 _JOINTS: tuple[Joint, ...] = ("hip_r", "hip_l", "knee_r", "knee_l", "ankle_r", "ankle_l")
@@ -70,26 +70,44 @@ _PEOPLE = {
 }
 
 
-def people_rows(data: Path, jobs: int = -1, progress: Progress = silent) -> list[TableRow]:
-    """Compute the rows of all people with recordings in the folder, each person in a process."""
+def compute_people_rows(data: Path, jobs: int = -1, progress: Progress = silent) -> list[TableRow]:
+    """Compute the rows of all people with recordings in a folder, each person in a process.
+
+    Parameters
+    ----------
+    data : Path
+        With a folder for each person (`subject01`, `uf3`).
+    jobs : int
+        Number of processes; -1: one for every core.
+    progress : callable
+        Called with a line of text at the beginning of each person.
+
+    Returns
+    -------
+    list of TableRow
+        Without published figures: of other people.
+    """
     names = [name for name in _PEOPLE if (data / name).is_dir()]
     for name in names:
         progress(f"{name}: calibration and third step")
-    found = Parallel(n_jobs=jobs)(delayed(_person_rows)(name, data / name) for name in names)
+    compute = delayed(_compute_person_rows)
+    found = Parallel(n_jobs=jobs)(compute(name, data / name) for name in names)
     return [row for rows in found for row in rows]
 
 
 @with_one_blas_thread
-def _person_rows(name: str, folder: Path) -> list[TableRow]:
+def _compute_person_rows(name: str, folder: Path) -> list[TableRow]:
+    """Compute the rows of one person."""
     person = _PEOPLE[name]
-    calibration = calibrate(_study(folder, person))
-    rows = list(_marker_rows(name, calibration))
+    calibration = calibrate(_read_study(folder, person))
+    rows = list(_list_marker_rows(name, calibration))
     if any(trial.forces for trial in person.trials):
-        calibration = calibrate(_study(folder, person, joint_step=True))
-    return [*rows, *_residual_rows(name, calibration)]
+        calibration = calibrate(_read_study(folder, person, joint_step=True))
+    return [*rows, *_list_residual_rows(name, calibration)]
 
 
-def _study(folder: Path, person: _Person, **settings: object) -> Study:
+def _read_study(folder: Path, person: _Person, **settings: object) -> Study:
+    """Read the recordings of a person as a study with these settings."""
     marker_set = load_marker_set(person.marker_set)
     trials = [
         trial.model_copy(
@@ -108,7 +126,8 @@ def _study(folder: Path, person: _Person, **settings: object) -> Study:
     )
 
 
-def _marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
+def _list_marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
+    """List the rows of Table I."""
     for trial in calibration.trials:
         if trial.joint is not None and not trial.joint.endswith(protocol.SIDE):
             continue
@@ -123,28 +142,24 @@ def _marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
             (f"{name}, phase 1: marker distance RMS", 1e3 * calibrated, "mm"),
             (f"{name}: fall of marker distance", 100.0 * (1.0 - calibrated / nominal), "%"),
         ):
-            yield TableRow("I", row, column, unit).filled(
-                None, value, NOTE, "markers of pelvis and legs"
-            )
+            cell = TableRow("I", row, column, unit)
+            yield cell.fill(None, value, NOTE, "markers of pelvis and legs")
 
 
-def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
-    for _, loads in _loaded(calibration):
+def _list_residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
+    """List the rows of Table III."""
+    for loads in _list_loads(calibration):
         valid = loads.reactions.valid
         frames = f"{int(np.sum(valid))} of {len(valid)} frames"
         for stage, moments in loads.moments.items():
-            for (column, unit, _), value in zip(
-                RESIDUALS, moments.residual_rms(valid), strict=True
-            ):
-                yield TableRow("III", f"{name}, {STAGES[stage]}", column, unit).filled(
-                    None, value, NOTE, frames
-                )
+            residuals = moments.residual_rms(valid)
+            for (column, unit, _), value in zip(RESIDUALS, residuals, strict=True):
+                cell = TableRow("III", f"{name}, {STAGES[stage]}", column, unit)
+                yield cell.fill(None, value, NOTE, frames)
 
 
-def _loaded(calibration: Calibration) -> list[tuple[TrialResult, Loads]]:
-    """Trials with a frame whose ground reactions are valid."""
+def _list_loads(calibration: Calibration) -> list[Loads]:
+    """List the loads of trials with a frame of valid ground reactions."""
     return [
-        (t, t.loads)
-        for t in calibration.trials
-        if t.loads is not None and t.loads.reactions.valid.any()
+        t.loads for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()
     ]

@@ -1,13 +1,14 @@
-"""The rows of `tables.csv` and `times.csv`: every printed figure of the paper, with ours beside it.
+"""Make the rows of `tables.csv` and `times.csv`: printed figures of the paper, and ours.
 
-What depends on the noise is told as the median over draws of the noise; a note tells their range
-and where the printed figure lies, for the published study drew its noise once, and one draw can
-only be compared with a range. Times are of the processor; the published ones are of a 3.4 GHz
-Pentium 4 with Matlab.
+Figures that depend on the noise are medians over draws of the noise. A note has their range and
+whether the printed figure is inside: the published study drew its noise once, and one draw can only
+be compared with a range. Times are of the processor; the published ones are of a 3.4 GHz Pentium 4
+with Matlab.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -34,10 +35,11 @@ JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[JointRecovery], float | None
     ("orientation_deg", "orientation error RMS", "deg", lambda r: r.orientation_deg),
     ("position_mm", "position error RMS", "mm", lambda r: r.position_mm),
 )
-"""Of Table I: key of the printed figure, row, unit, ours; None where a joint has no parameter of
+"""Figures of Table I: key of the printed figure, row, unit, ours; None if a joint has no parameter of
 that kind.
 """
-RESIDUALS: tuple[tuple[str, str, Callable[[InertialRecovery], float]], ...] = (
+Figure = Callable[[InertialRecovery], float]
+RESIDUALS: tuple[tuple[str, str, Figure], ...] = (
     ("residual force RMS", "N", lambda r: r.force),
     ("residual torque RMS", "N*m", lambda r: r.torque),
 )
@@ -58,20 +60,23 @@ PHASES: tuple[tuple[str, str, Callable[[SeedResult], list[float]]], ...] = (
     ("phase 1, gait", "gait", lambda d: [d.joints["full leg"].seconds]),
     ("phase 2", "inertial", lambda d: [d.correct.seconds, *(r.seconds for r in d.random)]),
 )
-RUN = "this run"  # Row of `times.csv` with the time of the parts of a run
+"""Rows of times: title, key of the published time, ours of one result (s)."""
+RUN = "this run"
+"""Row of `times.csv` with the time of the parts of a run."""
 SAME_COST = 1.0001
+"""Largest ratio of the costs of two searches that end in the same minimum."""
 MARKER_SET = (
     "the paper gives neither marker set nor frame rate; ours: 41 markers at 200 Hz; fewer markers "
-    "or shorter trials "
-    "leave less of the noise"
+    "or shorter trials leave less of the noise"
 )
 SLOW_NOISE = (
-    "slow noise moves markers for good; nothing in the trial can tell it from another joint centre"
+    "noise slower than the trial shifts markers like another joint centre; the trial does not "
+    "distinguish them"
 )
-ANKLE = "the axes of talocrural and subtalar joint turn together almost freely in this trial"
+ANKLE = "this trial hardly determines a common rotation of the talocrural and subtalar axes"
 LITERAL = "re-seeded until residuals change by less than 0.1 %, as published"
-STOP = "grows with the number of re-seeds, hence with where exactly 0.1 % is reached"
-WEAK = "31 of the 36 directions are seen by the pelvis residual; the others keep the seed's values"
+STOP = "grows with the number of re-seeds, and so depends on where 0.1 % is reached"
+WEAK = "the pelvis residual determines 31 of the 36 directions; the others keep the seed's values"
 
 
 @dataclass(frozen=True)
@@ -83,22 +88,32 @@ class DrawSpread:
     high: float
     draws: int
 
-    def place(self, published: float) -> str:
-        """`inside`, `below` or `above` the range."""
+    def locate(self, published: float) -> str:
+        """Return whether a published figure is `inside`, `below` or `above` the range."""
         if published < self.low:
             return "below"
         return "above" if published > self.high else "inside"
 
 
-def spread(values: Iterable[float]) -> DrawSpread:
-    """Median and range of at least one figure."""
+def summarise_draws(values: Iterable[float]) -> DrawSpread:
+    """Compute median and range of a figure over draws.
+
+    Parameters
+    ----------
+    values : iterable of float
+        One for each draw, at least one.
+
+    Returns
+    -------
+    DrawSpread
+    """
     array = np.array(list(values), dtype=float)
     return DrawSpread(float(np.median(array)), float(array.min()), float(array.max()), len(array))
 
 
 @dataclass(frozen=True)
 class TableRow:
-    """A place in the tables, one published figure, and ours; None where there is none."""
+    """One cell of the tables: a published figure, and ours; None if there is none."""
 
     table: str
     row: str
@@ -108,50 +123,95 @@ class TableRow:
     ours: float | None = None
     note: str = ""
 
-    def filled(self, published: float | None, ours: float | None, *notes: str) -> "TableRow":
-        """With one figure of ours, or none."""
+    def fill(self, published: float | None, ours: float | None, *notes: str) -> "TableRow":
+        """Return the cell with figures.
+
+        Parameters
+        ----------
+        published : float or None
+            The printed figure.
+        ours : float or None
+            Our figure.
+        *notes : str
+            Joined to one note; empty ones are left out.
+
+        Returns
+        -------
+        TableRow
+        """
         return replace(self, published=published, ours=ours, note="; ".join(filter(None, notes)))
 
-    def over_draws(
+    def fill_with_draws(
         self, published: float | None, values: Iterable[float], note: str = ""
     ) -> "TableRow":
-        """With a figure that depends on the noise: its median, with range and place of the printed
-        one in the note.
+        """Return the cell with the median over draws, and their range in the note.
+
+        Parameters
+        ----------
+        published : float or None
+            The printed figure, whose position relative to the range is noted.
+        values : iterable of float
+            Our figure for each draw of the noise.
+        note : str
+            A further note.
+
+        Returns
+        -------
+        TableRow
         """
-        ours = spread(values)
+        ours = summarise_draws(values)
         summary = f"median of {ours.draws} noise draws, range {ours.low:.3g} to {ours.high:.3g}"
-        place = "" if published is None else f"published value {ours.place(published)} the range"
-        return self.filled(published, ours.median, summary, place, note)
+        located = "" if published is None else f"published value {ours.locate(published)} the range"
+        return self.fill(published, ours.median, summary, located, note)
 
-    def experiment(self, published: float, note: str = "") -> "TableRow":
-        """With a printed figure that only the unpublished trial could give."""
-        return self.filled(published, None, EXPERIMENT, note)
+    def fill_experiment(self, published: float, note: str = "") -> "TableRow":
+        """Return the cell with a printed figure that needs the unpublished trial."""
+        return self.fill(published, None, EXPERIMENT, note)
 
 
-def table_one_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[TableRow]:
-    """Table I: what phase 1 leaves of markers, without and with noise, and the experimental rows as
-    printed.
+def make_table_one(clean: SeedResult, draws: Sequence[SeedResult]) -> list[TableRow]:
+    """Make Table I: marker distances and joint errors of phase 1.
+
+    Parameters
+    ----------
+    clean : SeedResult
+        Without noise.
+    draws : sequence of SeedResult
+        Draws of the noise.
+
+    Returns
+    -------
+    list of TableRow
+        Without and with noise, then the experimental rows as printed.
     """
     rows: list[TableRow] = []
     for key, title, unit, figure in JOINT_FIGURES:
         for problem, published in get_table_one("synthetic_without_noise", key).items():
-            cell, recovery = (
-                TableRow("I", f"synthetic without noise: {title}", problem, unit),
-                clean.joints[problem],
-            )
-            if (ours := figure(recovery)) is not None:
-                rows.append(
-                    cell.filled(published, ours, f"from absolute zero in {recovery.steps} steps")
-                )
+            cell = TableRow("I", f"synthetic without noise: {title}", problem, unit)
+            recovery = clean.joints[problem]
+            ours = figure(recovery)
+            if ours is not None:
+                note = f"from absolute zero in {recovery.steps} steps"
+                rows.append(cell.fill(published, ours, note))
     for key, title, unit, figure in JOINT_FIGURES:
         for problem, published in get_table_one("synthetic_with_noise", key).items():
             cell = TableRow("I", f"synthetic with noise: {title}", problem, unit)
-            values = [v for draw in draws if (v := figure(draw.joints[problem])) is not None]
+            figures = [figure(draw.joints[problem]) for draw in draws]
+            values = [value for value in figures if value is not None]
             if values and published is not None:
-                rows.append(cell.over_draws(published, values, _why(key, problem)))
+                rows.append(cell.fill_with_draws(published, values, _explain(key, problem)))
     cell = TableRow("I", "synthetic with noise: largest marker distance", "any", "mm")
-    peaks = [max(r.largest_mm for r in draw.joints.values()) for draw in draws]
-    rows.append(cell.over_draws(float(get_figure("largest_marker_distance_mm")["single"]), peaks))
+    peaks = []
+    for draw in draws:
+        peaks.append(max(r.largest_mm for r in draw.joints.values()))
+    largest = float(get_figure("largest_marker_distance_mm")["single"])
+    rows.append(cell.fill_with_draws(largest, peaks))
+    return [*rows, *_list_experimental_distances(), *_compare_minima(draws)]
+
+
+def _list_experimental_distances() -> list[TableRow]:
+    """List the experimental marker distances of Table I, as printed."""
+    rows: list[TableRow] = []
     for printed, row in (
         ("experimental_phase1", "phase 1"),
         ("experimental_anatomical", "anatomical"),
@@ -159,52 +219,51 @@ def table_one_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Table
         for problem, published in get_table_one(printed, "marker_distance_mm").items():
             if published is not None:
                 cell = TableRow("I", f"experimental, {row}: marker distance RMS", problem, "mm")
-                rows.append(cell.experiment(published))
+                rows.append(cell.fill_experiment(published))
     for problem, fall in zip(PROBLEMS, get_figure("jp_reduction_marker_error_pct"), strict=True):
-        rows.append(
-            TableRow("I", "experimental: fall of marker distance", problem, "%").experiment(fall)
-        )
-    return [*rows, *_minimum_rows(draws)]
-
-
-def _minimum_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
-    """In how many problems the search from zero ended where one from the truth does: not in the
-    paper.
-    """
-    rows = []
-    for problem in PROBLEMS:
-        same = [
-            d.joints[problem].cost <= SAME_COST * d.joints[problem].cost_from_truth for d in draws
-        ]
-        cell = TableRow(
-            "I", "synthetic with noise: same minimum from zero as from the truth", problem, "%"
-        )
-        rows.append(
-            cell.filled(
-                None,
-                100.0 * float(np.mean(same)),
-                f"of {len(same)} noise draws; cost within 0.01 %",
-            )
-        )
+        cell = TableRow("I", "experimental: fall of marker distance", problem, "%")
+        rows.append(cell.fill_experiment(fall))
     return rows
 
 
-def _why(key: str, problem: str) -> str:
-    """Why a figure of Table I may differ from the printed one."""
+def _compare_minima(draws: Sequence[SeedResult]) -> list[TableRow]:
+    """Count the searches from zero that end where one from the truth does; not in the paper."""
+    rows = []
+    title = "synthetic with noise: same minimum from zero as from the truth"
+    for problem in PROBLEMS:
+        found = [d.joints[problem] for d in draws]
+        same = [r.cost <= SAME_COST * r.cost_from_truth for r in found]
+        note = f"of {len(same)} noise draws; cost within 0.01 %"
+        cell = TableRow("I", title, problem, "%")
+        rows.append(cell.fill(None, 100.0 * float(np.mean(same)), note))
+    return rows
+
+
+def _explain(key: str, problem: str) -> str:
+    """Explain why a figure of Table I may differ from the printed one."""
     if key == "marker_distance_mm":
         return MARKER_SET
     return {"ankle": ANKLE, "hip": SLOW_NOISE}.get(problem, "")
 
 
-def table_two_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
-    """Table II: signed errors of the left leg's 27 parameters with noise, and the experimental
-    columns as printed.
+def make_table_two(draws: Sequence[SeedResult]) -> list[TableRow]:
+    """Make Table II: signed errors of the 27 joint parameters of the left leg.
+
+    Parameters
+    ----------
+    draws : sequence of SeedResult
+        Draws of the noise.
+
+    Returns
+    -------
+    list of TableRow
+        With noise, and the experimental columns as printed.
     """
     rows: list[TableRow] = []
     for printed in get_table_two():
         joint = printed.name.split("_")[0]
         isolated = joint if joint in PROBLEMS else "ankle"
-        for column, problem, (published, experiment) in (
+        for column, problem, (published, experimental) in (
             ("single joint", isolated, printed.single_joint),
             ("full leg", "full leg", printed.full_leg),
         ):
@@ -212,122 +271,172 @@ def table_two_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
             values = np.array([r.errors[r.names.index(printed.name)] for r in recovered])
             size = f"median size {np.median(np.abs(values)):.3g}"
             cell = TableRow("II", printed.title, f"{column}, synthetic", printed.unit)
-            rows.append(cell.over_draws(published, values, size))
+            rows.append(cell.fill_with_draws(published, values, size))
             cell = TableRow("II", printed.title, f"{column}, experimental", printed.unit)
-            rows.append(cell.experiment(experiment))
+            rows.append(cell.fill_experiment(experimental))
     return rows
 
 
-def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[TableRow]:
-    """Table III: pelvis residuals and errors of inertial parameters, from the correct seed and from
-    random seeds.
+def make_table_three(clean: SeedResult, draws: Sequence[SeedResult]) -> list[TableRow]:
+    """Make Table III: pelvis residuals and errors of inertial parameters.
+
+    Parameters
+    ----------
+    clean : SeedResult
+        Without noise.
+    draws : sequence of SeedResult
+        Draws of the noise.
+
+    Returns
+    -------
+    list of TableRow
+        From the correct seed and from random seeds, then the experimental rows as printed.
     """
+    cell = TableRow(
+        "III", "synthetic with noise, random seeds: bodies that could exist", "solutions", "%"
+    )
+    is_possible = [r.physical for d in draws for r in d.random]
+    possible = 100.0 * float(np.mean(is_possible))
+    return [
+        *_list_inertia_without_noise(clean),
+        *_list_inertia_with_noise(draws),
+        *_list_experimental_residuals(),
+        cell.fill(None, possible, "the published cost does not require it"),
+    ]
+
+
+def _list_inertia_without_noise(clean: SeedResult) -> list[TableRow]:
+    """List the rows of Table III without noise."""
     rows: list[TableRow] = []
-    without = get_table_three("synthetic_without_noise")
-    correct = get_table_three("synthetic_with_noise_correct_seed")
-    random = get_table_three("synthetic_with_noise_random_seeds")
+    published = get_table_three("synthetic_without_noise")
     passes = (
         f"penalty times {NOISELESS_DECAY} at every re-seed, up to "
         f"{max(r.seeds for r in clean.random)} seeds"
     )
     for k, (column, unit, figure) in enumerate(INERTIAL_FIGURES):
         cell = TableRow("III", "synthetic without noise, correct seed", column, unit)
-        rows.append(cell.filled(without[k], figure(clean.correct)))
+        rows.append(cell.fill(published[k], figure(clean.correct)))
         cell = TableRow("III", "synthetic without noise, random seeds: mean", column, unit)
         values = [figure(r) for r in clean.random]
         note = f"mean of {len(values)} seeds, range {min(values):.3g} to {max(values):.3g}"
-        rows.append(
-            cell.filled(
-                None, float(np.mean(values)), note, passes, WEAK if k >= len(RESIDUALS) else ""
-            )
-        )
+        weak = WEAK if k >= len(RESIDUALS) else ""
+        rows.append(cell.fill(None, float(np.mean(values)), note, passes, weak))
+    return rows
+
+
+def _list_inertia_with_noise(draws: Sequence[SeedResult]) -> list[TableRow]:
+    """List the rows of Table III with noise."""
+    rows: list[TableRow] = []
+    correct = get_table_three("synthetic_with_noise_correct_seed")
+    random = get_table_three("synthetic_with_noise_random_seeds")
     for k, (column, unit, figure) in enumerate(INERTIAL_FIGURES):
         why = LITERAL if k < len(RESIDUALS) else f"{LITERAL}; {STOP}"
-        cases = [np.array([figure(r) for r in d.random]) for d in draws]
+        from_correct = [figure(d.correct) for d in draws]
+        single_pass = [figure(d.single_pass) for d in draws]
+        mean, deviation = _summarise_seeds(draws, figure)
         for row, published, values, note in (
-            ("correct seed", correct[k], [figure(d.correct) for d in draws], why),
-            (
-                "correct seed, without re-seeding",
-                correct[k],
-                [figure(d.single_pass) for d in draws],
-                "",
-            ),
-            ("random seeds: mean", random[k][0], [float(c.mean()) for c in cases], why),
-            (
-                "random seeds: standard deviation",
-                random[k][1],
-                [float(c.std(ddof=1)) for c in cases],
-                "",
-            ),
+            ("correct seed", correct[k], from_correct, why),
+            ("correct seed, without re-seeding", correct[k], single_pass, ""),
+            ("random seeds: mean", random[k][0], mean, why),
+            ("random seeds: standard deviation", random[k][1], deviation, ""),
         ):
             cell = TableRow("III", f"synthetic with noise, {row}", column, unit)
-            rows.append(cell.over_draws(published, values, note))
+            rows.append(cell.fill_with_draws(published, values, note))
+    return rows
+
+
+def _summarise_seeds(
+    draws: Sequence[SeedResult], figure: Figure
+) -> tuple[list[float], list[float]]:
+    """Compute mean and standard deviation of a figure over the random seeds of each draw."""
+    means, deviations = [], []
+    for draw in draws:
+        values = np.array([figure(r) for r in draw.random])
+        means.append(float(values.mean()))
+        deviations.append(float(values.std(ddof=1)))
+    return means, deviations
+
+
+def _get_error(recovery: InertialRecovery, name: str) -> float:
+    """Get the error of one inertial parameter."""
+    return recovery.each[name]
+
+
+def _list_experimental_residuals() -> list[TableRow]:
+    """List the experimental residuals of Table III, as printed."""
+    rows: list[TableRow] = []
     for k, (column, unit, _) in enumerate(RESIDUALS):
         for printed, row in (
             ("experimental_phase2", "phase 2"),
             ("experimental_anatomical", "anatomical"),
         ):
-            rows.append(
-                TableRow("III", f"experimental, {row}", column, unit).experiment(
-                    get_table_three(printed)[k]
-                )
-            )
+            cell = TableRow("III", f"experimental, {row}", column, unit)
+            rows.append(cell.fill_experiment(get_table_three(printed)[k]))
     for (column, _, _), key in zip(RESIDUALS, ("force", "torque"), strict=True):
         for stage, name in (
             ("phase 2", "ip_reduction_residual_pct"),
             ("third step", "third_step_reduction_pct"),
         ):
             cell = TableRow("III", f"experimental, {stage}: fall of residual", column, "%")
-            rows.append(cell.experiment(get_figure(name)[key]))
-    cell = TableRow(
-        "III", "synthetic with noise, random seeds: bodies that could exist", "solutions", "%"
-    )
-    possible = 100.0 * float(np.mean([r.physical for d in draws for r in d.random]))
-    return [*rows, cell.filled(None, possible, "the published cost does not ask for it")]
+            rows.append(cell.fill_experiment(get_figure(name)[key]))
+    return rows
 
 
-def table_four_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
-    """Table IV: errors of the 36 parameters with noise, and of `foot superior`, which was held."""
+def make_table_four(draws: Sequence[SeedResult]) -> list[TableRow]:
+    """Make Table IV: errors of the 36 inertial parameters, and of `foot superior`, which was held.
+
+    Parameters
+    ----------
+    draws : sequence of SeedResult
+        Draws of the noise.
+
+    Returns
+    -------
+    list of TableRow
+        With noise, and the experimental column as printed.
+    """
     rows: list[TableRow] = []
     for p in get_table_four():
         held = (
             "drawn with the random seeds and held: no variable" if p.name == "foot.com.sup" else ""
         )
-        cases = [np.array([r.each[p.name] for r in d.random]) for d in draws]
+        correct = [d.correct.each[p.name] for d in draws]
+        mean, deviation = _summarise_seeds(draws, partial(_get_error, name=p.name))
         for column, published, values in (
-            ("correct seed", p.correct_seed, [d.correct.each[p.name] for d in draws]),
-            ("random seeds: mean", p.random_seeds[0], [float(c.mean()) for c in cases]),
-            (
-                "random seeds: standard deviation",
-                p.random_seeds[1],
-                [float(c.std(ddof=1)) for c in cases],
-            ),
+            ("correct seed", p.correct_seed, correct),
+            ("random seeds: mean", p.random_seeds[0], mean),
+            ("random seeds: standard deviation", p.random_seeds[1], deviation),
         ):
-            rows.append(TableRow("IV", p.title, column, p.unit).over_draws(published, values, held))
-        rows.append(
-            TableRow("IV", p.title, "experimental", p.unit).experiment(p.experimental, p.note)
-        )
+            cell = TableRow("IV", p.title, column, p.unit)
+            rows.append(cell.fill_with_draws(published, values, held))
+        cell = TableRow("IV", p.title, "experimental", p.unit)
+        rows.append(cell.fill_experiment(p.experimental, p.note))
     cell = TableRow("IV", "mass, whole body", "correct seed", "kg")
-    return [
-        *rows,
-        cell.over_draws(get_figure("mass_sum_kg"), [d.correct.total_mass for d in draws]),
-    ]
+    masses = [d.correct.total_mass for d in draws]
+    return [*rows, cell.fill_with_draws(get_figure("mass_sum_kg"), masses)]
 
 
-def discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
-    """The discussion: normalisations of torque, and the third step; published for the experimental
-    trial only.
+def make_discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
+    """Make the rows of the discussion: normalisations of torque, and the third step.
+
+    Parameters
+    ----------
+    draws : sequence of SeedResult
+        Draws of the noise.
+
+    Returns
+    -------
+    list of TableRow
+        The published figures are of the experimental trial.
     """
     rows: list[TableRow] = []
     other = "published figure: experimental trial; ours: synthetic with noise"
     for scale, (key, divisor) in SCALES.items():
+        printed = get_figure("torque_weighting")[key]
         for k, (column, unit, figure) in enumerate(RESIDUALS):
-            cell, printed = (
-                TableRow("discussion", f"torque divided by {divisor}", column, unit),
-                get_figure("torque_weighting")[key],
-            )
+            cell = TableRow("discussion", f"torque divided by {divisor}", column, unit)
             values = [figure(d.scales[scale]) for d in draws]
-            rows.append(cell.over_draws(printed[k], values, f"{other}, correct seed"))
+            rows.append(cell.fill_with_draws(printed[k], values, f"{other}, correct seed"))
     third, printed = [d.third for d in draws if d.third is not None], get_figure("third_step")
     for column, unit, pairs, figures in (
         ("residual force RMS", "N", [t.force for t in third], printed["force_N"]),
@@ -337,13 +446,22 @@ def discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     ):
         for k, when in enumerate(("before", "after")):
             cell = TableRow("discussion", f"third step, {when}", column, unit)
-            rows.append(cell.over_draws(figures[k], [pair[k] for pair in pairs], other))
+            rows.append(cell.fill_with_draws(figures[k], [pair[k] for pair in pairs], other))
     return rows
 
 
-def time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
-    """Shortest, median and longest time of every problem solved in this run; they differ from run
-    to run.
+def make_time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
+    """Make the rows of computing time, which differ from run to run.
+
+    Parameters
+    ----------
+    results : sequence of SeedResult
+        Without and with noise.
+
+    Returns
+    -------
+    list of TableRow
+        Shortest, median and longest time of the problems of each phase, s.
     """
     rows: list[TableRow] = []
     for row, key, times in PHASES:
@@ -355,24 +473,24 @@ def time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
             ("longest", longest, seconds.max()),
         ):
             cell = TableRow("time", row, column, "s")
-            rows.append(
-                cell.filled(published, float(ours), f"processor time of {len(seconds)} problems")
-            )
+            note = f"processor time of {len(seconds)} problems"
+            rows.append(cell.fill(published, float(ours), note))
     return rows
 
 
-def run_time_rows(laps: Mapping[str, float]) -> list[TableRow]:
-    """Seconds by the clock of each part of this run, and of all."""
+def make_run_time_rows(laps: Mapping[str, float]) -> list[TableRow]:
+    """Make the rows of elapsed time (s) of each part of this run, and of all."""
     parts = {**laps, "everything": sum(laps.values())}
     return [
-        TableRow("time", RUN, part, "s").filled(None, seconds, "by the clock")
+        TableRow("time", RUN, part, "s").fill(None, seconds, "elapsed time")
         for part, seconds in parts.items()
     ]
 
 
-def speed_factor(results: Sequence[SeedResult]) -> float:
-    """Smallest ratio over the phases of the shortest published time to our longest."""
-    return min(
-        get_cpu_seconds(key)[0] / max(s for result in results for s in times(result))
-        for _, key, times in PHASES
-    )
+def compute_speed_factor(results: Sequence[SeedResult]) -> float:
+    """Compute the smallest ratio of the shortest published time of a phase to our longest."""
+    ratios = []
+    for _, key, times in PHASES:
+        longest = max(seconds for result in results for seconds in times(result))
+        ratios.append(get_cpu_seconds(key)[0] / longest)
+    return min(ratios)

@@ -1,28 +1,27 @@
-"""The published parameters recovered from synthetic data: joints, inertia, then everything
-together.
+"""Recover the published parameters from synthetic data: joints, inertia, then all together.
 
-Phase 1: the four published problems, everything starting at absolute zero. Three isolated trials,
-each with the whole linkage (27 coordinates of 20 nodes) and the parameters of its joint; then gait
-with 17 parameters of the leg, the other 10 where the isolated trials left them. One weight, no
-prior, no bounds. Variable projection solves each motion fully for the joint parameters of the
-moment; where those are absurd (all zero) that motion folds up and leads into a valley of its own.
-From zero, nodes and joint parameters therefore step together (`step_together`): damped, they move
-both a little. Variable projection, as in any calibration, finishes.
+Phase 1: the four published problems, with all unknowns starting at absolute zero. Three functional
+trials, each with the whole linkage (27 coordinates of 20 control points) and the parameters of its
+joint; then gait with 17 parameters of the leg, the other 10 from the functional trials. One weight,
+no prior, no bounds. Variable projection solves each motion fully for the current joint parameters;
+for impossible ones (all zero) that motion leads to another minimum. From zero, control points and
+joint parameters therefore step together (`descend_together`), with damping. Variable projection
+finishes, as in any calibration.
 
-Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint's parameters,
-positions (mm) and orientations (deg) apart. That definition gives the printed figures of Table I
-from those of Table II.
+Errors are those of the published Table I: sqrt(mean e^2) over the parameters of a joint, separately
+for positions (mm) and orientations (deg). That definition gives the printed figures of Table I from
+those of Table II.
 
 Phase 2, inertial parameters from the pelvis residual, has the motion and joint parameters of phase
-1 and the true ground reactions. Seeds are the true values, or each parameter times 1 + U(-0.5,
-0.5), left as right; `foot.com.sup`, which the paper prints though it is none of the 36, is drawn
-too where the data have noise, and held. Data with noise get the published procedure to the letter.
-Without noise the penalty's weight falls at every re-seed (see `inertial_calibration`): the
-published procedure would creep.
+1 and the true ground reactions. Seeds are the true values, or each parameter times 1 + U(-0.5, 0.5),
+equal on both sides. `foot.com.sup`, which the paper prints although it is none of the 36, is also
+drawn if the data have noise, and held. Data with noise get the published procedure. Without noise
+the weight of the penalty falls at every re-seed (see `inertial_calibration`), because the published
+procedure would need too many.
 
-Those of inertia as in the published Table III: sqrt(mean e^2) over the two-sided model, 36 moments,
-12 masses, 36 mass-centre coordinates; residuals over frames and the three components. That gives
-Table III from Table IV.
+Errors of inertia are those of the published Table III: sqrt(mean e^2) over the two-sided model, 36
+moments, 12 masses, 36 mass-centre coordinates; residuals over frames and the three components. That
+gives Table III from Table IV.
 """
 
 import time
@@ -49,96 +48,142 @@ from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
 LEG = params.list_leg_parameters(SIDE)
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
-"""Every step on its own matrix: far away none serves twice."""
+"""Every step has a new matrix: far from the minimum none can be used twice."""
+SEED_RANGE = 0.5
+"""Largest relative deviation of a random seed."""
+RANDOM_SEEDS = 10
+NOISELESS_DECAY = 0.1
+"""Factor of the penalty's weight at every re-seed, without noise."""
 
 
-def rms(values: Array | Sequence[float]) -> float | None:
-    """Root mean square; None of nothing."""
+def compute_rms(values: Array | Sequence[float]) -> float | None:
+    """Compute the root mean square; None without values."""
     array = np.asarray(values, dtype=float)
     return float(np.sqrt(np.mean(array**2))) if array.size else None
 
 
-def joint_errors(
+def compute_joint_errors(
     estimate: params.Parameters, truth: params.Parameters, names: Sequence[str]
 ) -> Array:
-    """(n,) estimate - true, mm and deg."""
-    index = _index(names)
+    """Compute the errors of joint parameters.
+
+    Parameters
+    ----------
+    estimate, truth : Parameters
+        Parameters of the linkage.
+    names : sequence of str
+        Joint parameters.
+
+    Returns
+    -------
+    (n,) array
+        Estimate minus truth, mm and deg.
+    """
+    index = _find_indices(names)
     out: Array = (estimate.joint[index] - truth.joint[index]) / params.JP_TO_SI[index]
     return out
 
 
-def joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
-    """RMS of position errors (mm) and of orientation errors (deg); None where a joint has none."""
-    position = np.array(
-        [params.JOINT_PARAMETERS[k].kind is params.ParameterKind.POSITION for k in _index(names)],
-        dtype=bool,
-    )
-    return rms(errors[position]), rms(errors[~position])
+def compute_joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
+    """Compute the RMS errors of positions and orientations.
+
+    Parameters
+    ----------
+    errors : (n,) array
+        mm and deg.
+    names : sequence of str
+        Joint parameters.
+
+    Returns
+    -------
+    position, orientation : float or None
+        mm and deg; None if there are none.
+    """
+    kinds = [params.JOINT_PARAMETERS[k].kind for k in _find_indices(names)]
+    position = np.array([kind is params.ParameterKind.POSITION for kind in kinds], dtype=bool)
+    return compute_rms(errors[position]), compute_rms(errors[~position])
 
 
-def _index(names: Sequence[str]) -> list[int]:
+def _find_indices(names: Sequence[str]) -> list[int]:
     return [params.JP_INDEX[name] for name in names]
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointRecovery:
-    """One of the four problems, solved."""
+    """Solution of one of the four problems."""
 
-    names: tuple[str, ...]  # The joint parameters whose errors count: the joint's, or the leg's 27
-    errors: Array  # (n,) found - true, mm and deg
-    marker_mm: float  # RMS distance of markers, mm
-    largest_mm: float  # Largest distance of any marker in any frame, mm
-    cost: float  # m^2
-    steps: int  # From zero: steps of the far start and evaluations of the end game
-    seconds: float  # Of the processor, as the published times
+    names: tuple[str, ...]
+    """Joint parameters of `errors`: those of the joint, or the 27 of the leg."""
+    errors: Array
+    """(n,) found minus true, mm and deg."""
+    marker_mm: float
+    """RMS distance of markers, mm."""
+    largest_mm: float
+    """Largest distance of any marker in any frame, mm."""
+    cost: float
+    """m^2."""
+    steps: int
+    """Steps together from zero, and evaluations of variable projection."""
+    seconds: float
+    """Of the processor, as the published times."""
     converged: bool
-    parameters: params.Parameters  # All of the linkage, with what was found
-    coefficients: Array  # (20, 27) m, rad
+    parameters: params.Parameters
+    """Of the linkage, with the solution."""
+    coefficients: Array
+    """(20, 27) m, rad."""
     cost_at_truth: float
-    """m^2: with the true joint parameters, the motion fitted."""
+    """m^2, with the true joint parameters and a fitted motion."""
     cost_from_truth: float
-    """m^2: of the minimum found when the search starts at the true values of the free parameters.
-    """
+    """m^2, of the minimum of a search from the true values of the free parameters."""
 
     @property
     def position_mm(self) -> float:
         """RMS position error, mm."""
-        return joint_rms(self.errors, self.names)[0] or 0.0
+        return compute_joint_rms(self.errors, self.names)[0] or 0.0
 
     @property
     def orientation_deg(self) -> float | None:
-        """RMS orientation error, deg; None for the hip, which has none."""
-        return joint_rms(self.errors, self.names)[1]
+        """RMS orientation error, deg; None for the hip."""
+        return compute_joint_rms(self.errors, self.names)[1]
 
 
 @cache
-def true_model() -> SubjectModel:
-    """The truth: the published nominal subject with its 41 tracking markers."""
+def build_true_model() -> SubjectModel:
+    """Build the true model: the published nominal subject with its 41 tracking markers."""
     return published_model()
 
 
 @cache
-def true_motion(problem: str) -> motions.TrueMotion:
-    """Return the true motion of one of `PROBLEMS`; isolated trials have 1200 frames."""
-    return (
-        motions.simulate_gait()
-        if problem == "full leg"
-        else motions.simulate_isolated_trial(f"{problem}_{SIDE}")
-    )
+def build_true_motion(problem: str) -> motions.TrueMotion:
+    """Build the true motion of one of `PROBLEMS`; functional trials have 1200 frames."""
+    if problem == "full leg":
+        return motions.simulate_gait()
+    return motions.simulate_isolated_trial(f"{problem}_{SIDE}")
 
 
-def free_parameters(problem: str) -> tuple[str, ...]:
-    """What one of `PROBLEMS` solves for."""
-    return (
-        params.list_gait_parameters(SIDE)
-        if problem == "full leg"
-        else params.list_isolated_parameters(f"{problem}_{SIDE}")
-    )
+def list_free_parameters(problem: str) -> tuple[str, ...]:
+    """List the joint parameters that one of `PROBLEMS` solves for."""
+    if problem == "full leg":
+        return params.list_gait_parameters(SIDE)
+    return params.list_isolated_parameters(f"{problem}_{SIDE}")
 
 
-def synthetic_problem(problem: str, noise: np.random.Generator | None) -> MotionProblem:
-    """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
-    model, motion = true_model(), true_motion(problem)
+def build_synthetic_problem(problem: str, noise: np.random.Generator | None) -> MotionProblem:
+    """Build one of the four problems.
+
+    Parameters
+    ----------
+    problem : str
+        One of `PROBLEMS`.
+    noise : Generator, optional
+        Of the marker noise; no noise if None.
+
+    Returns
+    -------
+    MotionProblem
+        Synthetic markers on the whole linkage, without priors.
+    """
+    model, motion = build_true_model(), build_true_motion(problem)
     markers = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
         markers = markers + motions.draw_marker_noise(
@@ -147,43 +192,66 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None) -> Motion
     recording = Recording(
         source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers
     )
-    # as published: markers alone, no prior on any coordinate
-    return replace(
-        build_trial_problem(problem, model, recording, spline.NodeRule(fixed=motions.NODES)),
-        priors=(),
-    )
+    rule = spline.NodeRule(fixed=motions.NODES)
+    # As published: no prior on any coordinate.
+    return replace(build_trial_problem(problem, model, recording, rule), priors=())
 
 
 def recover_joints(problems: Mapping[str, MotionProblem]) -> dict[str, JointRecovery]:
-    """Solve all; gait starts from what the isolated trials found for the parameters that it leaves
-    alone.
+    """Solve all problems; gait holds its other parameters at the values of functional trials.
+
+    Parameters
+    ----------
+    problems : mapping
+        Name -> problem, gait last.
+
+    Returns
+    -------
+    dict
+        Name -> solution.
     """
     out: dict[str, JointRecovery] = {}
     for problem, markers in problems.items():
-        held = true_model().parameters
+        held = build_true_model().parameters
         for found in out.values() if problem == "full leg" else ():
-            held = held.with_joint(found.names, found.parameters.joint[_index(found.names)])
+            held = held.with_joint(found.names, found.parameters.joint[_find_indices(found.names)])
         out[problem] = solve(problem, markers, held)
     return out
 
 
 def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> JointRecovery:
-    """One problem from absolute zero; `held` gives the joint parameters that are not free."""
-    free, truth = free_parameters(problem), true_model().parameters
+    """Solve one problem from absolute zero.
+
+    Parameters
+    ----------
+    problem : str
+        One of `PROBLEMS`.
+    markers : MotionProblem
+        From `build_synthetic_problem`.
+    held : Parameters
+        With the joint parameters that are not free.
+
+    Returns
+    -------
+    JointRecovery
+    """
+    free, truth = list_free_parameters(problem), build_true_model().parameters
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
-    p, coefficients, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
+    p, coefficients, near = descend_together([markers], held, free, [zero], np.zeros(len(free)))
     fit = joint_estimate.JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
-    at_truth = track_nodes(markers, markers.build_body(truth), true_motion(problem).coefficients)
+    at_truth = track_nodes(
+        markers, markers.build_body(truth), build_true_motion(problem).coefficients
+    )
     from_truth = joint_estimate.JointSearch([markers], held, free, [at_truth.x]).run(
-        truth.joint[_index(free)]
+        truth.joint[_find_indices(free)]
     )
     return JointRecovery(
         names=names,
-        errors=joint_errors(fit.parameters, truth, names),
+        errors=compute_joint_errors(fit.parameters, truth, names),
         marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
         largest_mm=1e3 * float(distance.max()),
         cost=fit.state.cost,
@@ -197,46 +265,74 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     )
 
 
-def step_together(
+def descend_together(
     problems: Sequence[MotionProblem],
     parameters: params.Parameters,
     free: tuple[str, ...],
     starts: Sequence[Array],
     p: Array,
 ) -> tuple[Array, list[Array], Descent[Evaluation, banded.ArrowFactor]]:
-    """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq))
-    and `p` (np,): where both end, and how.
+    """Minimise over motions and joint parameters together, with damped steps.
+
+    Parameters
+    ----------
+    problems : sequence of MotionProblem
+        The trials.
+    parameters : Parameters
+        With the joint parameters that are not free.
+    free : tuple of str
+        Joint parameters to solve for.
+    starts : sequence of (nn, nq) array
+        Control points of each motion to start from, m and rad.
+    p : (np,) array
+        Free joint parameters to start from, m and rad.
+
+    Returns
+    -------
+    p : (np,) array
+    coefficients : list of (nn, nq) array
+    descent : Descent
+        With steps and convergence.
     """
     shared = SharedMotions(problems, parameters, free)
     end = descend(shared, shared.join_unknowns(p, starts), DAMPED)
     return *shared.split_unknowns(end.x), end
 
 
-SEED_RANGE = 0.5
-RANDOM_SEEDS = 10
-NOISELESS_DECAY = 0.1
-
-
 @dataclass(frozen=True)
 class InertialErrors:
     """RMS errors over the two-sided model."""
 
-    inertia: float  # kg mm^2, 36 principal moments
-    mass: float  # kg, 12 masses
-    centre: float  # mm, 36 coordinates of mass centres
+    inertia: float
+    """kg mm^2, of 36 principal moments."""
+    mass: float
+    """kg, of 12 masses."""
+    centre: float
+    """mm, of 36 coordinates of mass centres."""
 
 
-def inertial_rms(estimate: Array, truth: Array) -> InertialErrors:
-    """Errors of inertial parameters (84,), SI."""
+def compute_inertial_rms(estimate: Array, truth: Array) -> InertialErrors:
+    """Compute RMS errors of inertial parameters (84,), SI."""
     errors = params.view_as_table((estimate - truth) / params.IP_TO_SI)
-    return InertialErrors(
-        *(float(np.sqrt(np.mean(errors[:, k] ** 2))) for k in (slice(4, 7), 0, slice(1, 4)))
+    # Columns of a segment: mass, three coordinates of the mass centre, three moments of inertia.
+    inertia, mass, centre = (
+        float(np.sqrt(np.mean(errors[:, k] ** 2))) for k in (slice(4, 7), 0, slice(1, 4))
     )
+    return InertialErrors(inertia, mass, centre)
 
 
-def symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
-    """Errors of the 36 symmetric parameters (mean of both sides), and of `foot.com.sup`; kg, mm, kg
-    mm^2.
+def compute_symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
+    """Compute errors of the 36 symmetric parameters, and of `foot.com.sup`.
+
+    Parameters
+    ----------
+    estimate, truth : (84,) array
+        Inertial parameters, SI.
+
+    Returns
+    -------
+    dict
+        Parameter -> mean error of both sides, kg, mm, kg mm^2.
     """
     which = params.make_symmetric_set()
     errors = (estimate - truth) / params.IP_TO_SI
@@ -249,68 +345,107 @@ def symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class InertialRecovery:
-    """A solution of phase 2."""
+    """Solution of phase 2."""
 
-    force: float  # N, RMS pelvis residual over frames and components
-    torque: float  # N·m
+    force: float
+    """N, RMS pelvis residual over frames and components."""
+    torque: float
+    """N·m, the same."""
     errors: InertialErrors
-    each: dict[
-        str, float
-    ]  # Error of each of the 36 parameters and of `foot.com.sup`; kg, mm, kg mm^2
-    total_mass: float  # kg, error of the whole body's mass
+    each: dict[str, float]
+    """Error of each of the 36 parameters and of `foot.com.sup`; kg, mm, kg mm^2."""
+    total_mass: float
+    """kg, error of the mass of the whole body."""
     seeds: int
-    seconds: float  # Of the processor, as the published times
-    converged: bool  # Whether the residuals settled
-    physical: bool  # Whether every body could exist; the published cost does not ask for it
+    """Number of seeds until the residuals settled."""
+    seconds: float
+    """Of the processor, as the published times."""
+    converged: bool
+    """Whether the residuals settled."""
+    physical: bool
+    """Whether every body could exist; the published cost does not require it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThirdStep:
-    """What joint and inertial parameters and motion together do to residuals and markers, from
-    phases 1 and 2.
-    """
+    """Residuals and marker errors before and after a fit of all parameters together."""
 
-    force: tuple[float, float]  # N before and after
-    torque: tuple[float, float]  # N·m before and after
-    marker_mm: tuple[float, float]  # RMS distance before and after
-    position_mm: tuple[
-        float, float
-    ]  # RMS error of the positions among the free joint parameters, before and after
+    force: tuple[float, float]
+    """N."""
+    torque: tuple[float, float]
+    """N·m."""
+    marker_mm: tuple[float, float]
+    """RMS distance, mm."""
+    position_mm: tuple[float, float]
+    """RMS error of the positions among the free joint parameters, mm."""
     seconds: float
     converged: bool
 
 
 @cache
-def true_wrench() -> Array:
-    """(208, 2, 6) ground reactions on the feet that leave the true model no residual."""
-    return motions.compute_residual_free_wrench(true_model().parameters, true_motion("full leg"))
+def compute_true_wrench() -> Array:
+    """Compute (208, 2, 6) ground reactions on the feet without residual of the true model."""
+    return motions.compute_residual_free_wrench(
+        build_true_model().parameters, build_true_motion("full leg")
+    )
 
 
-def gait_equations(
+def assemble_gait_equations(
     parameters: params.Parameters,
     coefficients: Array,
     scale: inertial_calibration.TorqueScale = inertial_calibration.TorqueScale.BODY_HEIGHT,
 ) -> inertial_calibration.RootEquations:
-    """The pelvis residual of the gait trial for joint parameters and nodes (20, 27)."""
-    basis = true_motion("full leg").basis
+    """Assemble the equations of the pelvis residual of the gait trial.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        With the joint parameters.
+    coefficients : (20, 27) array
+        The motion, m and rad.
+    scale : TorqueScale
+        Normalisation of torques.
+
+    Returns
+    -------
+    RootEquations
+    """
+    basis = build_true_motion("full leg").basis
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     valid = np.ones(len(q), dtype=bool)
-    motion = inertial_calibration.LoadedMotion(state=(q, v, a), wrench=true_wrench(), valid=valid)
+    motion = inertial_calibration.LoadedMotion(
+        state=(q, v, a), wrench=compute_true_wrench(), valid=valid
+    )
     return inertial_calibration.assemble_root_equations(
-        [motion], parameters, true_model().subject, scale, pelvis_width(true_model())
+        [motion],
+        parameters,
+        build_true_model().subject,
+        scale,
+        measure_pelvis_width(build_true_model()),
     )
 
 
-def pelvis_width(model: SubjectModel) -> float:
-    """Distance of the hip centres, m."""
+def measure_pelvis_width(model: SubjectModel) -> float:
+    """Measure the distance of the hip centres, m."""
     return float(np.linalg.norm(model.landmarks["hjc_r"][1] - model.landmarks["hjc_l"][1]))
 
 
-def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
-    """(84,) the true inertial parameters, each of the 36 (with `with_held` also `foot.com.sup`) up
-    to 50 % off.
+def draw_random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
+    """Draw a random seed of the inertial parameters.
+
+    Parameters
+    ----------
+    rng : Generator
+        Of the seed.
+    with_held : bool
+        Draw `foot.com.sup`, too.
+
+    Returns
+    -------
+    (84,) array
+        SI; the true values times 1 + U(-0.5, 0.5), equal on both sides.
     """
-    truth, which = true_model().parameters.inertial, params.make_symmetric_set()
+    truth, which = build_true_model().parameters.inertial, params.make_symmetric_set()
     factors = rng.uniform(-SEED_RANGE, SEED_RANGE, len(which.names) + 1)
     seed = truth * (1.0 + which.selection @ factors[:-1])
     if with_held:
@@ -326,16 +461,32 @@ def recover_inertia(
     reseed: bool = True,
     decay: float = 1.0,
 ) -> InertialRecovery:
-    """The published cost from a seed (84,)."""
-    began, truth = time.process_time(), true_model().parameters.inertial
+    """Minimise the published cost of phase 2 from a seed.
+
+    Parameters
+    ----------
+    equations : RootEquations
+        Of the gait trial.
+    seed : (84,) array
+        Inertial parameters, SI.
+    reseed : bool
+        Repeat from the solution until the residuals settle.
+    decay : float
+        Factor of the penalty's weight at every re-seed.
+
+    Returns
+    -------
+    InertialRecovery
+    """
+    began, truth = time.process_time(), build_true_model().parameters.inertial
     fit = inertial_calibration.fit_published(
         equations, seed, params.make_symmetric_set(), reseed=reseed, decay=decay
     )
     return InertialRecovery(
         force=fit.rms_force,
         torque=fit.rms_moment,
-        errors=inertial_rms(fit.inertial, truth),
-        each=symmetric_errors(fit.inertial, truth),
+        errors=compute_inertial_rms(fit.inertial, truth),
+        each=compute_symmetric_errors(fit.inertial, truth),
         total_mass=float(params.view_as_table(fit.inertial - truth)[:, 0].sum()),
         seeds=fit.seeds,
         seconds=time.process_time() - began,
@@ -344,31 +495,45 @@ def recover_inertia(
     )
 
 
-def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
-    """The third step of `gaitcal calibrate`, after phase 1 and physically consistent inertial
-    parameters.
+def recover_together(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
+    """Fit joint and inertial parameters together, as the third step of `gaitcal calibrate`.
 
-    Before: phases 1 and 2, as the third step finds them. Bodies must be possible, hence
-    `fit_consistent`.
+    It starts from phase 1 and physically consistent inertial parameters, because its chart holds no
+    impossible bodies.
+
+    Parameters
+    ----------
+    markers : MotionProblem
+        Of the gait trial.
+    gait : JointRecovery
+        Its solution of phase 1.
+
+    Returns
+    -------
+    ThirdStep
     """
-    free, began = free_parameters("full leg"), time.process_time()
-    equations = gait_equations(gait.parameters, gait.coefficients)
+    free, began = list_free_parameters("full leg"), time.process_time()
+    equations = assemble_gait_equations(gait.parameters, gait.coefficients)
     inertial = inertial_calibration.fit_consistent(
-        equations, true_model().parameters.inertial, params.make_symmetric_set()
+        equations, build_true_model().parameters.inertial, params.make_symmetric_set()
     )
     trial = combined.CombinedProblem(
-        markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool)
+        markers,
+        gait.coefficients,
+        compute_true_wrench(),
+        np.ones(len(compute_true_wrench()), dtype=bool),
     )
     start = gait.parameters.with_inertial(inertial.inertial)
     fit = combined.fit_combined(
-        [trial], start, free, params.make_symmetric_set(), true_model().subject
+        [trial], start, free, params.make_symmetric_set(), build_true_model().subject
     )
-    force, torque = gait_equations(fit.parameters, fit.coefficients[0]).compute_rms(
+    force, torque = assemble_gait_equations(fit.parameters, fit.coefficients[0]).compute_rms(
         fit.parameters.inertial
     )
     distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
     positions = [
-        joint_rms(joint_errors(p, true_model().parameters, free), free)[0] or 0.0
+        compute_joint_rms(compute_joint_errors(p, build_true_model().parameters, free), free)[0]
+        or 0.0
         for p in (start, fit.parameters)
     ]
     return ThirdStep(
@@ -385,73 +550,130 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
 class SeedResult:
     """Phases 1 to 3 for one draw of the noise."""
 
-    joints: dict[str, JointRecovery]  # By problem
-    residual_before: tuple[
-        float, float
-    ]  # N, N·m: true inertial parameters with the joints and motion of phase 1
-    correct: InertialRecovery  # Phase 2 from the correct seed
-    single_pass: InertialRecovery  # The same without re-seeding
-    random: tuple[InertialRecovery, ...]  # Phase 2 from random seeds
+    joints: dict[str, JointRecovery]
+    """By problem."""
+    residual_before: tuple[float, float]
+    """N, N·m: of the true inertial parameters with the joints and motion of phase 1."""
+    correct: InertialRecovery
+    """Phase 2 from the correct seed."""
+    single_pass: InertialRecovery
+    """The same without re-seeding."""
+    random: tuple[InertialRecovery, ...]
+    """Phase 2 from random seeds."""
     scales: dict[inertial_calibration.TorqueScale, InertialRecovery]
     """Phase 2 from the correct seed, for each normalisation of torques."""
-    third: ThirdStep | None  # Only with noise
+    third: ThirdStep | None
+    """Only with noise."""
 
 
 @with_one_blas_thread
-def noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
-    """Everything without noise; random inertial seeds from `seed`."""
-    return _run(None, np.random.SeedSequence([seed, 0]), random_seeds)
+def recover_noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
+    """Recover all parameters without noise.
+
+    Parameters
+    ----------
+    seed : int
+        Of the random inertial seeds.
+    random_seeds : int
+        Their number.
+
+    Returns
+    -------
+    SeedResult
+    """
+    return _recover(None, np.random.SeedSequence([seed, 0]), random_seeds)
 
 
 @with_one_blas_thread
-def noisy_draw(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
-    """Everything with the noise of one draw (0, 1, ...) under `seed`."""
-    noise, seeds = generators(seed, draw)
-    return _run(noise, seeds, random_seeds)
+def recover_noisy_draw(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
+    """Recover all parameters with one draw of the noise.
+
+    Parameters
+    ----------
+    seed : int
+        Of all draws.
+    draw : int
+        Number of the draw: 0, 1, ...
+    random_seeds : int
+        Number of random inertial seeds.
+
+    Returns
+    -------
+    SeedResult
+    """
+    noise, seeds = make_generators(seed, draw)
+    return _recover(noise, seeds, random_seeds)
 
 
-def generators(
+def make_generators(
     seed: int, draw: int
 ) -> tuple[tuple[np.random.Generator, ...], np.random.SeedSequence]:
-    """The noise of each problem, and what random inertial seeds come from, for one draw (0, 1, ...)
-    under `seed`.
+    """Make the random generators of one draw.
+
+    Parameters
+    ----------
+    seed : int
+        Of all draws.
+    draw : int
+        Number of the draw: 0, 1, ...
+
+    Returns
+    -------
+    noise : tuple of Generator
+        One for each problem.
+    seeds : SeedSequence
+        Of the random inertial seeds.
     """
     sequence = np.random.SeedSequence([seed, 1, draw])
-    return tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS))), sequence.spawn(
-        1
-    )[0]
+    noise = tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS)))
+    return noise, sequence.spawn(1)[0]
 
 
-def noisy_draws(
+def recover_noisy_draws(
     seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDOM_SEEDS
 ) -> list[SeedResult]:
-    """Draws 0 to `draws` - 1 under `seed`, in order, whatever the number of processes (-1: one for
-    every core).
+    """Recover all parameters for many draws of the noise.
+
+    Parameters
+    ----------
+    seed : int
+        Of all draws.
+    draws : int
+        Their number.
+    jobs : int
+        Number of processes; -1: one for every core. The results do not depend on it.
+    random_seeds : int
+        Number of random inertial seeds of each draw.
+
+    Returns
+    -------
+    list of SeedResult
+        In order.
     """
     results: list[SeedResult] = Parallel(n_jobs=jobs)(
-        delayed(noisy_draw)(seed, draw, random_seeds) for draw in range(draws)
+        delayed(recover_noisy_draw)(seed, draw, random_seeds) for draw in range(draws)
     )
     return results
 
 
-def _run(
+def _recover(
     noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSequence, random_seeds: int
 ) -> SeedResult:
-    """Phases 1 to 3; `noise`: a generator for each of `PROBLEMS`, or none."""
+    """Run phases 1 to 3; `noise`: a generator for each of `PROBLEMS`, or None."""
     problems = {
-        p: synthetic_problem(p, noise[k] if noise is not None else None)
+        p: build_synthetic_problem(p, noise[k] if noise is not None else None)
         for k, p in enumerate(PROBLEMS)
     }
     joints = recover_joints(problems)
-    gait, truth = joints["full leg"], true_model().parameters.inertial
+    gait, truth = joints["full leg"], build_true_model().parameters.inertial
     equations = {
-        scale: gait_equations(gait.parameters, gait.coefficients, scale)
+        scale: assemble_gait_equations(gait.parameters, gait.coefficients, scale)
         for scale in inertial_calibration.TorqueScale
     }
     by_height = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
     streams = map(np.random.default_rng, seeds.spawn(random_seeds))
-    starts = [random_seed(rng, with_held=noise is not None) for rng in streams]
+    starts = [draw_random_seed(rng, with_held=noise is not None) for rng in streams]
     scales = {scale: recover_inertia(scaled, truth) for scale, scaled in equations.items()}
     return SeedResult(
         joints=joints,
@@ -460,5 +682,5 @@ def _run(
         single_pass=recover_inertia(by_height, truth, reseed=False),
         random=tuple(recover_inertia(by_height, start, decay=decay) for start in starts),
         scales=scales,
-        third=third_step(problems["full leg"], gait) if noise is not None else None,
+        third=recover_together(problems["full leg"], gait) if noise is not None else None,
     )

@@ -1,6 +1,4 @@
-"""The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims,
-real people.
-"""
+"""Reproduce the published study: synthetic data without and with noise, tables, claims, people."""
 
 import json
 import platform
@@ -18,36 +16,43 @@ from gaitcal.montecarlo import case, protocol, workers
 from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.reproduction import people_rows
 from gaitcal.reproduction import printed_tables as table_rows
-from gaitcal.reproduction.claims import Claim, table_claims
+from gaitcal.reproduction.claims import Claim, check_claims
 from gaitcal.reproduction.recovery import (
     RANDOM_SEEDS,
     InertialRecovery,
     SeedResult,
-    noiseless,
-    noisy_draws,
+    recover_noiseless,
+    recover_noisy_draws,
 )
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 
 NOISE_SEEDS = 20
+TABLE_COLUMNS = ("table", "row", "column", "published", "ours", "unit", "note")
+CLAIM_COLUMNS = ("claim", "published", "ours", "verdict")
+DIGITS = 6
+"""Significant digits of figures."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReproductionSettings:
-    """How much to do."""
+    """Extent of a reproduction."""
 
     noise_seeds: int = NOISE_SEEDS
+    """Draws of the noise."""
     seed: int = 0
-    random_seeds: int = RANDOM_SEEDS  # Of phase 2, for each draw of the noise; at least 2
-    draws: int = 0  # Of the Monte Carlo study, each set and level; 0: none
-    jobs: int = -1  # Processes; -1: one for every core. The results do not depend on it.
-    data: Path | None = (
-        None  # Folder of real recordings, for the people shown instead of the experimental trial
-    )
+    random_seeds: int = RANDOM_SEEDS
+    """Random seeds of phase 2, for each draw of the noise; at least 2."""
+    draws: int = 0
+    """Draws of the Monte Carlo study, for each set and level; 0: none."""
+    jobs: int = -1
+    """Processes; -1: one for every core. The results do not depend on it."""
+    data: Path | None = None
+    """Folder of real recordings, of people instead of the experimental trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reproduction:
-    """Everything that was computed."""
+    """Results of a reproduction."""
 
     settings: ReproductionSettings
     clean: SeedResult
@@ -55,9 +60,8 @@ class Reproduction:
     tables: list[table_rows.TableRow]
     times: list[table_rows.TableRow]
     claims: list[Claim]
-    disturbances: (
-        pd.DataFrame | None
-    )  # Statistics of the Monte Carlo study; see `statistics.statistics`
+    disturbances: pd.DataFrame | None
+    """Statistics of the Monte Carlo study; see `draw_statistics.compute_statistics`."""
 
 
 @with_one_blas_thread
@@ -68,30 +72,43 @@ def reproduce(
 ) -> Reproduction:
     """Run the published study.
 
-    `draws_folder`: where Monte Carlo draws are kept, so that an interrupted study goes on; None
-    keeps nothing.
+    Parameters
+    ----------
+    settings : ReproductionSettings, optional
+        Extent; the default if not given.
+    draws_folder : Path, optional
+        Where Monte Carlo draws are stored, so that an interrupted study continues; nothing is
+        stored if not given.
+    progress : callable
+        Called with a line of text at the beginning of each step.
+
+    Returns
+    -------
+    Reproduction
     """
     settings, began = settings or ReproductionSettings(), time.perf_counter()
     laps: dict[str, float] = {}
 
-    def lap(part: str) -> None:
+    def record_lap(part: str) -> None:
         laps[part] = time.perf_counter() - began - sum(laps.values())
 
     progress("without noise")
-    clean = noiseless(settings.seed, settings.random_seeds)
+    clean = recover_noiseless(settings.seed, settings.random_seeds)
     progress(f"{settings.noise_seeds} draws of the noise")
-    noisy = noisy_draws(settings.seed, settings.noise_seeds, settings.jobs, settings.random_seeds)
+    noisy = recover_noisy_draws(
+        settings.seed, settings.noise_seeds, settings.jobs, settings.random_seeds
+    )
     rows = [
-        *table_rows.table_one_rows(clean, noisy),
-        *table_rows.table_two_rows(noisy),
-        *table_rows.table_three_rows(clean, noisy),
-        *table_rows.table_four_rows(noisy),
-        *table_rows.discussion_rows(noisy),
+        *table_rows.make_table_one(clean, noisy),
+        *table_rows.make_table_two(noisy),
+        *table_rows.make_table_three(clean, noisy),
+        *table_rows.make_table_four(noisy),
+        *table_rows.make_discussion_rows(noisy),
     ]
-    lap("tables")
+    record_lap("tables")
     if settings.data is not None:
-        rows += people_rows.people_rows(settings.data, settings.jobs, progress)
-        lap("real people")
+        rows += people_rows.compute_people_rows(settings.data, settings.jobs, progress)
+        record_lap("real people")
     disturbances = None
     if settings.draws:
         disturbances = monte_carlo(
@@ -102,30 +119,33 @@ def reproduce(
             workers=workers.LocalProcesses(settings.jobs),
             progress=lambda done, todo: progress(f"Monte Carlo: {done} of {todo} draws"),
         ).statistics
-        lap("Monte Carlo study, draws that were not there yet")
+        record_lap("Monte Carlo study, draws that were not stored yet")
     return Reproduction(
         settings=settings,
         clean=clean,
         noisy=noisy,
         tables=rows,
-        times=[*table_rows.time_rows([clean, *noisy]), *table_rows.run_time_rows(laps)],
-        claims=table_claims(clean, noisy),
+        times=[*table_rows.make_time_rows([clean, *noisy]), *table_rows.make_run_time_rows(laps)],
+        claims=check_claims(clean, noisy),
         disturbances=disturbances,
     )
 
 
-TABLE_COLUMNS = ("table", "row", "column", "published", "ours", "unit", "note")
-CLAIM_COLUMNS = ("claim", "published", "ours", "verdict")
-DIGITS = 6  # Significant digits of figures
-
-
 def write_tables(reproduction: Reproduction, folder: Path) -> None:
-    """Write everything into an empty folder, as `write_result_folder` gives."""
+    """Write tables, claims, draws, times and manifest of a reproduction.
+
+    Parameters
+    ----------
+    reproduction : Reproduction
+        The results.
+    folder : Path
+        An empty folder.
+    """
     tables = {
-        "tables": table_frame(reproduction.tables),
-        "claims": claim_frame(reproduction.claims),
-        "draws": draw_frame(reproduction.noisy),
-        "times": table_frame(reproduction.times),
+        "tables": make_table_frame(reproduction.tables),
+        "claims": make_claim_frame(reproduction.claims),
+        "draws": make_draw_frame(reproduction.noisy),
+        "times": make_table_frame(reproduction.times),
         "montecarlo": reproduction.disturbances,
     }
     for name, frame in tables.items():
@@ -149,24 +169,50 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
     )
 
 
-def table_frame(rows: Iterable[table_rows.TableRow]) -> pd.DataFrame:
-    """`tables.csv`: a figure that does not exist is empty."""
+def make_table_frame(rows: Iterable[table_rows.TableRow]) -> pd.DataFrame:
+    """Make the table of `tables.csv`.
 
-    def shown(value: str | float | None) -> str:
-        return value if isinstance(value, str) else "" if value is None else f"{value:.{DIGITS}g}"
+    Parameters
+    ----------
+    rows : iterable of TableRow
+        Its rows.
 
-    values = [[shown(getattr(row, column)) for column in TABLE_COLUMNS] for row in rows]
+    Returns
+    -------
+    DataFrame
+        Text, columns `TABLE_COLUMNS`; a figure that does not exist is empty.
+    """
+    values = []
+    for row in rows:
+        values.append([_format_cell(getattr(row, column)) for column in TABLE_COLUMNS])
     return pd.DataFrame(values, columns=list(TABLE_COLUMNS))
 
 
-def claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
-    """`claims.csv`."""
+def _format_cell(value: str | float | None) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else f"{value:.{DIGITS}g}"
+
+
+def make_claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
+    """Make the table of `claims.csv`, columns `CLAIM_COLUMNS`."""
     rows = [(c.claim, c.published, c.ours, c.verdict.value) for c in claims]
     return pd.DataFrame(rows, columns=list(CLAIM_COLUMNS))
 
 
-def draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:
-    """One row per draw of the noise: the figures of Tables I and III."""
+def make_draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:
+    """Make the table of `draws.csv`: figures of Tables I and III.
+
+    Parameters
+    ----------
+    draws : sequence of SeedResult
+        Draws of the noise.
+
+    Returns
+    -------
+    DataFrame
+        One row per draw.
+    """
     rows = []
     for number, draw in enumerate(draws):
         row: dict[str, object] = {"draw": number}
@@ -186,10 +232,8 @@ def draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:
             "random_seeds": draw.random,
         }
         for name, fits in seeds.items():
-            row |= {
-                f"{name}_{key}": float(np.mean([figure(f) for f in fits]))
-                for key, figure in _FIGURES.items()
-            }
+            for key, figure in _FIGURES.items():
+                row[f"{name}_{key}"] = float(np.mean([figure(f) for f in fits]))
         if draw.third is not None:
             row["third_step_force_N"] = draw.third.force[1]
             row["third_step_torque_Nm"] = draw.third.torque[1]

@@ -14,14 +14,14 @@ def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
     errors = replace(knee.final.errors, distance=3.0 * knee.final.errors.distance)
     worse = replace(knee, final=replace(knee.final, errors=errors))
     assert list(check_marker_fit([knee])) == []
-    (told,) = check_marker_fit([worse])
-    assert (told.where, told.severity) == ("knee", Severity.WARNING)
-    check_finding(told, Code.TRIALS_DISAGREE)
+    (finding,) = check_marker_fit([worse])
+    assert (finding.where, finding.severity) == ("knee", Severity.WARNING)
+    check_finding(finding, Code.TRIALS_DISAGREE)
 
 
 def test_a_fit_that_stopped_early_is_told(whole: Calibration) -> None:
     assert list(check_convergence(whole.phases)) == []
-    told = list(check_convergence(with_phase(whole, converged=False).phases))
-    assert [f.cause for f in told] == [
+    findings = list(check_convergence(with_phase(whole, converged=False).phases))
+    assert [f.cause for f in findings] == [
         f"the fit of {phase.name} did not converge" for phase in whole.phases
     ]

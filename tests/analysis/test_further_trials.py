@@ -69,7 +69,7 @@ def spoil(folder: Path, change: Change) -> tuple[Path, str, Path]:
     return folder / "walk2.csv", "--forces", folder / "study/walk_forces.csv"
 
 
-def told(folder: Path) -> dict[str, Any]:
+def read_summary(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "result/dynamics/summary.json").read_text(encoding="utf-8")))
 
 
@@ -103,14 +103,14 @@ def test_the_calibrations_own_trial_gives_its_own_torques(folder: Path) -> None:
     trial = json.loads((folder / "result/summary.json").read_text(encoding="utf-8"))["trials"][
         "walk"
     ]
-    further = told(folder)["trials"]["walk2"]
+    further = read_summary(folder)["trials"]["walk2"]
     assert further["weighted_markers"] == trial["weighted_markers"]
     assert {"plates", "inertia", "joint_nominal"} <= set(
         further["torque_error_sources"]["hip_flexion_r"]
     )
     for name, parts in trial["torque_error_sources"].items():
         assert further["torque_error_sources"][name] == pytest.approx(parts, abs=1e-3), name
-    assert told(folder)["warnings"] == []
+    assert read_summary(folder)["warnings"] == []
 
 
 def _scaled(factor: float) -> Change:
@@ -151,7 +151,7 @@ def test_errors_stop_before_anything_is_solved(
 
 def test_warnings_are_printed_and_written(folder: Path) -> None:
     """A body a little larger may be the same one, measured with cameras that were calibrated anew."""
-    out, warnings = analysed(folder, _scaled(1.02)), told(folder)["warnings"]
+    out, warnings = analysed(folder, _scaled(1.02)), read_summary(folder)["warnings"]
     check_text(warnings)
     assert all(f"warning: {w}" in out for w in warnings)
 
@@ -171,11 +171,11 @@ def test_what_its_markers_may_have_done_goes_into_its_bars(
 
     given: list[dict[str, PossibleMove]] = []
 
-    def seen(*arguments: object) -> None:
+    def record(*arguments: object) -> None:
         given.append(arguments[4])  # type: ignore[arg-type]
         raise ConvergenceError("enough")
 
-    monkeypatch.setattr("gaitcal.analysis.trial_result.analyse", seen)
+    monkeypatch.setattr("gaitcal.analysis.trial_result.analyse", record)
     for change in (lambda t: t, turned):
         with pytest.raises(ConvergenceError):
             commands.run("dynamics", folder / "result", *spoil(folder, change))
@@ -188,7 +188,7 @@ def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path)
     assert set(gone) & set(pd.read_csv(folder / "study/walk.csv"))
     analysed(folder, lambda t: t.drop(columns=gone, errors="ignore"))
     assert not moments(folder / "result/dynamics/moments/walk2.csv")["valid"].any()
-    check_text(told(folder)["warnings"], "shank_l")
+    check_text(read_summary(folder)["warnings"], "shank_l")
 
 
 @pytest.mark.slow
@@ -206,14 +206,17 @@ def test_tracking_that_did_not_converge_ends_in_3_after_writing(
     with refuses(Code.NOT_CONVERGED, "walk2") as caught:
         analysed(folder)
     assert caught.value.exit_code == 3
-    (warning,) = told(folder)["warnings"]
+    (warning,) = read_summary(folder)["warnings"]
     check_text(warning, "walk2")
-    assert told(folder)["trials"]["walk2"]["verdict"] == "refused"
+    assert read_summary(folder)["trials"]["walk2"]["verdict"] == "refused"
 
 
 def test_options_as_in_a_study_file(folder: Path) -> None:
     analysed(folder, lambda t: t, "--time", "0.2,0.8", "--filter-hz", "none", "--plates", "1=none")
-    table, notes = moments(folder / "result/dynamics/moments/walk2.csv"), told(folder)["notes"]
+    table, notes = (
+        moments(folder / "result/dynamics/moments/walk2.csv"),
+        read_summary(folder)["notes"],
+    )
     assert 0.2 <= table["time"].min() < 0.21 and 0.79 < table["time"].max() <= 0.8
     check_text(notes, "walk2", 2)
     assert not any("plate 1" in note and "right foot" in note for note in notes)
@@ -276,5 +279,5 @@ def test_frames_without_a_leg_segment_are_not_valid(folder: Path) -> None:
     assert (now["valid"] == before["valid"])[~inside].all() and (
         now["valid_r"] == before["valid_r"]
     ).all()
-    (note,) = [note for note in told(folder)["notes"] if "foot_l" in note]
+    (note,) = [note for note in read_summary(folder)["notes"] if "foot_l" in note]
     check_text(note, f"{int(inside.sum())}")

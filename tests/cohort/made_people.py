@@ -28,7 +28,7 @@ NAMES = PARTS["legs"]
 KNEES = tuple(name for name in NAMES if name.startswith("knee"))
 
 
-def told(deviation: Array, information: Array, rng: np.random.Generator) -> PartEvidence:
+def make_evidence(deviation: Array, information: Array, rng: np.random.Generator) -> PartEvidence:
     """What recordings of so much information say of a deviation."""
     values, vectors = np.linalg.eigh(information)
     noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(values)))
@@ -58,7 +58,7 @@ def people(
     out = []
     for number in range(count):
         person = Person(height=float(rng.uniform(1.5, 1.9)), sex="male" if number % 2 else "female")
-        legs = told(draw(rng, person), shown, rng)
+        legs = make_evidence(draw(rng, person), shown, rng)
         out.append(
             PersonEvidence(
                 name=f"P{number:03d}",
@@ -116,10 +116,10 @@ class Kept:
         row |= {"page": f"{person.subfolder}/result.html", "verdict": self.verdict}
         row |= {"verdict_r": self.verdict, "verdict_l": self.verdict}
         row["first_cause"] = self.reasons[0][1] if self.reasons else ""
-        said = tuple(
+        listed = tuple(
             dict(zip(("severity", "cause", "action"), words, strict=True)) for words in self.reasons
         )
-        return Outcome(**ids, row={**row, **self.row}, reasons=said, curves=packed(*self.curves))
+        return Outcome(**ids, row={**row, **self.row}, reasons=listed, curves=packed(*self.curves))
 
 
 def packed(right: int | None, left: int | None) -> str:

@@ -79,8 +79,8 @@ def strides(person: str) -> pd.DataFrame:
             ("knee_angle_moment", 40.0 * np.sin(2 * np.pi * percent / 100)),
             ("hip_flexion_moment", np.where(percent < 50, 1.0, np.nan)),
         ):
-            own = {"stride": stride, "variable": variable, "value": np.nan_to_num(value)}
-            parts.append(pd.DataFrame({**same, **own, "valid": np.isfinite(value).astype(int)}))
+            columns = {"stride": stride, "variable": variable, "value": np.nan_to_num(value)}
+            parts.append(pd.DataFrame({**same, **columns, "valid": np.isfinite(value).astype(int)}))
     return pd.concat(parts, ignore_index=True)[list(CYCLE_COLUMNS)]
 
 
@@ -127,9 +127,9 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def run(lab: Path, out: Path, *, retry: bool = False, backwards: bool = False) -> list[Outcome]:
     ended: list[Outcome] = []
-    told = lambda outcome, *_: ended.append(outcome)  # noqa: E731
+    collect = lambda outcome, *_: ended.append(outcome)  # noqa: E731
     run_cohort(
-        find_people(lab, out), out, engine=Here(backwards=backwards), retry=retry, report=told
+        find_people(lab, out), out, engine=Here(backwards=backwards), retry=retry, report=collect
     )
     return ended
 

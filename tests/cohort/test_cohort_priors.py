@@ -39,7 +39,7 @@ from gaitcal.study.cohort_prior import (
 )
 from gaitcal.study.settings import ParameterPriorTable
 from gaitcal.study.study import Study, add_cohort_priors, build_cohort_prior
-from tests.cohort.made_people import KNEES, NAMES, Array, people, some_information, told
+from tests.cohort.made_people import KNEES, NAMES, Array, make_evidence, people, some_information
 from tests.commands import refused
 from tests.messages import check_text, refuses
 from tests.synthetic_studies import write_synthetic_study
@@ -245,8 +245,8 @@ def test_of_several_sessions_the_one_that_tells_most_counts_and_most_rules_win()
     found = [SessionEvidence(p, RULES) for p in (*quiet, *loud)] + [
         SessionEvidence(other, replace(RULES, hip_centre="harrington"))
     ]
-    used, rules, told = select_sessions(found)
-    assert rules == RULES and [line.split(":")[0] for line in told] == ["stranger"]
+    used, rules, others = select_sessions(found)
+    assert rules == RULES and [line.split(":")[0] for line in others] == ["stranger"]
     assert [p.name for p in used] == [p.name for p in loud]
     np.testing.assert_array_equal(used[0].parts["legs"].right, loud[0].parts["legs"].right)
     assert used[0].recordings == {"file 0", "again P000"}
@@ -334,7 +334,7 @@ def evidence(people: int, spread: Array, mean: Array, seed: int, unseen: int = 0
     parts = []
     for _ in range(people):
         deviation = mean + root @ rng.normal(size=SIZE)
-        parts.append(told(deviation, some_information(rng, SIZE, unseen), rng))
+        parts.append(make_evidence(deviation, some_information(rng, SIZE, unseen), rng))
     alike, _ = build_sided_directions(KNEES)
     return Evidence(
         information=np.array([p.information for p in parts]).reshape(-1, SIZE, SIZE),
@@ -410,17 +410,17 @@ def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
         design = np.vstack(list(made.design))
         whole = design @ np.diag(prior) @ design.T
         for k, block in enumerate(blocks):
-            own = slice(k * SIZE, (k + 1) * SIZE)
-            whole[own, own] += spread + block
+            block_of_person = slice(k * SIZE, (k + 1) * SIZE)
+            whole[block_of_person, block_of_person] += spread + block
         return float(-m @ np.linalg.solve(whole, m) - np.linalg.slogdet(whole)[1])
 
     made = evidence(people, 0.1 * np.eye(SIZE), np.zeros(SIZE), 5)
-    told = [
+    likelihoods = [
         learn(made, prior, reflected, Structure(spread)).likelihoods[0]
         for spread in (rest(), 0.3 * rest())
     ]
     wanted = [dense(made, spread) for spread in (rest(), 0.3 * rest())]
-    assert told[1] - told[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-8)
+    assert likelihoods[1] - likelihoods[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-8)
     alone = [
         compute_log_density(made.information[0], made.right[0], mean, spread)
         for mean, spread in ((np.zeros(SIZE), rest()), (alike @ prior, 2.0 * rest()))
@@ -443,12 +443,12 @@ def test_what_nobody_shows_stays_as_it_was() -> None:
     vectors = np.linalg.qr(rng.normal(size=(SIZE, SIZE)))[0]
     reflected, alike = build_mirror(KNEES), build_sided_directions(KNEES)[0]
     # the same on both sides, so that the other side does not show it
-    seen = (vectors[:, : SIZE // 3]) @ vectors[:, : SIZE // 3].T
-    seen = 0.5 * (seen + reflected @ seen @ reflected.T)
-    values, directions = np.linalg.eigh(seen)
+    determined = (vectors[:, : SIZE // 3]) @ vectors[:, : SIZE // 3].T
+    determined = 0.5 * (determined + reflected @ determined @ reflected.T)
+    values, directions = np.linalg.eigh(determined)
     unseen = directions[:, values < EXACT]
     assert unseen.shape[1] > 0
-    people = [told(0.1 * rng.normal(size=SIZE), 40.0 * seen, rng) for _ in range(30)]
+    people = [make_evidence(0.1 * rng.normal(size=SIZE), 40.0 * determined, rng) for _ in range(30)]
     made = Evidence(
         information=np.array([p.information for p in people]),
         right=np.array([p.right for p in people]),

@@ -45,13 +45,13 @@ def run(*words: object) -> str:
 @pytest.mark.slow
 def test_a_study_and_its_tables(tmp_path: Path) -> None:
     small = ("--draws", 3, "--levels", "50,100", "--jobs", 1)
-    told = run(tmp_path, *small, "--grf", "foot")
+    output = run(tmp_path, *small, "--grf", "foot")
     for words in (
         "carried with the foot",
         "draws: 24, of which 24 in this run and 0 not converged",
     ):
-        assert words in told
-    assert "left out of" not in told
+        assert words in output
+    assert "left out of" not in output
     table = pd.read_csv(tmp_path / "montecarlo" / "montecarlo.csv")
     assert set(table["grf"].dropna()) == {"lab", "foot"}
     assert (tmp_path / "montecarlo" / "contributions.csv").exists()
@@ -89,8 +89,8 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
     assert "5.8 mm" in (tmp_path / PAGE).read_text(encoding="utf-8")
     assert (tmp_path / SCENE).read_bytes() == scene
     (tmp_path / PAGE_DATA).write_text("{}", encoding="utf-8")
-    assert "warning: the page was not updated: " in (told := run(tmp_path, *small))
-    assert "tables and figures:" in told
+    assert "warning: the page was not updated: " in (output := run(tmp_path, *small))
+    assert "tables and figures:" in output
 
 
 @pytest.mark.slow
@@ -100,18 +100,20 @@ def test_draws_left_out_and_other_libraries_are_told(
     small = ("--draws", 3, "--levels", "100", "--vary", "jp,ip", "--jobs", 1)
     hasty = MonteCarloSettings(refit_most_evaluations=2)
     monkeypatch.setattr("gaitcal.cli.montecarlo_command.MonteCarloSettings", lambda **_: hasty)
-    told = run(tmp_path, *small)
-    assert "jp 100 %: 3 of 3 draws" in told
-    assert "begun with" not in told
-    assert "begun with" not in run(tmp_path, *small)
+    output = run(tmp_path, *small)
+    assert (
+        "jp 100 %: 3 of 3 draws" in output
+    )
+    assert "scipy" not in output
+    assert "scipy" not in run(tmp_path, *small)
     path = tmp_path / "montecarlo" / "settings.json"
     content = json.loads(path.read_text(encoding="utf-8"))
     now = content["versions"]["scipy"]
     content["versions"]["scipy"] = "0.1"
     del content["own_sha256"]
     path.write_text(json.dumps(content), encoding="utf-8")
-    told = run(tmp_path, *small)
-    assert f"draws kept here were begun with scipy 0.1, now {now}: old and new" in told
+    output = run(tmp_path, *small)
+    assert "scipy 0.1" in output and now in output
 
 
 @pytest.mark.slow
@@ -144,7 +146,7 @@ CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "output"),
     [
         (
             ("--vary", "jp,nois"),
@@ -159,8 +161,8 @@ CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)
     ],
 )
 def test_faults_are_told_before_anything_is_read(
-    tmp_path: Path, words: tuple[str, str], told: str
+    tmp_path: Path, words: tuple[str, str], output: str
 ) -> None:
-    with pytest.raises(UsageError, match=told):
+    with pytest.raises(UsageError, match=output):
         run(tmp_path, *words)
     assert not (tmp_path / "montecarlo").exists()

@@ -234,11 +234,11 @@ def sample(
 
 def test_each_set_disturbs_what_it_names() -> None:
     found = {v: sample(v, 100, 0) for v in Varied}
-    told = {
+    changed = {
         v: (d.joint is not None, d.inertial is not None, d.noise is not None)
         for v, d in found.items()
     }
-    assert told == {
+    assert changed == {
         Varied.JP: (True, False, False),
         Varied.IP: (False, True, False),
         Varied.BOTH: (True, True, False),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.reproduction.recovery import SeedResult, noiseless, noisy_draws
+from gaitcal.reproduction.recovery import SeedResult, recover_noiseless, recover_noisy_draws
 from tests.kept import kept_object
 
 FEW_SEEDS = 2
@@ -13,14 +13,15 @@ FEW_SEEDS = 2
 @pytest.fixture(scope="session")
 def clean(kept: Path) -> SeedResult:
     """Everything without noise, two random inertial seeds."""
-    return kept_object(kept / "reproduction" / "clean", lambda: noiseless(0, FEW_SEEDS))
+    return kept_object(kept / "reproduction" / "clean", lambda: recover_noiseless(0, FEW_SEEDS))
 
 
 @pytest.fixture(scope="session")
 def draws(kept: Path) -> list[SeedResult]:
     """Two draws of the noise, each from a process of its own, two random inertial seeds each."""
     return kept_object(
-        kept / "reproduction" / "draws", lambda: noisy_draws(0, 2, jobs=2, random_seeds=FEW_SEEDS)
+        kept / "reproduction" / "draws",
+        lambda: recover_noisy_draws(0, 2, jobs=2, random_seeds=FEW_SEEDS),
     )
 
 

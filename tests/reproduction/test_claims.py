@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.reproduction.claims import ClaimOutcome, table_claims
+from gaitcal.reproduction.claims import ClaimOutcome, check_claims
 from gaitcal.reproduction.recovery import InertialRecovery, JointRecovery, SeedResult
 
 Change = Callable[[SeedResult], SeedResult]
@@ -16,8 +16,8 @@ def _joint(problem: str, errors: float | None = None, **figures: float) -> Chang
     """The recovery of one problem with all errors so large, or other figures."""
 
     def change(r: JointRecovery) -> JointRecovery:
-        own = figures if errors is None else figures | {"errors": np.full(len(r.names), errors)}
-        return replace(r, **own)  # type: ignore[arg-type]
+        changes = figures if errors is None else figures | {"errors": np.full(len(r.names), errors)}
+        return replace(r, **changes)  # type: ignore[arg-type]
 
     return lambda d: replace(d, joints=d.joints | {problem: change(d.joints[problem])})
 
@@ -46,7 +46,7 @@ def _same(d: SeedResult) -> SeedResult:
 
 
 def _verdict(words: str, clean: SeedResult, draws: list[SeedResult]) -> ClaimOutcome:
-    (found,) = [c for c in table_claims(clean, draws) if words in c.claim]
+    (found,) = [c for c in check_claims(clean, draws) if words in c.claim]
     return found.verdict
 
 
@@ -125,9 +125,9 @@ def test_speed(clean: SeedResult, draws: list[SeedResult]) -> None:
         timed(0.10),
         timed(0.12),
     )  # 11 s, the fastest published, are two whole orders above the first alone
-    (told,) = [
-        c for c in table_claims(slow(clean), [slow(d) for d in draws]) if "faster" in c.claim
+    (slow_claim,) = [
+        c for c in check_claims(slow(clean), [slow(d) for d in draws]) if "faster" in c.claim
     ]
-    assert told.ours.endswith("91.7 times faster, 1 whole orders")
+    assert slow_claim.ours.endswith("91.7 times faster, 1 whole orders")
     assert _verdict("faster", fast(clean), [fast(d) for d in draws]) is ClaimOutcome.HOLDS
     assert _verdict("faster", slow(clean), [slow(d) for d in draws]) is ClaimOutcome.FAILS

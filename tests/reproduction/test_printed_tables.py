@@ -40,39 +40,39 @@ from gaitcal.montecarlo.protocol import (
 )
 from gaitcal.reproduction import reproduce
 from gaitcal.reproduction.claims import ClaimOutcome
-from gaitcal.reproduction.people_rows import people_rows
+from gaitcal.reproduction.people_rows import compute_people_rows
 from gaitcal.reproduction.printed_tables import (
     TableRow,
-    discussion_rows,
-    spread,
-    table_four_rows,
-    table_one_rows,
-    table_three_rows,
-    table_two_rows,
+    make_discussion_rows,
+    make_table_four,
+    make_table_one,
+    make_table_three,
+    make_table_two,
+    summarise_draws,
 )
 from gaitcal.reproduction.recovery import (
     LEG,
     SEED_RANGE,
     SeedResult,
-    free_parameters,
-    gait_equations,
-    generators,
-    inertial_rms,
-    joint_errors,
-    joint_rms,
-    noisy_draw,
-    random_seed,
-    symmetric_errors,
-    synthetic_problem,
-    true_model,
-    true_motion,
+    assemble_gait_equations,
+    build_synthetic_problem,
+    build_true_model,
+    build_true_motion,
+    compute_inertial_rms,
+    compute_joint_errors,
+    compute_joint_rms,
+    compute_symmetric_errors,
+    draw_random_seed,
+    list_free_parameters,
+    make_generators,
+    recover_noisy_draw,
 )
 from gaitcal.reproduction.reproduce import (
     CLAIM_COLUMNS,
     TABLE_COLUMNS,
     Reproduction,
     ReproductionSettings,
-    draw_frame,
+    make_draw_frame,
     write_tables,
 )
 from gaitcal.reproduction.reproduce import reproduce as run
@@ -86,8 +86,8 @@ TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, draws=1, jobs
 def reproduction(clean: SeedResult, draws: list[SeedResult]) -> Reproduction:
     """What `run(TINY)` gives, from the runs that other tests look at too."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reproduce, "noiseless", lambda *_: clean)
-        patch.setattr(reproduce, "noisy_draws", lambda *_: draws)
+        patch.setattr(reproduce, "recover_noiseless", lambda *_: clean)
+        patch.setattr(reproduce, "recover_noisy_draws", lambda *_: draws)
         return run(TINY)
 
 
@@ -99,22 +99,22 @@ def files(reproduction: Reproduction, tmp_path_factory: pytest.TempPathFactory) 
 
 
 def test_spread_places_the_published_figure() -> None:
-    found = spread([3.0, 1.0, 2.0, 10.0])
+    found = summarise_draws([3.0, 1.0, 2.0, 10.0])
     assert (found.median, found.low, found.high, found.draws) == (2.5, 1.0, 10.0, 4)
-    assert [found.place(v) for v in (0.9, 1.0, 5.0, 10.0, 10.1)] == [
+    assert [found.locate(v) for v in (0.9, 1.0, 5.0, 10.0, 10.1)] == [
         "below",
         "inside",
         "inside",
         "inside",
         "above",
     ]
-    row = TableRow("I", "row", "hip", "mm").over_draws(0.5, [3.0, 1.0, 2.0, 10.0], "why")
+    row = TableRow("I", "row", "hip", "mm").fill_with_draws(0.5, [3.0, 1.0, 2.0, 10.0], "why")
     note = "median of 4 noise draws, range 1 to 10; published value below the range; why"
     assert (row.ours, row.note) == (2.5, note)
 
 
 def test_tables_one_and_two(clean: SeedResult, draws: list[SeedResult]) -> None:
-    rows = table_one_rows(clean, draws)
+    rows = make_table_one(clean, draws)
     for condition in ("without", "with"):
         cells = [
             r
@@ -128,7 +128,7 @@ def test_tables_one_and_two(clean: SeedResult, draws: list[SeedResult]) -> None:
     )
     values = [d.joints["hip"].position_mm for d in draws]
     assert (hip.published, hip.ours) == (0.55, pytest.approx(sum(values) / 2))
-    second = table_two_rows(draws)
+    second = make_table_two(draws)
     assert len(second) == 4 * len(get_table_two())
     row = next(
         r
@@ -147,13 +147,13 @@ def test_minima_from_zero_and_from_the_truth_are_compared(
         hip = replace(draw.joints["hip"], cost=cost, cost_from_truth=1.0)
         return replace(draw, joints={**draw.joints, "hip": hip})
 
-    rows = table_one_rows(clean, [ended(draws[0], 1.00005), ended(draws[1], 1.001)])
+    rows = make_table_one(clean, [ended(draws[0], 1.00005), ended(draws[1], 1.001)])
     (row,) = (r for r in rows if "same minimum" in r.row and r.column == "hip")
     assert (row.published, row.ours, row.unit) == (None, 50.0, "%")
 
 
 def test_tables_three_and_four(clean: SeedResult, draws: list[SeedResult]) -> None:
-    rows = table_three_rows(clean, draws)
+    rows = make_table_three(clean, draws)
     first = [r for r in rows if r.row == "synthetic without noise, correct seed"]
     assert [r.published for r in first] == [8.04e-10, 2.16e-10, 5.13e-07, 1.22e-10, 7.11e-10]
     assert [r.ours for r in first][:2] == [clean.correct.force, clean.correct.torque]
@@ -163,22 +163,22 @@ def test_tables_three_and_four(clean: SeedResult, draws: list[SeedResult]) -> No
     assert mean.ours == pytest.approx(
         sum(r.errors.mass for d in draws for r in d.random) / (2 * FEW_SEEDS)
     )
-    fourth = table_four_rows(draws)
+    fourth = make_table_four(draws)
     assert len(fourth) == 4 * len(get_table_four()) + 1
     trunk = next(
         r for r in fourth if r.row == "mass, head and trunk" and r.column == "correct seed"
     )
     ours = sum(d.correct.each["head_trunk.mass"] for d in draws) / 2
     assert (trunk.published, trunk.ours) == (-3.38, pytest.approx(ours))
-    third = {(r.row, r.column): r for r in discussion_rows(draws)}
+    third = {(r.row, r.column): r for r in make_discussion_rows(draws)}
     assert third["third step, after", "residual force RMS"].published == 15
 
 
 def test_experimental_rows_have_no_figure_of_ours(
     clean: SeedResult, draws: list[SeedResult]
 ) -> None:
-    rows = [*table_one_rows(clean, draws), *table_two_rows(draws), *table_three_rows(clean, draws)]
-    rows += table_four_rows(draws)
+    rows = [*make_table_one(clean, draws), *make_table_two(draws), *make_table_three(clean, draws)]
+    rows += make_table_four(draws)
     experimental = [r for r in rows if "experimental" in r.row or "experimental" in r.column]
     assert len(experimental) > 100
     assert all(r.ours is None and "unpublished experimental trial" in r.note for r in experimental)
@@ -214,8 +214,8 @@ def test_draws_have_the_published_sets_levels_and_bounds(
         asked.append((folder, options["settings"], options["plan"]))
         return SimpleNamespace(statistics=None)
 
-    monkeypatch.setattr(reproduce, "noiseless", lambda *_: clean)
-    monkeypatch.setattr(reproduce, "noisy_draws", lambda *_: draws)
+    monkeypatch.setattr(reproduce, "recover_noiseless", lambda *_: clean)
+    monkeypatch.setattr(reproduce, "recover_noisy_draws", lambda *_: draws)
     monkeypatch.setattr(reproduce, "monte_carlo", study)
     run(replace(TINY, draws=0))
     assert asked == []
@@ -278,8 +278,8 @@ def test_command_refuses_a_foreign_folder_and_data_that_are_not_there_before_it_
 
 @pytest.mark.slow
 def test_subject01_and_uf3(data_dir: Path) -> None:
-    said: list[str] = []
-    rows = people_rows(data_dir, 1, said.append)
+    lines: list[str] = []
+    rows = compute_people_rows(data_dir, 1, lines.append)
     assert all(
         r.published is None and r.ours is not None and "another person" in r.note for r in rows
     )
@@ -297,7 +297,7 @@ def test_subject01_and_uf3(data_dir: Path) -> None:
         for words in ("phase 1", "third step")
     )
     assert loads < 0.6 * joints
-    assert any("third step" in line for line in said)
+    assert any("third step" in line for line in lines)
 
 
 MARKER_MM = 1e-9
@@ -314,11 +314,11 @@ def test_exact_without_noise(clean: SeedResult, problem: str) -> None:
     assert (
         found.converged and found.marker_mm < MARKER_MM and np.abs(found.errors).max() < PARAMETER
     )
-    assert found.coefficients == pytest.approx(true_motion(problem).coefficients, abs=NODES)
+    assert found.coefficients == pytest.approx(build_true_motion(problem).coefficients, abs=NODES)
 
 
 def test_problems_are_the_published_ones(clean: SeedResult) -> None:
-    assert [len(free_parameters(p)) for p in PROBLEMS] == [6, 9, 12, 17]
+    assert [len(list_free_parameters(p)) for p in PROBLEMS] == [6, 9, 12, 17]
     assert [len(clean.joints[p].names) for p in PROBLEMS] == [
         6,
         9,
@@ -326,7 +326,7 @@ def test_problems_are_the_published_ones(clean: SeedResult) -> None:
         len(list_leg_parameters("l")),
     ]
     for problem in PROBLEMS:
-        markers = synthetic_problem(problem, None)
+        markers = build_synthetic_problem(problem, None)
         assert markers.data.measured.shape == (41, 3, 208 if problem == "full leg" else 1200)
         assert (markers.basis.nodes, len(markers.chain.coordinates)) == (20, len(COORDINATES))
         assert set(np.unique(markers.data.weight)) == {1.0}
@@ -347,7 +347,7 @@ def test_gait_keeps_what_isolated_trials_found(draws: list[SeedResult]) -> None:
     for problem in PROBLEMS[:3]:
         for name, error in zip(joints[problem].names, joints[problem].errors, strict=True):
             assert (leg[name] == pytest.approx(error, abs=1e-9)) == (
-                name not in free_parameters("full leg")
+                name not in list_free_parameters("full leg")
             )
 
 
@@ -361,7 +361,9 @@ SEEN = 31
 
 @pytest.fixture(scope="module")
 def equations() -> RootEquations:
-    return gait_equations(true_model().parameters, true_motion("full leg").coefficients)
+    return assemble_gait_equations(
+        build_true_model().parameters, build_true_motion("full leg").coefficients
+    )
 
 
 def test_correct_seed_without_noise_is_exact_and_random_ones_leave_no_residual(
@@ -377,7 +379,7 @@ def test_correct_seed_without_noise_is_exact_and_random_ones_leave_no_residual(
 
 def test_falling_penalty_keeps_the_fixed_points(equations: RootEquations) -> None:
     """Its solution is a fixed point of the published procedure: re-seeded there, nothing moves."""
-    seed = random_seed(np.random.default_rng(1), with_held=False)
+    seed = draw_random_seed(np.random.default_rng(1), with_held=False)
     solution = fit_published(equations, seed, make_symmetric_set(), decay=0.1)
     again = fit_published(equations, solution.inertial, make_symmetric_set())
     assert again.seeds == 1
@@ -386,7 +388,7 @@ def test_falling_penalty_keeps_the_fixed_points(equations: RootEquations) -> Non
 
 
 def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> None:
-    which, truth = make_symmetric_set(), true_model().parameters.inertial
+    which, truth = make_symmetric_set(), build_true_model().parameters.inertial
     s = which.selection[
         :, [which.names.index(row.name) for row in get_table_four() if row.name != "foot.com.sup"]
     ]
@@ -402,9 +404,9 @@ def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> N
 
 @pytest.mark.parametrize("with_held", [False, True])
 def test_random_seeds(with_held: bool) -> None:
-    truth, which = true_model().parameters.inertial, make_symmetric_set()
+    truth, which = build_true_model().parameters.inertial, make_symmetric_set()
     seeds = np.array(
-        [random_seed(np.random.default_rng(k), with_held=with_held) for k in range(200)]
+        [draw_random_seed(np.random.default_rng(k), with_held=with_held) for k in range(200)]
     )
     moved = truth != 0.0
     ratio = seeds[:, moved] / truth[moved] - 1.0
@@ -430,8 +432,8 @@ def test_third_step_lowers_both_residuals(draws: list[SeedResult]) -> None:
 @pytest.mark.slow
 def test_processes_do_not_matter(draws: list[SeedResult]) -> None:
     """Those of the fixture come from two processes."""
-    here = noisy_draw(0, 1, random_seeds=FEW_SEEDS)
-    assert draw_frame([here]).equals(draw_frame(draws[1:]))
+    here = recover_noisy_draw(0, 1, random_seeds=FEW_SEEDS)
+    assert make_draw_frame([here]).equals(make_draw_frame(draws[1:]))
     assert np.array_equal(
         here.joints["full leg"].coefficients, draws[1].joints["full leg"].coefficients
     )
@@ -441,9 +443,9 @@ def test_processes_do_not_matter(draws: list[SeedResult]) -> None:
 def test_draws_and_seeds_differ(draws: list[SeedResult]) -> None:
     assert not np.allclose(draws[0].joints["hip"].errors, draws[1].joints["hip"].errors)
     markers = [
-        synthetic_problem("full leg", rng).data.measured
+        build_synthetic_problem("full leg", rng).data.measured
         for seed, draw in ((0, 0), (0, 1), (1, 0))
-        for rng in generators(seed, draw)[0]
+        for rng in make_generators(seed, draw)[0]
     ]
     assert len({m.tobytes() for m in markers}) == 3 * len(PROBLEMS)
     masses = [[r.each["thigh.mass"] for r in d.random] for d in draws]
@@ -461,7 +463,7 @@ def test_table_two_gives_table_one(problem: str) -> None:
         r for r in get_table_two() if problem == "full leg" or r.name.startswith(joints[problem])
     ]
     errors = np.array([(r.full_leg if problem == "full leg" else r.single_joint)[0] for r in rows])
-    position, orientation = joint_rms(errors, [r.name for r in rows])
+    position, orientation = compute_joint_rms(errors, [r.name for r in rows])
     assert position == pytest.approx(
         get_table_one("synthetic_with_noise", "position_mm")[problem], abs=ROUNDING
     )
@@ -478,14 +480,14 @@ def test_table_four_gives_table_three() -> None:
     found = truth + IP_TO_SI * (
         which.selection @ np.array([printed.get(name, 0.0) for name in which.names])
     )
-    errors = inertial_rms(found, truth)
+    errors = compute_inertial_rms(found, truth)
     segments = {name.split(".")[0] for name in printed}  # the mean is taken over these alone
     share = np.sqrt(np.mean([get_segment(s).name in segments for s in MASSIVE_SEGMENTS]))
     _, _, inertia, mass, centre = get_table_three("synthetic_with_noise_correct_seed")
     assert errors.inertia == pytest.approx(share * inertia, rel=2e-3)
     assert errors.mass == pytest.approx(share * mass, abs=ROUNDING)
     assert errors.centre == pytest.approx(share * centre, abs=0.02)
-    back = symmetric_errors(found, truth)
+    back = compute_symmetric_errors(found, truth)
     assert {name: back[name] for name in printed} == pytest.approx(
         printed | {"foot.com.sup": 0.0}, abs=1e-6
     )
@@ -494,9 +496,9 @@ def test_table_four_gives_table_three() -> None:
 def test_errors_are_found_minus_true_in_printed_units() -> None:
     truth = read_published_parameters()
     found = Parameters(truth.joint + JP_TO_SI, truth.inertial, truth.zero_angles)
-    assert joint_errors(found, truth, list_leg_parameters("l")) == pytest.approx(
+    assert compute_joint_errors(found, truth, list_leg_parameters("l")) == pytest.approx(
         np.ones(len(list_leg_parameters("l")))
     )
     one = truth.inertial.copy()
     one[IP_NAMES.index("foot_l.com.sup")] += 3e-3
-    assert symmetric_errors(one, truth.inertial)["foot.com.sup"] == pytest.approx(1.5)
+    assert compute_symmetric_errors(one, truth.inertial)["foot.com.sup"] == pytest.approx(1.5)

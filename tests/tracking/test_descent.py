@@ -12,7 +12,7 @@ from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.nominal import published_model
 from gaitcal.montecarlo.draw import refit
 from gaitcal.montecarlo.protocol import MonteCarloSettings
-from gaitcal.reproduction.recovery import step_together
+from gaitcal.reproduction.recovery import descend_together
 from gaitcal.tracking.banded import NormalEquations
 from gaitcal.tracking.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.tracking.motion import SharedMotions, track_nodes
@@ -176,7 +176,7 @@ def test_everything_that_iterates_says_so(uphill: tuple[MotionProblem, Array]) -
     body, p = problem.build_body(parameters), problem.with_free(KNEE).get_values(parameters)
     settings = DescentSettings(curved_tries=0)
     tracked = track_nodes(problem, body, start, settings)
-    _, _, together = step_together([problem], parameters, KNEE, [start], p)
+    _, _, together = descend_together([problem], parameters, KNEE, [start], p)
     for found in (tracked, together):
         assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
     shared = SharedMotions([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()]))
