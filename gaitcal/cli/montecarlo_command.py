@@ -115,10 +115,13 @@ def run_monte_carlo(
     cluster: options.Scheduler = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 0,
     grf: Annotated[
-        str, typer.Option(help="Ground reactions fixed in the laboratory (lab) or on the foot.")
+        str,
+        typer.Option(
+            help="Ground reactions: lab (fixed in the laboratory) or foot (carried with the foot)."
+        ),
     ] = "lab",
     parameters: Annotated[
-        str, typer.Option(help="Joint parameters: 27 or 17 of each leg, or all 98.")
+        str, typer.Option(help="Number of joint parameters: 27 or 17 of each leg, or all 98.")
     ] = "27",
     position_bound: Annotated[
         float, typer.Option(min=0, help="Bound of joint positions, mm.")
@@ -158,15 +161,10 @@ def run_monte_carlo(
         The run was interrupted; finished draws are kept.
     """
     store, plan = Store(folder / FOLDER), parse_plan(vary, levels, draws)
+    choice = _require_allowed(parameters, [str(c.value) for c in ParameterChoice], "--parameters")
     settings = MonteCarloSettings(
         seed=seed,
-        parameters=ParameterChoice(
-            int(
-                _require_allowed(
-                    parameters, [str(c.value) for c in ParameterChoice], "--parameters"
-                )
-            )
-        ),
+        parameters=ParameterChoice(int(choice)),
         position_mm=position_bound,
         orientation_deg=orientation_bound,
         inertial_percent=ip_bound,

@@ -86,7 +86,7 @@ def analyse_trial(
     Raises
     ------
     InputError
-        One line: file, field, what was found, what is allowed.
+        One line: file, field, the value found and the allowed ones.
     """
     if role not in (Role.GAIT.value, Role.MOTION.value):
         raise InputError(

@@ -162,7 +162,7 @@ def run_study(
     Raises
     ------
     InputError
-        One line: file, field, what was found, what is allowed.
+        One line: file, field, the value found and the allowed ones.
     """
     found = find_study(Path(source), Options(mass=mass, height=height, sex=sex, age=age))
     require_one_prior(found, None if priors is None else Path(priors))

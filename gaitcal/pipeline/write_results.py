@@ -1,6 +1,6 @@
 """Write the result folder of a calibration, whole or not at all.
 
-`results/saved_result.py` reads back what further trials need.
+`results/saved_result.py` reads it back for further trials.
 """
 
 import json

@@ -123,7 +123,7 @@ def test_two_high_heels_are_left_as_their_markers_are_unless_the_file_tells() ->
         == degrees(ankles(high, AnkleZero.MARKERS))
         != degrees(ankles(high, AnkleZero.SOLE))
     )
-    assert "its heel seems off the floor; the line" in auto.notes[0]
+    assert "its heel seems off the floor; the sole" in auto.notes[0]
     told = {"r": 5.0, "l": 6.0}
     assert degrees(ankles(high, AnkleZero.AUTO, told)) == degrees(
         ankles(high, AnkleZero.FILE, told)

@@ -141,7 +141,7 @@ def test_accelerations_are_those_of_the_curves() -> None:
 
 
 def test_no_ground_no_forces() -> None:
-    with pytest.raises(ValueError, match="nothing is said"):
+    with pytest.raises(ValueError, match="ground of this motion"):
         compute_ground_on_feet(published_model().parameters, simulate_isolated_trial("knee_r"))
 
 
