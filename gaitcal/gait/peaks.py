@@ -271,7 +271,7 @@ def _measure_peak(
             return mean, mean_error, part, np.nan
         case PeakKind.RANGE:
             ends = inside[[np.nanargmin(value[inside]), np.nanargmax(value[inside])]]
-            # Errors that all strides share are about the same at both ends: their difference counts.
+            # Errors that all strides share are similar at both ends: their difference counts.
             shared = np.sqrt(np.maximum(error[ends] ** 2 - individual[ends] ** 2, 0.0))
             part = float(np.hypot(*individual[ends]))
             total = float(np.hypot(part, np.ptp(shared)))

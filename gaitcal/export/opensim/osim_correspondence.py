@@ -174,16 +174,12 @@ def find_leg_joints(
     out = []
     for side in SIDES:
         # Kind of joint -> joint of the model; those of the user's file take precedence.
-        given, found = {}, {}
-        for kind in NEEDED_JOINTS:
-            if f"{kind}_{side}" in joints:
-                given[kind] = by_name[joints[f"{kind}_{side}"]]
-            if by_topology is not None:
-                joint = by_topology.get(f"{kind}_{side}")
-            else:
-                joint = peer.find_joint(f"{COORDINATE_OF[kind]}_{side}")
-            if joint is not None:
-                found[kind] = joint
+        found = _find_side_joints(peer, side, by_topology)
+        given = {
+            kind: by_name[joints[f"{kind}_{side}"]]
+            for kind in NEEDED_JOINTS
+            if f"{kind}_{side}" in joints
+        }
         leg = found | given
         for kind in NEEDED_JOINTS:
             # Both ankle coordinates may belong to one joint.
@@ -211,6 +207,21 @@ def find_leg_joints(
         if not leg_joint.ours.startswith("hip"):
             out[k] = replace(leg_joint, hinge=fit_hinge(peer, leg_joint, recorded or {}))
     return tuple(out)
+
+
+def _find_side_joints(
+    peer: PeerModel, side: str, by_topology: Mapping[str, PeerJoint] | None
+) -> dict[str, PeerJoint]:
+    """Find the joints of one leg by topology, or else by the usual names of coordinates."""
+    found = {}
+    for kind in NEEDED_JOINTS:
+        if by_topology is not None:
+            joint = by_topology.get(f"{kind}_{side}")
+        else:
+            joint = peer.find_joint(f"{COORDINATE_OF[kind]}_{side}")
+        if joint is not None:
+            found[kind] = joint
+    return found
 
 
 def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
@@ -535,11 +546,11 @@ def solve_standing_coordinates(
     held: dict[str, float] = {}
     free: list[str] = []
     for joint in row:
-        moving = {axis.coordinate for axis in joint.axes or ()}
-        for coordinate in joint.coordinates:
-            if coordinate.name in moving and coordinate.locked:
+        used = {axis.coordinate for axis in joint.axes or ()}
+        for coordinate in (c for c in joint.coordinates if c.name in used):
+            if coordinate.locked:
                 held[coordinate.name] = coordinate.default
-            elif coordinate.name in moving:
+            else:
                 free.append(coordinate.name)
     if not free:
         return held
