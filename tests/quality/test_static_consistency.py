@@ -37,7 +37,7 @@ def trials(sound: Study) -> dict[str, TrialEvidence]:
     return {t.name: t for t in preprocess_study(sound).trials}
 
 
-def find_contradictions(study: Study) -> list[Finding]:
+def report_contradictions(study: Study) -> list[Finding]:
     return [f for f in check_study(study) if f.topic in BODY]
 
 
@@ -72,7 +72,7 @@ def displace_markers(
 
 
 def test_sound_study_has_no_contradictions(sound: Study) -> None:
-    assert find_contradictions(sound) == []
+    assert report_contradictions(sound) == []
 
 
 def test_small_contradictions_are_not_reported(
@@ -117,18 +117,18 @@ def test_a_displaced_marker_is_named_with_its_size(
         "walk",
         displace_markers(walk, segment, (label,), make_displacement(walk, segment, 1e-3 * SIZE_MM)),
     )
-    (found,) = find_contradictions(spoilt)
+    (found,) = report_contradictions(spoilt)
     assert f"'{label}'" in found.cause and (found.where, found.leg) == ("walk", segment[-1])
     assert abs(float(found.found.split(" mm off")[0]) - SIZE_MM) < 0.35 * SIZE_MM
     assert f'weights = {{ "{label}" = 0 }}' in found.cure
-    assert find_contradictions(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
+    assert report_contradictions(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
 
 
 def test_marker_displaced_in_all_trials_gives_one_finding(
     sound: Study, trials: dict[str, TrialEvidence]
 ) -> None:
     spoilt = with_trial(sound, "static", moved("R.Shank.Front", lambda x: x + [0.0, 0.03, 0.0]))
-    found = [f for f in find_contradictions(spoilt) if "'R.Shank.Front'" in f.cause]
+    found = [f for f in report_contradictions(spoilt) if "'R.Shank.Front'" in f.cause]
     assert [f.where for f in found] == [STUDY]
     check_finding(found[0], Code.MARKER_OFF_STATIC)
 
@@ -168,7 +168,7 @@ def test_a_turned_or_mirrored_cluster_is_an_error(
     cluster = trials["walk"].clusters[segment]
     away = cluster.static - cluster.static.mean(axis=0)
     by = away @ (change - np.eye(3)).T + [0.0, shift, 0.0]
-    found = find_contradictions(
+    found = report_contradictions(
         with_trial(sound, "walk", displace_markers(trials["walk"], segment, cluster.labels, by))
     )[0]
     check_finding(found, code, Severity.ERROR, leg=segment[-1])
@@ -176,9 +176,9 @@ def test_a_turned_or_mirrored_cluster_is_an_error(
 
 
 def test_another_size_of_one_trial_and_of_the_static_one(sound: Study) -> None:
-    (one,) = find_contradictions(with_trial(sound, "knee_r", scaled(1.03)))
+    (one,) = report_contradictions(with_trial(sound, "knee_r", scaled(1.03)))
     check_finding(one, Code.BODY_SIZE, "knee_r", 1.03, where="knee_r", topic="body size")
-    (static,) = find_contradictions(with_trial(sound, "static", scaled(1.03)))
+    (static,) = report_contradictions(with_trial(sound, "static", scaled(1.03)))
     assert static.where == "static" and static.severity is Severity.ERROR
 
 
@@ -189,7 +189,7 @@ def test_a_trial_declared_for_another_joint_names_the_one_that_moves(
     spoilt = replace(
         sound, trials=tuple(replace(t, joint=joint) if t.joint else t for t in sound.trials)
     )
-    (found,) = [f for f in find_contradictions(spoilt) if f.topic == "joint"]
+    (found,) = [f for f in report_contradictions(spoilt) if f.topic == "joint"]
     assert found.severity is Severity.ERROR
     check_finding(found, Code.OTHER_JOINT, joint, "knee_r")
 
@@ -231,12 +231,12 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvi
         )
 
     three = replace(sound, trials=(*sound.trials, again("walk2"), again("walk3")))
-    assert find_contradictions(three) == []
+    assert report_contradictions(three) == []
     label, by = (
         trials["walk"].clusters["thigh_r"].labels[:1],
         make_displacement(trials["walk"], "thigh_r", 0.011),
     )
-    (found,) = find_contradictions(
+    (found,) = report_contradictions(
         with_trial(three, "walk2", displace_markers(trials["walk"], "thigh_r", label, by))
     )
     check_finding(found, Code.ODD_WALK, 2, where="walk2")
@@ -299,14 +299,14 @@ def test_scatter_of_cluster_sizes_widens_the_limit(
             spoilt = with_trial(
                 spoilt, name, displace_markers(trials[name], segment, cluster.labels, by)
             )
-    assert any(f.topic == "body size" for f in find_contradictions(spoilt)) == (scatter == 0.0)
+    assert any(f.topic == "body size" for f in report_contradictions(spoilt)) == (scatter == 0.0)
 
 
 @pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front"])
 def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, label: str) -> None:
     two = with_trial(sound, "walk", without("R.Thigh.Rear"))
-    assert find_contradictions(two) == []
-    (found,) = find_contradictions(
+    assert report_contradictions(two) == []
+    (found,) = report_contradictions(
         with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0]))
     )
     assert (
