@@ -49,16 +49,14 @@ def check_further_trial(study: Study, trials: dict[str, TrialEvidence]) -> list[
     return [f for f in check_further(evidence) if f.topic in BODY]
 
 
-def make_displacement(trial: TrialEvidence, segment: str, size: float) -> Array:
+def some_way(trial: TrialEvidence, segment: str, size: float) -> Array:
     """(1, 3) m in the plane of a cluster's markers."""
     static = trial.clusters[segment].static
     way = static[0] - static[1]
     return np.asarray(size * way / np.linalg.norm(way))[None]
 
 
-def displace_markers(
-    trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array
-) -> Change:
+def turned_with(trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
     """Displace markers by (n, 3) m in static axes, which move with the segment."""
     rotation = trial.clusters[segment].rotation
 
@@ -83,9 +81,7 @@ def test_small_contradictions_are_not_reported(
     cluster = walk.clusters["thigh_r"]
     at = cluster.static - cluster.static.mean(axis=0)
     by = Rotation.from_euler("y", 12.0, degrees=True).apply(at) - at
-    turned = walk.with_recording(
-        displace_markers(walk, "thigh_r", cluster.labels, by)(walk.recording)
-    )
+    turned = walk.with_recording(turned_with(walk, "thigh_r", cluster.labels, by)(walk.recording))
     assert contradictions(turned.clusters, turned.links) == ()
     before, after = (
         np.rad2deg([m.turn for m in possible_moves(t.clusters, t.links).values()])
@@ -113,15 +109,15 @@ def test_a_displaced_marker_is_named_with_its_size(
     cluster = walk.clusters[segment]
     label = cluster.labels[np.random.default_rng(seed).integers(cluster.own)]
     spoilt = with_trial(
-        sound,
-        "walk",
-        displace_markers(walk, segment, (label,), make_displacement(walk, segment, 1e-3 * SIZE_MM)),
+        sound, "walk", turned_with(walk, segment, (label,), some_way(walk, segment, 1e-3 * SIZE_MM))
     )
     (found,) = report_contradictions(spoilt)
     assert f"'{label}'" in found.cause and (found.where, found.leg) == ("walk", segment[-1])
     assert abs(float(found.found.split(" mm off")[0]) - SIZE_MM) < 0.35 * SIZE_MM
     assert f'weights = {{ "{label}" = 0 }}' in found.cure
-    assert report_contradictions(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
+    assert report_contradictions(replace(spoilt, weights={label: 0.0})) == [], (
+        "the cure silences it"
+    )
 
 
 def test_marker_displaced_in_all_trials_gives_one_finding(
@@ -169,7 +165,7 @@ def test_a_turned_or_mirrored_cluster_is_an_error(
     away = cluster.static - cluster.static.mean(axis=0)
     by = away @ (change - np.eye(3)).T + [0.0, shift, 0.0]
     found = report_contradictions(
-        with_trial(sound, "walk", displace_markers(trials["walk"], segment, cluster.labels, by))
+        with_trial(sound, "walk", turned_with(trials["walk"], segment, cluster.labels, by))
     )[0]
     check_finding(found, code, Severity.ERROR, leg=segment[-1])
     assert not shift or numbers(found.found)[1] == pytest.approx(1e3 * shift, abs=2.0)
@@ -234,10 +230,10 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvi
     assert report_contradictions(three) == []
     label, by = (
         trials["walk"].clusters["thigh_r"].labels[:1],
-        make_displacement(trials["walk"], "thigh_r", 0.011),
+        some_way(trials["walk"], "thigh_r", 0.011),
     )
     (found,) = report_contradictions(
-        with_trial(three, "walk2", displace_markers(trials["walk"], "thigh_r", label, by))
+        with_trial(three, "walk2", turned_with(trials["walk"], "thigh_r", label, by))
     )
     check_finding(found, Code.ODD_WALK, 2, where="walk2")
 
@@ -251,7 +247,7 @@ def test_in_a_further_trial_the_marker_itself_is_named(
     spoilt = with_trial(
         sound,
         "walk",
-        displace_markers(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]),
+        turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]),
     )
     (found,) = check_further_trial(spoilt, trials)
     check_finding(found, Code.MARKER_OFF_STATIC, label)
@@ -297,7 +293,7 @@ def test_scatter_of_cluster_sizes_widens_the_limit(
         by = (size - 1.0) * (cluster.static - cluster.static.mean(axis=0))
         for name in ("walk", "knee_r"):
             spoilt = with_trial(
-                spoilt, name, displace_markers(trials[name], segment, cluster.labels, by)
+                spoilt, name, turned_with(trials[name], segment, cluster.labels, by)
             )
     assert any(f.topic == "body size" for f in report_contradictions(spoilt)) == (scatter == 0.0)
 
@@ -327,6 +323,6 @@ def test_displaced_marker_does_not_blame_two_others(trials: dict[str, TrialEvide
         for _ in range(40):
             way = rng.normal(size=3)
             by = rng.uniform(0.03, 0.12) * way / np.linalg.norm(way)
-            spoilt = walk.with_recording(displace_markers(walk, "foot_r", (wrong,), by[None])(few))
+            spoilt = walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few))
             found = by_lengths(spoilt.recording, spoilt.templates)
             assert all(wrong in (one.label, one.other) for one in found)
