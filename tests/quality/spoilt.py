@@ -110,7 +110,7 @@ def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> T
 
 
 def drafted(folder: Path) -> Study:
-    """Draft the study of a real folder."""
+    """The study that is drafted from a real folder."""
     return build_study(draft_folder(read_folder(folder), Options(sex="female")))
 
 

@@ -144,7 +144,7 @@ def pressed(path: Array, load: Array, name: str = "1", corners: Array | None = N
 
 
 def edge_of(recording: Recording, foot: int = 0) -> Array:
-    """(m, 2) m, the edge of a sole of a standing person."""
+    """(m, 2) m, the edge of a sole of somebody who stands."""
     feet = Feet(recording.time, evidence(recording).landmark).build_points(HEIGHT)
     return compute_sole_edge(feet, foot, slice(0, 1))[0]
 

@@ -91,13 +91,13 @@ def with_second(study: Study, change: Change) -> Study:
     )
 
 
-def find_contradictions(study: Study) -> list[Finding]:
+def report_contradictions(study: Study) -> list[Finding]:
     return [f for f in serious(study) if f.where == "standing2"]
 
 
 def test_same_body_at_another_position_agrees(sound: Study) -> None:
     two = with_second(sound, lambda r: r)
-    assert find_contradictions(two) == []
+    assert report_contradictions(two) == []
     assert any(
         f.code is Code.STATICS_DISAGREE and "static" in f.found
         for f in check_study(two)
@@ -118,7 +118,7 @@ def test_a_marker_that_moved_between_two_static_trials_is_named(
 ) -> None:
     (found,) = [
         f
-        for f in find_contradictions(
+        for f in report_contradictions(
             with_second(sound, moved(label, lambda x: x + [0.0, 0.0, shift]))
         )
         if "body" in f.cause

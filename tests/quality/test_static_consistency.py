@@ -11,15 +11,11 @@ from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.rotations import compute_root_angles
 from gaitcal.model.segment_frames import find_nearest_rotation
-from gaitcal.preprocess.joint_links import compute_joint_links
-from gaitcal.preprocess.marker_clusters import align_points, fit_clusters
+from gaitcal.preprocess.joint_links import links_of
+from gaitcal.preprocess.marker_clusters import alignment, clusters_of
 from gaitcal.preprocess.preprocessed_study import preprocess_study, preprocess_trial
-from gaitcal.preprocess.static_disagreement import (
-    compute_offset_limit,
-    find_contradictions,
-    find_possible_moves,
-)
-from gaitcal.preprocess.swapped_labels import find_swaps_by_lengths
+from gaitcal.preprocess.static_disagreement import contradictions, offset_limit, possible_moves
+from gaitcal.preprocess.swapped_labels import by_lengths
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_further, check_study
 from gaitcal.study.study import Study
@@ -41,7 +37,7 @@ def trials(sound: Study) -> dict[str, TrialEvidence]:
     return {t.name: t for t in preprocess_study(sound).trials}
 
 
-def check_body(study: Study) -> list[Finding]:
+def report_contradictions(study: Study) -> list[Finding]:
     return [f for f in check_study(study) if f.topic in BODY]
 
 
@@ -53,16 +49,14 @@ def check_further_trial(study: Study, trials: dict[str, TrialEvidence]) -> list[
     return [f for f in check_further(evidence) if f.topic in BODY]
 
 
-def make_displacement(trial: TrialEvidence, segment: str, size: float) -> Array:
+def some_way(trial: TrialEvidence, segment: str, size: float) -> Array:
     """(1, 3) m in the plane of a cluster's markers."""
     static = trial.clusters[segment].static
     way = static[0] - static[1]
     return np.asarray(size * way / np.linalg.norm(way))[None]
 
 
-def displace_markers(
-    trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array
-) -> Change:
+def turned_with(trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
     """Displace markers by (n, 3) m in static axes, which move with the segment."""
     rotation = trial.clusters[segment].rotation
 
@@ -76,7 +70,7 @@ def displace_markers(
 
 
 def test_sound_study_has_no_contradictions(sound: Study) -> None:
-    assert check_body(sound) == []
+    assert report_contradictions(sound) == []
 
 
 def test_small_contradictions_are_not_reported(
@@ -87,12 +81,10 @@ def test_small_contradictions_are_not_reported(
     cluster = walk.clusters["thigh_r"]
     at = cluster.static - cluster.static.mean(axis=0)
     by = Rotation.from_euler("y", 12.0, degrees=True).apply(at) - at
-    turned = walk.with_recording(
-        displace_markers(walk, "thigh_r", cluster.labels, by)(walk.recording)
-    )
-    assert find_contradictions(turned.clusters, turned.links) == ()
+    turned = walk.with_recording(turned_with(walk, "thigh_r", cluster.labels, by)(walk.recording))
+    assert contradictions(turned.clusters, turned.links) == ()
     before, after = (
-        np.rad2deg([m.rotation for m in find_possible_moves(t.clusters, t.links).values()])
+        np.rad2deg([m.turn for m in possible_moves(t.clusters, t.links).values()])
         for t in (walk, turned)
     )
     assert before.max() < 2.0
@@ -115,24 +107,24 @@ def test_a_displaced_marker_is_named_with_its_size(
 ) -> None:
     walk = trials["walk"]
     cluster = walk.clusters[segment]
-    label = cluster.labels[np.random.default_rng(seed).integers(cluster.marker_count)]
+    label = cluster.labels[np.random.default_rng(seed).integers(cluster.own)]
     spoilt = with_trial(
-        sound,
-        "walk",
-        displace_markers(walk, segment, (label,), make_displacement(walk, segment, 1e-3 * SIZE_MM)),
+        sound, "walk", turned_with(walk, segment, (label,), some_way(walk, segment, 1e-3 * SIZE_MM))
     )
-    (found,) = check_body(spoilt)
+    (found,) = report_contradictions(spoilt)
     assert f"'{label}'" in found.cause and (found.where, found.leg) == ("walk", segment[-1])
     assert abs(float(found.found.split(" mm off")[0]) - SIZE_MM) < 0.35 * SIZE_MM
     assert f'weights = {{ "{label}" = 0 }}' in found.cure
-    assert check_body(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
+    assert report_contradictions(replace(spoilt, weights={label: 0.0})) == [], (
+        "the cure silences it"
+    )
 
 
 def test_marker_displaced_in_all_trials_gives_one_finding(
     sound: Study, trials: dict[str, TrialEvidence]
 ) -> None:
     spoilt = with_trial(sound, "static", moved("R.Shank.Front", lambda x: x + [0.0, 0.03, 0.0]))
-    found = [f for f in check_body(spoilt) if "'R.Shank.Front'" in f.cause]
+    found = [f for f in report_contradictions(spoilt) if "'R.Shank.Front'" in f.cause]
     assert [f.where for f in found] == [STUDY]
     check_finding(found[0], Code.MARKER_OFF_STATIC)
 
@@ -172,17 +164,17 @@ def test_a_turned_or_mirrored_cluster_is_an_error(
     cluster = trials["walk"].clusters[segment]
     away = cluster.static - cluster.static.mean(axis=0)
     by = away @ (change - np.eye(3)).T + [0.0, shift, 0.0]
-    found = check_body(
-        with_trial(sound, "walk", displace_markers(trials["walk"], segment, cluster.labels, by))
+    found = report_contradictions(
+        with_trial(sound, "walk", turned_with(trials["walk"], segment, cluster.labels, by))
     )[0]
     check_finding(found, code, Severity.ERROR, leg=segment[-1])
     assert not shift or numbers(found.found)[1] == pytest.approx(1e3 * shift, abs=2.0)
 
 
 def test_another_size_of_one_trial_and_of_the_static_one(sound: Study) -> None:
-    (one,) = check_body(with_trial(sound, "knee_r", scaled(1.03)))
+    (one,) = report_contradictions(with_trial(sound, "knee_r", scaled(1.03)))
     check_finding(one, Code.BODY_SIZE, "knee_r", 1.03, where="knee_r", topic="body size")
-    (static,) = check_body(with_trial(sound, "static", scaled(1.03)))
+    (static,) = report_contradictions(with_trial(sound, "static", scaled(1.03)))
     assert static.where == "static" and static.severity is Severity.ERROR
 
 
@@ -193,7 +185,7 @@ def test_a_trial_declared_for_another_joint_names_the_one_that_moves(
     spoilt = replace(
         sound, trials=tuple(replace(t, joint=joint) if t.joint else t for t in sound.trials)
     )
-    (found,) = [f for f in check_body(spoilt) if f.topic == "joint"]
+    (found,) = [f for f in report_contradictions(spoilt) if f.topic == "joint"]
     assert found.severity is Severity.ERROR
     check_finding(found, Code.OTHER_JOINT, joint, "knee_r")
 
@@ -206,7 +198,7 @@ def test_alignment_and_rotations_are_exact() -> None:
         np.testing.assert_allclose(compute_root_angles(rotation)[1:], angles[1:], atol=ROUNDING)
         np.testing.assert_allclose(find_nearest_rotation(2.0 * rotation), rotation, atol=ROUNDING)
         points, shift = rng.normal(size=(4, 3)), rng.normal(size=3)
-        turn, back = align_points(points, points @ rotation.T + shift, rng.uniform(0.5, 2.0, 4))
+        turn, back = alignment(points, points @ rotation.T + shift, rng.uniform(0.5, 2.0, 4))
         np.testing.assert_allclose(turn, rotation, atol=ROUNDING)
         np.testing.assert_allclose(back, shift, atol=ROUNDING)
 
@@ -216,7 +208,7 @@ def test_a_segment_with_two_markers_borrows_the_hip_centre(
 ) -> None:
     walk = trials["walk"]
     assert walk.stance is not None
-    fewer = fit_clusters(
+    fewer = clusters_of(
         walk.recording, walk.stance, sound.marker_set.landmarks, lambda m: m != "R.Thigh.Rear"
     )
     assert fewer["thigh_r"].labels[-1] == "hip centre" and fewer["thigh_r"].reduced
@@ -235,13 +227,13 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvi
         )
 
     three = replace(sound, trials=(*sound.trials, again("walk2"), again("walk3")))
-    assert check_body(three) == []
+    assert report_contradictions(three) == []
     label, by = (
         trials["walk"].clusters["thigh_r"].labels[:1],
-        make_displacement(trials["walk"], "thigh_r", 0.011),
+        some_way(trials["walk"], "thigh_r", 0.011),
     )
-    (found,) = check_body(
-        with_trial(three, "walk2", displace_markers(trials["walk"], "thigh_r", label, by))
+    (found,) = report_contradictions(
+        with_trial(three, "walk2", turned_with(trials["walk"], "thigh_r", label, by))
     )
     check_finding(found, Code.ODD_WALK, 2, where="walk2")
 
@@ -255,7 +247,7 @@ def test_in_a_further_trial_the_marker_itself_is_named(
     spoilt = with_trial(
         sound,
         "walk",
-        displace_markers(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]),
+        turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]),
     )
     (found,) = check_further_trial(spoilt, trials)
     check_finding(found, Code.MARKER_OFF_STATIC, label)
@@ -270,19 +262,19 @@ def test_constant_flexion_is_no_displaced_marker(trials: dict[str, TrialEvidence
         walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent]
     )
     centres = {**walk.stance.centres, "hip_r": walk.stance.centres["hip_r"] + [0.08, 0.0, 0.0]}
-    clusters = fit_clusters(part, walk.stance, {}, lambda _: True)
-    links = compute_joint_links(clusters, centres)
-    assert links["hip_r"].far > 0.1 and find_contradictions(clusters, links) == ()
+    clusters = clusters_of(part, walk.stance, {}, lambda _: True)
+    links = links_of(clusters, centres)
+    assert links["hip_r"].far > 0.1 and contradictions(clusters, links) == ()
     near = {joint: replace(link, far=0.0) for joint, link in links.items()}
-    assert find_contradictions(clusters, near) != ()
+    assert contradictions(clusters, near) != ()
 
 
 def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, TrialEvidence]) -> None:
     tall = replace(sound, subject=replace(sound.subject, height=2.1))
     walk = next(t for t in preprocess_study(tall).trials if t.name == "walk")
     for segment, cluster in walk.clusters.items():
-        assert compute_offset_limit(cluster) == pytest.approx(
-            1.2 * compute_offset_limit(trials["walk"].clusters[segment])
+        assert offset_limit(cluster) == pytest.approx(
+            1.2 * offset_limit(trials["walk"].clusters[segment])
         )
     for joint, link in walk.links.items():
         assert link.reach == pytest.approx(1.2 * trials["walk"].links[joint].reach, rel=0.01)
@@ -301,16 +293,18 @@ def test_scatter_of_cluster_sizes_widens_the_limit(
         by = (size - 1.0) * (cluster.static - cluster.static.mean(axis=0))
         for name in ("walk", "knee_r"):
             spoilt = with_trial(
-                spoilt, name, displace_markers(trials[name], segment, cluster.labels, by)
+                spoilt, name, turned_with(trials[name], segment, cluster.labels, by)
             )
-    assert any(f.topic == "body size" for f in check_body(spoilt)) == (scatter == 0.0)
+    assert any(f.topic == "body size" for f in report_contradictions(spoilt)) == (scatter == 0.0)
 
 
 @pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front"])
 def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, label: str) -> None:
     two = with_trial(sound, "walk", without("R.Thigh.Rear"))
-    assert check_body(two) == []
-    (found,) = check_body(with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0])))
+    assert report_contradictions(two) == []
+    (found,) = report_contradictions(
+        with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0]))
+    )
     assert (
         "'R.Thigh.Upper'" in found.cause
         and "'R.Thigh.Front'" in found.cause
@@ -329,6 +323,6 @@ def test_displaced_marker_does_not_blame_two_others(trials: dict[str, TrialEvide
         for _ in range(40):
             way = rng.normal(size=3)
             by = rng.uniform(0.03, 0.12) * way / np.linalg.norm(way)
-            spoilt = walk.with_recording(displace_markers(walk, "foot_r", (wrong,), by[None])(few))
-            found = find_swaps_by_lengths(spoilt.recording, spoilt.templates)
+            spoilt = walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few))
+            found = by_lengths(spoilt.recording, spoilt.templates)
             assert all(wrong in (one.label, one.other) for one in found)

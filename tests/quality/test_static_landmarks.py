@@ -229,7 +229,9 @@ def test_wrong_body_height_is_estimated(people: People, factor: float) -> None:
 
 
 def bent(knee: float, other: float) -> Recording:
-    """The synthetic subject standing with right and left knee flexed, hips and ankles following."""
+    """The synthetic person standing with right and left knee bent by so many degrees, hips and
+    ankles following.
+    """
     motion = simulate_static_trial()
     model = published_model(static_only=True)
     q = motion.q.copy()
@@ -285,8 +287,10 @@ def test_unusual_leg_length_is_reported(
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
-def test_unusual_build_is_not_reported(seed: int, tmp_path: Path) -> None:
-    """Every joint axis rotated by up to 10 degrees, every joint displaced by up to 10 mm."""
+def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Path) -> None:
+    """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of
+    its segments.
+    """
     model = make_synthetic_model(
         np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0]), perturb=True
     )

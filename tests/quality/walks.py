@@ -51,7 +51,9 @@ def tracked(model: SubjectModel, recording: Recording) -> Motion:
 
 @lru_cache(maxsize=1)
 def exact_walk() -> Walk:
-    """Markers and plates of one motion and one body; two plates side by side, 4 m long, 1 m wide."""
+    """Markers and plates of one motion and one body; the plates lie side by side, 4 m long and 1 m
+    wide.
+    """
     model, true = published_model(), simulate_gait()
     plates = [
         replace(
