@@ -101,9 +101,7 @@ def test_draws_left_out_and_other_libraries_are_told(
     hasty = MonteCarloSettings(refit_most_evaluations=2)
     monkeypatch.setattr("gaitcal.cli.montecarlo_command.MonteCarloSettings", lambda **_: hasty)
     output = run(tmp_path, *small)
-    assert (
-        "jp 100 %: 3 of 3 draws" in output
-    )
+    assert "jp 100 %: 3 of 3 draws" in output
     assert "scipy" not in output
     assert "scipy" not in run(tmp_path, *small)
     path = tmp_path / "montecarlo" / "settings.json"

@@ -11,11 +11,15 @@ from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.rotations import compute_root_angles
 from gaitcal.model.segment_frames import find_nearest_rotation
-from gaitcal.preprocess.joint_links import links_of
-from gaitcal.preprocess.marker_clusters import alignment, clusters_of
+from gaitcal.preprocess.joint_links import compute_joint_links
+from gaitcal.preprocess.marker_clusters import align_points, fit_clusters
 from gaitcal.preprocess.preprocessed_study import preprocess_study, preprocess_trial
-from gaitcal.preprocess.static_disagreement import contradictions, offset_limit, possible_moves
-from gaitcal.preprocess.swapped_labels import by_lengths
+from gaitcal.preprocess.static_disagreement import (
+    compute_offset_limit,
+    find_contradictions,
+    find_possible_moves,
+)
+from gaitcal.preprocess.swapped_labels import find_swaps_by_lengths
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_further, check_study
 from gaitcal.study.study import Study
@@ -82,9 +86,9 @@ def test_small_contradictions_are_not_reported(
     at = cluster.static - cluster.static.mean(axis=0)
     by = Rotation.from_euler("y", 12.0, degrees=True).apply(at) - at
     turned = walk.with_recording(turned_with(walk, "thigh_r", cluster.labels, by)(walk.recording))
-    assert contradictions(turned.clusters, turned.links) == ()
+    assert find_contradictions(turned.clusters, turned.links) == ()
     before, after = (
-        np.rad2deg([m.turn for m in possible_moves(t.clusters, t.links).values()])
+        np.rad2deg([m.rotation for m in find_possible_moves(t.clusters, t.links).values()])
         for t in (walk, turned)
     )
     assert before.max() < 2.0
@@ -107,7 +111,7 @@ def test_a_displaced_marker_is_named_with_its_size(
 ) -> None:
     walk = trials["walk"]
     cluster = walk.clusters[segment]
-    label = cluster.labels[np.random.default_rng(seed).integers(cluster.own)]
+    label = cluster.labels[np.random.default_rng(seed).integers(cluster.marker_count)]
     spoilt = with_trial(
         sound, "walk", turned_with(walk, segment, (label,), some_way(walk, segment, 1e-3 * SIZE_MM))
     )
@@ -198,7 +202,7 @@ def test_alignment_and_rotations_are_exact() -> None:
         np.testing.assert_allclose(compute_root_angles(rotation)[1:], angles[1:], atol=ROUNDING)
         np.testing.assert_allclose(find_nearest_rotation(2.0 * rotation), rotation, atol=ROUNDING)
         points, shift = rng.normal(size=(4, 3)), rng.normal(size=3)
-        turn, back = alignment(points, points @ rotation.T + shift, rng.uniform(0.5, 2.0, 4))
+        turn, back = align_points(points, points @ rotation.T + shift, rng.uniform(0.5, 2.0, 4))
         np.testing.assert_allclose(turn, rotation, atol=ROUNDING)
         np.testing.assert_allclose(back, shift, atol=ROUNDING)
 
@@ -208,7 +212,7 @@ def test_a_segment_with_two_markers_borrows_the_hip_centre(
 ) -> None:
     walk = trials["walk"]
     assert walk.stance is not None
-    fewer = clusters_of(
+    fewer = fit_clusters(
         walk.recording, walk.stance, sound.marker_set.landmarks, lambda m: m != "R.Thigh.Rear"
     )
     assert fewer["thigh_r"].labels[-1] == "hip centre" and fewer["thigh_r"].reduced
@@ -262,19 +266,19 @@ def test_constant_flexion_is_no_displaced_marker(trials: dict[str, TrialEvidence
         walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent]
     )
     centres = {**walk.stance.centres, "hip_r": walk.stance.centres["hip_r"] + [0.08, 0.0, 0.0]}
-    clusters = clusters_of(part, walk.stance, {}, lambda _: True)
-    links = links_of(clusters, centres)
-    assert links["hip_r"].far > 0.1 and contradictions(clusters, links) == ()
+    clusters = fit_clusters(part, walk.stance, {}, lambda _: True)
+    links = compute_joint_links(clusters, centres)
+    assert links["hip_r"].far > 0.1 and find_contradictions(clusters, links) == ()
     near = {joint: replace(link, far=0.0) for joint, link in links.items()}
-    assert contradictions(clusters, near) != ()
+    assert find_contradictions(clusters, near) != ()
 
 
 def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, TrialEvidence]) -> None:
     tall = replace(sound, subject=replace(sound.subject, height=2.1))
     walk = next(t for t in preprocess_study(tall).trials if t.name == "walk")
     for segment, cluster in walk.clusters.items():
-        assert offset_limit(cluster) == pytest.approx(
-            1.2 * offset_limit(trials["walk"].clusters[segment])
+        assert compute_offset_limit(cluster) == pytest.approx(
+            1.2 * compute_offset_limit(trials["walk"].clusters[segment])
         )
     for joint, link in walk.links.items():
         assert link.reach == pytest.approx(1.2 * trials["walk"].links[joint].reach, rel=0.01)
@@ -324,5 +328,5 @@ def test_displaced_marker_does_not_blame_two_others(trials: dict[str, TrialEvide
             way = rng.normal(size=3)
             by = rng.uniform(0.03, 0.12) * way / np.linalg.norm(way)
             spoilt = walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few))
-            found = by_lengths(spoilt.recording, spoilt.templates)
+            found = find_swaps_by_lengths(spoilt.recording, spoilt.templates)
             assert all(wrong in (one.label, one.other) for one in found)
