@@ -1,5 +1,6 @@
 """Write the folder of further trials (`gaitcal dynamics`); each run adds its trials."""
 
+import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ from gaitcal.io import atomic, result_folder, toml
 from gaitcal.pipeline.write_results import write_trial
 from gaitcal.quality.verdict import Verdict
 from gaitcal.report.page.page_folder import read_earlier_page, write_further_page
+from gaitcal.results.result_tables import RESULT
 from gaitcal.results.saved_result import AGAIN, MODEL, OTHER_MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, read_earlier_strides, write_stride_files
 from gaitcal.results.stride_tables import build_stride_tables
@@ -115,6 +117,7 @@ def write_trials(
         new_manifest: dict[str, Json] = {
             "gaitcal": toml.get_package_version("gaitcal"),
             "subject": model.subject.name,
+            RESULT: os.path.relpath(saved.files.folder, folder),
             "model_sha256": digests,
         }
         (out / result_folder.MANIFEST).write_text(format_json(new_manifest), encoding="utf-8")

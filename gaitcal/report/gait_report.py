@@ -38,6 +38,7 @@ from gaitcal.report.page.key_figures import WIDE_LIMITS
 from gaitcal.results import cycles_export
 from gaitcal.results.normal_curves import NormalCurve, NormTables, build_norm_tables
 from gaitcal.results.result_tables import ResultTables, read_result_tables
+from gaitcal.results.saved_result import MODEL
 from gaitcal.results.shown_labels import PAPER_UNITS, SHOWN_MEASURES, list_person_facts
 from gaitcal.results.stride_tables import StrideTables
 from gaitcal.results.stride_uses import (
@@ -124,6 +125,9 @@ def read_report_content(
     InputError
         The folder is not a result, or is damaged.
     """
+    if not (folder / MODEL).exists():
+        message = f"no such file: '{MODEL}'; allowed: a result of 'gaitcal calibrate'"
+        raise InputError(message, source=folder, code=Code.NO_FILE)
     tables = read_result_tables(folder)
     return build_report_content(tables, named, comments, folder.resolve().name)
 

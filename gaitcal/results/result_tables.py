@@ -44,6 +44,10 @@ from gaitcal.results.table_files import (
 PARAMETERS: Final = "parameters.csv"
 
 
+RESULT: Final = "result"
+"""Key of the manifest of further trials: relative path of the result with their model."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ResultTables:
     """Tables of a result, or of its further trials."""
@@ -122,8 +126,8 @@ def read_result_tables(folder: Path) -> ResultTables:
     Parameters
     ----------
     folder
-        A result of `gaitcal calibrate`, or the folder of `gaitcal dynamics` in it, whose model and
-        normative data are those of the result around it.
+        A result of `gaitcal calibrate`, or a folder of `gaitcal dynamics`. Model and normative data
+        of further trials are those of their result, which their manifest names.
 
     Returns
     -------
@@ -136,11 +140,16 @@ def read_result_tables(folder: Path) -> ResultTables:
         The folder is no result, an earlier version wrote it, or a file is damaged.
     """
     manifest, summary = (read_json_object(folder / name) for name in (MANIFEST, SUMMARY))
-    around = folder if (folder / MODEL).exists() else folder.resolve().parent
-    if not manifest or not (around / MODEL).exists():
-        message = f"is no result of 'gaitcal calibrate': found no {MANIFEST} and {MODEL} in it"
+    if not manifest:
+        message = f"is no result of 'gaitcal calibrate' or 'gaitcal dynamics': has no {MANIFEST}"
         raise InputError(message, source=folder, code=Code.NO_RESULT)
-    model, uses = load_model(around / MODEL), read_uses(folder)
+    calibrated = folder
+    if not (folder / MODEL).exists():
+        calibrated = (folder.resolve() / str(manifest.get(RESULT, ".."))).resolve()
+    if not (calibrated / MODEL).exists():
+        message = f"its calibration is not found: no {MODEL} in {calibrated}; run dynamics again"
+        raise InputError(message, source=folder, code=Code.NO_RESULT)
+    model, uses = load_model(calibrated / MODEL), read_uses(folder)
     cycles = cycle_tables.read_cycles(folder)
     strides = StrideTables(
         subject=model.subject,
@@ -148,14 +157,14 @@ def read_result_tables(folder: Path) -> ResultTables:
         uses=uses,
         peaks=read_rows(folder / stride_files.PEAKS, PEAK_COLUMNS, _parse_peaks),
     )
-    of_result = summary if around is folder else read_json_object(around / SUMMARY)
+    of_result = summary if calibrated is folder else read_json_object(calibrated / SUMMARY)
     return ResultTables(
         model=model,
         strides=strides,
         summary=summary,
         manifest=manifest,
         parameters=_read_parameters(folder / PARAMETERS),
-        norm=read_norm_tables(around, of_result),
+        norm=read_norm_tables(calibrated, of_result),
         scores=_parse_scores(summary),
     )
 

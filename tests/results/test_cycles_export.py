@@ -29,6 +29,7 @@ from gaitcal.report.gait_report import (
     read_report_content,
 )
 from gaitcal.results.cycle_tables import read_cycles
+from gaitcal.results.result_tables import read_result_tables
 from gaitcal.results.saved_result import load_result_model
 from gaitcal.results.stride_uses import STRIDES
 from gaitcal.results.table_files import read_csv, write_csv
@@ -206,10 +207,16 @@ def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gaitcal.analysis.trial_result.find_trial_events", strides)
         study = result.parent / "study"
-        done = run(
-            "dynamics", result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q"
-        )
-    assert done.exit_code == 0, done.output
+        trial = (result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q")
+        elsewhere = result.parent / "further" / "trials"
+        for out in ((), ("--out", elsewhere)):
+            done = run("dynamics", *trial, *out)
+            assert done.exit_code == 0, done.output
+    # Further trials find the model of their result wherever they are; they have no report.
+    found = read_result_tables(elsewhere)
+    assert found.model.subject.mass == load_result_model(result)[0].subject.mass
+    with refuses(Code.NO_FILE, "model.toml"):
+        read_report_content(result / "dynamics", None, {})
     done = run("export", result, "--format", "cycles", "--external", "--moments", "distal")
     assert done.exit_code == 0 and "another model" not in done.output, done.output
     found = table(result / "export/dynamics_cycles.csv")
@@ -221,9 +228,8 @@ def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     )
     with (result / "model.toml").open("a", encoding="utf-8") as model:
         model.write("# edited\n")
-    assert "walk; run dynamics again" in run("export", result, "--format", "cycles").output.replace(
-        "\n", " "
-    )
+    done = run("export", result, "--format", "cycles")
+    assert "another model" in done.output.replace("\n", " ")
 
 
 def test_wrong_words_are_told(result: Path) -> None:
