@@ -1,8 +1,8 @@
 """Define codes, exceptions and findings.
 
 Every kind of error and finding has one code; `gaitcal explain GC-020` prints its page. GC-0..:
-checks of recordings. GC-1..: checks of a result. GC-2..: errors that stop a command. A code is never
-used for another kind, as papers, notes and scripts refer to it.
+checks of recordings. GC-1..: checks of a result. GC-2..: errors that stop a command. A code is
+never used for another kind, as papers, notes and scripts refer to it.
 """
 
 import difflib

@@ -12,8 +12,9 @@ points depend on the residuals of marker coordinate c, one axis of one marker, t
 = sum_f J_cf r_cf, and change by n_c = -H_qq^-1 g_c. Soft tissue repeats its movement from frame to
 frame, so frames are dependent. Marker coordinates are taken as independent: the cluster-robust
 sandwich (Liang and Zeger 1986). Residuals are first inflated by the part that the motion absorbs:
-r / (1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and DeRouen
-2001). Soft tissue is slow compared with the splines, so the motion of a frame can follow it.
+r / (1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and
+DeRouen 2001). Soft tissue is slow compared with the splines, so the motion of a frame can follow
+it.
 
 Coordinates change by B d N_c. Quantities that depend on coordinates and parameters, such as a
 torque at a frame, change by their derivatives. Their variance is the sum of squares over the

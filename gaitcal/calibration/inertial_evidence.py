@@ -12,10 +12,11 @@ for marker coordinates and nominal joint parameters (`error_sources.py`), and di
     plates       gain, place, turn and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
                  (`dynamics/measurement_errors.py`, with the sources of their sizes)
     inertia      parameters that are not fitted and in which people scatter:  d rho = (d rho/d IP) d IP
-    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: half an octave
-                 (a motion smoothed by a penalty has a separate source for that,
+    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: half an
+                 octave (a motion smoothed by a penalty has a separate source for that,
                  `compute_marker_scores`)
-    the rest     independent errors of force and moment, repeated for `memory`: bending of plates, spline residuals.
+    the rest     independent errors of force and moment, repeated for `memory`: bending of plates,
+                 spline residuals.
 
 With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, a fit depends on
 the scores g(x) = A^T rho(x). At the true x they have the covariance of the noise, s_c =

@@ -18,9 +18,9 @@ them. Priors add their cost, gradient and matrix to C, g and S first.
 
 Gauss-Newton leaves out the curvature of the marker paths, and follows a bent valley of the cost in
 small steps (60 for a subtalar axis that is hardly determined). Near the minimum, once the predicted
-gain falls by less than a factor of ten from step to step (`descent.STALE_RATIO`), all matrices above are
-Newton's. Where Newton's matrix is that of a saddle point, Gauss-Newton's replaces it for the kind
-of task. `settle` forms Gauss-Newton's, from which the errors are computed.
+gain falls by less than a factor of ten from step to step (`descent.STALE_RATIO`), all matrices
+above are Newton's. Where Newton's matrix is that of a saddle point, Gauss-Newton's replaces it for
+the kind of task. `settle` forms Gauss-Newton's, from which the errors are computed.
 
 On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved
 no further than the next step needs (`CORRECTOR`); while unknowns and motion have moved less than
@@ -246,7 +246,9 @@ class ReducedState:
 
 
 class ReducedProblem:
-    """Common problem of all trials in the joint parameters `free`, warm-started from its best point."""
+    """Common problem of all trials in the joint parameters `free`, warm-started from its best
+    point.
+    """
 
     def __init__(
         self,

@@ -28,10 +28,10 @@ With Q and b as below, V the covariance of z at this person's s and m its mean,
 
     z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
 
-A fit displaces the markers by the deformation of that mean, in axes that rotate with the cluster. It
-has six further unknowns for each regressor and segment (`tracking/soft_tissue.py`), with the rigid
-part of that mean and covariance as their prior. A wrong deformation would strain the linkage: it
-displaced hips of children by 8 mm.
+A fit displaces the markers by the deformation of that mean, in axes that rotate with the cluster.
+It has six further unknowns for each regressor and segment (`tracking/soft_tissue.py`), with the
+rigid part of that mean and covariance as their prior. A wrong deformation would strain the linkage:
+it displaced hips of children by 8 mm.
 
 The artefact of an angle has a size in the task, not in millimetres per degree. In gait, hip
 adduction has a tenth of the range of flexion, and the pelvis is as soft with it. The sizes are from
@@ -51,16 +51,16 @@ segment are
 
 P is the projector that removes translations and rotations of a segment's markers. nu is the noise
 that no angle explains, with frames counted as far as they are independent (`joint_prior.py`). A
-cluster that slides as a whole shows no deformation, so its sliding depends on the person's s, not on
-the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), z has the mean q mu and the
+cluster that slides as a whole shows no deformation, so its sliding depends on the person's s, not
+on the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), z has the mean q mu and the
 covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T. The limits of 1 are for markers that swing or
 are loose: they deform more than people's and do not slide further. (Thighs of bones left out slide
 1.0 times the mean, with a standard deviation of 0.5.) The second term is of the rigid part alone:
 deformation does not show how far a cluster slides. Segments differ by a factor of two, so that one
-soft thigh does not soften the feet. With the same s for all, hips of people with quadratic artefacts
-were 15 mm from the truth; with different segments, 8 mm. An activity other than walking may leave
-joints at rest, whose tracked angles follow the errors of others. Their segments do not deform, with
-even prior odds, and then carry no information about s.
+soft thigh does not soften the feet. With the same s for all, hips of people with quadratic
+artefacts were 15 mm from the truth; with different segments, 8 mm. An activity other than walking
+may leave joints at rest, whose tracked angles follow the errors of others. Their segments do not
+deform, with even prior odds, and then carry no information about s.
 """
 
 from collections.abc import Collection, Mapping, Sequence

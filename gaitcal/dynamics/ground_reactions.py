@@ -472,9 +472,9 @@ def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
 def _report_seat(seated: BoolArray, time: Array) -> list[Finding]:
     """Report that a seat carries part of the body, and when."""
     found = (
-        f"{format_spans(time, find_runs(seated))}: both thighs are nearly horizontal, and the plates "
-        "under the feet carry less than body weight; the force of the seat is not known, so torques "
-        "are not valid"
+        f"{format_spans(time, find_runs(seated))}: both thighs are nearly horizontal, and the "
+        "plates under the feet carry less than body weight; the force of the seat is not known, so "
+        "torques are not valid"
     )
     cause, note = "a seat bears part of the body", Severity.INFO
     seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)

@@ -32,7 +32,8 @@ Pose2Sim) write hips, knees, ankles, heels, toes, shoulders, elbows and wrists u
 below. No point shows the axial rotation of thigh and shank, and only the hips are on the pelvis.
 Axes of segments, x forward, y up, z right, as far as the points show them:
 
-    pelvis      z from the left hip to the right one; y upwards across z, so that it has no tilt; trunk alike
+    pelvis      z from the left hip to the right one; y upwards across z, so that it has no tilt;
+                trunk alike
     thigh       y from knee to hip, shank from ankle to knee; z the pelvis's across y
     foot        x from the heel to the middle of the toes; z across x, along the line of the toes
 

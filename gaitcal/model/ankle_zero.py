@@ -1,8 +1,8 @@
 """Zero of the ankle angle from the dorsiflexion of the static posture.
 
 Zero ankle angle is the foot at right angles to the shank. With y the shank's axis, h and t the heel
-and the toe marker and c the ankle centre, the static dorsiflexion is asin(u . y). The direction u of
-the foot is one of
+and the toe marker and c the ankle centre, the static dorsiflexion is asin(u . y). The direction u
+of the foot is one of
 
     sole       u = unit of the horizontal part of t - h; the sole of a flat foot is parallel to the floor
     markers    u = unit(t - h); heel and toe marker have the same distance from the sole
@@ -21,8 +21,8 @@ With `AnkleZero.AUTO` a foot is taken as flat unless one of these holds:
 Of two uneven feet, the one with the higher heel or toes is off the floor, whichever differs more.
 The markers of the other foot then show how markers are placed relative to the sole. Markers do not
 show that both heels are raised alike, as in a child that stands on its forefeet. The file's angle
-is used where it differs from a level sole by more than `FILE_DISAGREEMENT`. Without that angle, heel
-markers steeper than `STEEP_SLOPE` above the toe markers give a doubt.
+is used where it differs from a level sole by more than `FILE_DISAGREEMENT`. Without that angle,
+heel markers steeper than `STEEP_SLOPE` above the toe markers give a doubt.
 """
 
 from collections.abc import Mapping

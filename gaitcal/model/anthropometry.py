@@ -7,8 +7,10 @@ Those of pelvis, trunk, head, hand and foot are de Leva's, scaled by height: no 
 them well. Axes: sagittal = x, longitudinal = y, transverse = z. In the foot longitudinal = x,
 transverse = y, sagittal = z.
 
-    pelvis           lower trunk, its lower end at the height of the hip centres, its mass centre straight above them
-    head and trunk   middle trunk, upper trunk and head stacked on it along y; head from cervicale up (parallel axes)
+    pelvis           lower trunk, its lower end at the height of the hip centres, its mass centre
+                     straight above them
+    head and trunk   middle trunk, upper trunk and head stacked on it along y; head from cervicale
+                     up (parallel axes)
     forearm, hand    the hand in line with the forearm
 
 Masses of a child whose age is given follow Jensen 1989 (`models/jensen_1989.json`). Tables of
@@ -201,8 +203,8 @@ def describe_mass_table(subject: Subject) -> str:
             f"{subject.mass:.0f} kg, and the age is not given: its masses count as less certain, "
             f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for "
             "head and trunk, as "
-            f"those of children of {estimate_child_age(subject):g} differ (Jensen 1989); age_years tells "
-            "which table to use"
+            f"those of children of {estimate_child_age(subject):g} differ (Jensen 1989); age_years "
+            "tells which table to use"
         )
     elif subject.age is None:
         source += "; a table of adults: the age is not given"

@@ -155,8 +155,8 @@ def nominal_model(
         names = ", ".join(raised)
         notes = (
             *notes,
-            f"arms raised in the static trial displace the shoulders: weights times {RAISED_ARM_WEIGHT:g} on "
-            f"{names}",
+            "arms raised in the static trial displace the shoulders: weights times "
+            f"{RAISED_ARM_WEIGHT:g} on {names}",
         )
     return SubjectModel(
         subject=subject,

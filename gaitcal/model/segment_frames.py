@@ -362,8 +362,8 @@ def _locate_hips(
     for side in SIDES:
         if gaps[side] > most:
             raise InputError(
-                f"found it {gaps[side]:.0f} mm from its position by the pelvis's markers; allowed: at "
-                f"most {most:.0f} mm; "
+                f"found it {gaps[side]:.0f} mm from its position by the pelvis's markers; allowed: "
+                f"at most {most:.0f} mm; "
                 "are the sides swapped?",
                 source=posture.source,
                 field=f"hip centre {posture.hip_labels[side]}",

@@ -6,8 +6,8 @@ torque's RMS error.
 
 A person's marker distance is converted to expected torque errors (`estimate_expected_errors`) as
 in the published discussion: a marker RMS of 4 mm corresponds to less than 25 % of the JP bounds, or
-to 50 % of the noise amplitude, and to the torque errors there. Between levels, and from zero at level
-zero, values are interpolated linearly.
+to 50 % of the noise amplitude, and to the torque errors there. Between levels, and from zero at
+level zero, values are interpolated linearly.
 
 The variance of each torque error, linearised, is a sum over the parameters. With p the joint
 parameters, N the control points, and all derivatives at the undisturbed case,

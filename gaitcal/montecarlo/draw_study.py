@@ -354,8 +354,8 @@ def _note_other_versions(versions: object) -> tuple[str, ...]:
         if before.get(n, version) != version
     ]
     note = (
-        f"the stored draws were computed with {'; '.join(changed)}: old and new draws may differ in "
-        "their last digits"
+        f"the stored draws were computed with {'; '.join(changed)}: old and new draws may differ "
+        "in their last digits"
     )
     return (note,) if changed else ()
 

@@ -201,8 +201,8 @@ def _report_joint(
     cause = f"fewer than 1 in {few} people have the {describe_joint(joint)} joint at this position"
     if least >= UNUSUAL:
         cause = (
-            f"the {describe_joint(joint)} joint is {FARTHEST:.0f} standard deviations of people from "
-            "its expected position"
+            f"the {describe_joint(joint)} joint is {FARTHEST:.0f} standard deviations of people "
+            "from its expected position"
         )
     return Finding(
         severity=Severity.WARNING if least < RARE else Severity.INFO,

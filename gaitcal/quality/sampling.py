@@ -5,7 +5,8 @@ continue: all markers make one step that their paths do not lead to. From the H 
 side of it, a marker has
 
     Q_one    sum of squares about one quintic through all of them
-    Q_two    about a parabola through either half: as many coefficients, and a step between the halves
+    Q_two    about a parabola through either half: as many coefficients, and a step between the
+             halves
 
     gain = ln (Q_one + f) / (Q_two + f),    f = the squares of NOISE_M in the 2 H - 6 degrees of freedom of each axis
 

@@ -7,18 +7,20 @@ Two people that OpenSim simulated walk once (`opensim_truth`). In their models t
 legs are put 10 to 20 mm off, across their axes, as nothing tells where along it a hinge is;
 `gaitcal export --into` brings them back by what calibration finds.
 
-back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the largest errors of moment
-          arms, and whether they are as large as their standard deviations say
-people    with marker noise as published (one sinusoid a marker coordinate), in the static trial, too. Each draw of
-          noise has standard deviations of its own, of so many drawn models. Wanted: its 95 %
-          intervals, Student's, hold 90 to 99 % of the true moment arms of the right leg, in two
-          postures of each coordinate. Both people are scaled from one pelvis, whose hips lie 15 mm
-          farther in and 13 to 24 mm lower than regressions from people have them: with much noise
-          arms of hip adduction are off by that in every draw
-drawn     the same with a prior of which these people are a draw (`people/simulated.py`): what intervals must hold
-same      of these models and those of `--osim`: an export of the joints that are in place leaves every byte, and moment
-          arms bit by bit in 1000 postures; joints put off come back; seconds of an export and of a
-          draw
+back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the
+          largest errors of moment arms, and whether they are as large as their standard deviations
+          say
+people    with marker noise as published (one sinusoid a marker coordinate), in the static trial,
+          too. Each draw of noise has standard deviations of its own, of so many drawn models.
+          Wanted: its 95 % intervals, Student's, hold 90 to 99 % of the true moment arms of the
+          right leg, in two postures of each coordinate. Both people are scaled from one pelvis,
+          whose hips lie 15 mm farther in and 13 to 24 mm lower than regressions from people have
+          them: with much noise arms of hip adduction are off by that in every draw
+drawn     the same with a prior of which these people are a draw (`people/simulated.py`): what
+          intervals must hold
+same      of these models and those of `--osim`: an export of the joints that are in place leaves
+          every byte, and moment arms bit by bit in 1000 postures; joints put off come back; seconds
+          of an export and of a draw
 
 In part `same` the person has the very joints of the model: segment frames are its body frames (the
 talus has one of its own), and the person stands with all coordinates of the model zero. A line of

@@ -274,7 +274,9 @@ def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Arra
 
 
 def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters() -> None:
-    """`compute_motion_sensitivity` of a whole body with its joint parameters known: the motion tracked again."""
+    """`compute_motion_sensitivity` of a whole body with its joint parameters known: the motion
+    tracked again.
+    """
     rng, parameters, problem, _ = seeded_trial(23, frames=30, nodes=7)
     problem = noisy(problem, rng, NOISE)
     source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))

@@ -85,7 +85,8 @@ def numbers(by_cycle: bool) -> MomentSummary:
     model = replace(subject_model(), subject=Subject("S", MASS, HEIGHT, "female"))
     final, nominal = (
         Moments(
-            coordinates=COORDINATES, time=TIME, tau=moments, knee_adduction=none, residual_force=none,
+            coordinates=COORDINATES, time=TIME, tau=moments, knee_adduction=none,
+            residual_force=none,
             residual_moment=none, bwh=model.subject.bwh,
         )
         for moments in (tau, before)

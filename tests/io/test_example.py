@@ -300,7 +300,7 @@ def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
     assert server.asked == [path_of(name) for name in CONTENT]
 
 
-# ------------------------------------------------------------------------------------------------------ registry
+# ----------------------------------------------------------------------------------------- registry
 
 
 def test_the_registry_names_public_files_of_one_commit() -> None:
@@ -355,7 +355,7 @@ def test_nothing_else_asks_the_network() -> None:
     assert found == {"gaitcal/io/examples.py"}
 
 
-# ------------------------------------------------------------------------------------------------------- command
+# ------------------------------------------------------------------------------------------ command
 
 
 def mirrored(data: Path, name: str) -> Served:

@@ -133,7 +133,8 @@ MARKERS = {
 }
 """Markers that the study names otherwise, and so does its marker set."""
 TRIALS = [
-    "../walk", "walk/../../x", "<script>", "con", "walk\n", "", ".", "..", "~", "w" * 81, "walk\x00", "C:walk", "wälk",
+    "../walk", "walk/../../x", "<script>", "con", "walk\n", "", ".", "..", "~", "w" * 81,
+    "walk\x00", "C:walk", "wälk",
 ]  # fmt: skip
 
 

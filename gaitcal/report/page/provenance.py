@@ -286,8 +286,9 @@ def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
         f"{describe_role(trial.role, trial.joint).capitalize()}, from the file "
         f"{plain_data.format_name(_get_file_name(recording.source))}: "
         f"{plain_data.format_number(float(time[-1] - time[0]), 2)} s, "
-        f"{plain_data.format_number(len(time), 0)} frames at {plain_data.format_number(recording.rate, 0)} Hz, "
-        f"{len(recording.labels)} markers, {plates}."
+        f"{plain_data.format_number(len(time), 0)} frames at "
+        f"{plain_data.format_number(recording.rate, 0)} Hz, {len(recording.labels)} markers, "
+        f"{plates}."
     )
     notes = [note.removeprefix(f"{trial.name}: ") for note in trial.notes]
     return [

@@ -4,15 +4,19 @@
     [--kinds none,linear,...]
         [--set key=value ...]
 
-gait        people of `opensim_truth`, walk and static trial: joint centres, torques against OpenSim's own
-isolated    the same people's six isolated trials, made by OpenSim once (extra `peers`): joint centres and axes, beside
-            SCoRE and SARA
-functional  the same people's walk alone, and with a trial of each hip that is isolated, or is any motion: hip centres
-synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
-recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know` says what is known
-published   the published subject with the published noise, `--seeds` draws of it (`truth/made_up.py`): how many
-            intervals of joint parameters, coordinates, torques, powers and moment vectors hold the
-            truth
+gait        people of `opensim_truth`, walk and static trial: joint centres, torques against
+            OpenSim's own
+isolated    the same people's six isolated trials, made by OpenSim once (extra `peers`): joint
+            centres and axes, beside SCoRE and SARA
+functional  the same people's walk alone, and with a trial of each hip that is isolated, or is any
+            motion: hip centres
+synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb`
+            writes them
+recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know`
+            says what is known
+published   the published subject with the published noise, `--seeds` draws of it
+            (`truth/made_up.py`): how many intervals of joint parameters, coordinates, torques,
+            powers and moment vectors hold the truth
 
 Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published
 waves, by skin that follows the joints or its own time. `before` is the nominal model, `peer` SCoRE

@@ -13,11 +13,12 @@ random vector w (5 deg a component) through its centroid r. All directions belon
 
     linear     f = g = u, the joint's flexion from the static pose / 60 deg
     quadratic  f = g = u^2
-    random     f, g independent smooth Gaussian processes (RMS frequency 1 Hz, SD 0.5: the RMS of u in the hip's trial),
-               new in every trial, one of its own for each cluster and joint, and marker and joint
+    random     f, g independent smooth Gaussian processes (RMS frequency 1 Hz, SD 0.5: the RMS of u
+               in the hip's trial), new in every trial, one of its own for each cluster and joint,
+               and marker and joint
     bursts     f = g = decaying waves of 5 to 10 Hz (memory 0.15 s), begun about once a second, new in every trial
-    sinusoids  no skin: as published, A sin(w t + p) for each coordinate of every marker and trial; A up to e, w up to
-               25 rad/s, p random
+    sinusoids  no skin: as published, A sin(w t + p) for each coordinate of every marker and trial;
+               A up to e, w up to 25 rad/s, p random
     mixture    half of each of the five
 
 People's skin is sized by what it does in a *task* (walk, isolated trial of a joint), whichever

@@ -57,7 +57,8 @@ def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 CHOSEN = (
-    "result", "trial", "speed", "window", "preset", "axis", "unit", "signs", "acting", "nominal", "norm", "errors",
+    "result", "trial", "speed", "window", "preset", "axis", "unit", "signs", "acting", "nominal",
+    "norm", "errors",
     "truth", "spread", "off", "joint", "second", "layers",
 )  # fmt: skip
 """What a visitor chooses on a page."""

@@ -106,7 +106,8 @@ def recorded_walk(
         placed.labels, placed.segments, placed.weight, np.linalg.norm(measured - seen, axis=2)
     )
     motion = Motion(
-        name=name, coordinates=COORDINATES, basis=true.basis, coefficients=true.coefficients, errors=errors,
+        name=name, coordinates=COORDINATES, basis=true.basis, coefficients=true.coefficients,
+        errors=errors,
         converged=True,
     )  # fmt: skip
     return motion, recording, reactions
