@@ -192,7 +192,7 @@ class GaitcalError(Exception):
 
 
 class InputError(GaitcalError):
-    """The input is at fault. The message is one line: file, field, what was found, what is allowed."""
+    """The input is at fault. The message is one line: file, field, what was found and is allowed."""
 
     code = Code.INPUT
     """Default; raise with a more specific code."""

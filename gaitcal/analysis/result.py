@@ -69,7 +69,7 @@ class HeldOut:
     """m, with joint parameters fitted without them."""
     folds: int
     legs: tuple[float, float] | None = None
-    """m, nominal and calibrated over the markers of pelvis and legs; None for a functional trial."""
+    """m, nominal and calibrated, markers of pelvis and legs; None for a functional trial."""
 
 
 @dataclass(frozen=True)

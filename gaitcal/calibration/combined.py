@@ -1,7 +1,8 @@
 """Third step: joint parameters, inertial parameters and motions combined, against markers and
 ground reactions.
 
-    min  sum_m w |r_m|^2 / sigma_m^2  +  sum_f { |F|^2 / sigma_F^2 + |T|^2 / sigma_T^2 }  +  |x / spread|^2
+    min  sum_m w |r_m|^2 / sigma_m^2  +  sum_f { |F|^2 / sigma_F^2 + |T|^2 / sigma_T^2 }
+         +  |x / spread|^2
 
 sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW
 H with one figure s, the weight between markers and loads: the pelvis residual that measurement

@@ -49,7 +49,7 @@ from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.trial_problem import MotionProblem
 
 LEARNT = 0.9
-"""Ratio of a parameter's standard error to its prior's above which the trials do not determine it."""
+"""Ratio of a parameter's standard error to its prior's; above it the trials do not determine it."""
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))

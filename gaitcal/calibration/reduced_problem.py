@@ -79,7 +79,7 @@ COST_FALLEN_TO = 0.5
 
 @dataclass(frozen=True)
 class Matrices:
-    """Normal equations of a trial at one point, coefficients eliminated; reused at points nearby."""
+    """Normal equations of a trial at one point, coefficients eliminated; reused near it."""
 
     # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
     values: Array
@@ -158,7 +158,7 @@ class OpenMotion:
         return OpenMatrix(self.values, coefficients, equations, curved=curved)
 
     def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
-        """Correct the motion by plain steps from `coefficients` (nn, nq); None without convergence."""
+        """Correct the motion by plain steps from `coefficients` (nn, nq); None if they diverge."""
         end = descend(self, coefficients.ravel(), CORRECTOR, kept)
         if not end.converged:
             return None

@@ -20,7 +20,8 @@ For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of th
 deg), the mean is zero, all markers of a segment shift together, turn together about their middle,
 and move each by itself:
 
-    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,  B = [1, -(l - c) x] for each marker,
+    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,
+    B = [1, -(l - c) x] for each marker,
 
 z_c has a rigid part, (B^T B)^-1 B^T z_c, and a deformation, which neither rotates nor translates a
 segment. Markers show the deformation independently of the joints, so z is conditioned on it first.
@@ -43,11 +44,13 @@ The softness s of the person, one in gait and another one in all isolated trials
 the deformation of all segments *together*, without joints. The residuals e of a rigid fit of a
 segment are
 
-    e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
-    2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q) + 2 s mu^T b - s^2 mu^T
-    Q mu,
+    e = P sum_c z_c psi_c + noise,
+    Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
+    2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q)
+                  + 2 s mu^T b - s^2 mu^T Q mu,
     c = b - s Q mu,     mu the mean of z at s = 1,
-    p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,        j: segments,
+    p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,
+           j: segments,
 
 P is the projector that removes translations and rotations of a segment's markers. nu is the noise
 that no angle explains, with frames counted as far as they are independent (`joint_prior.py`). A
@@ -413,7 +416,7 @@ class _Cluster:
 
 @dataclass(frozen=True)
 class SoftTissueScale:
-    """Softness of one person in one kind of task, as E[s^2], from the deformation of all segments."""
+    """Estimate E[s^2] of a person in one kind of task from the deformation of all segments."""
 
     linear: float
     squares: float = 0.0
@@ -742,7 +745,7 @@ def _find_rigid_directions(flat: Array) -> Array:
 
 
 def _estimate_noise(errors: Array, psi: Array, directions: int, least: float) -> float:
-    """Estimate nu (m) of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
+    """Estimate nu (m) of errors (nf, 3 nm) that no combination of regressors (nr, nf) explains."""
     q, r = np.linalg.qr(psi.T)
     explained = q[:, np.abs(np.diag(r)) > OBSERVED_RANK * np.abs(r).max(initial=0.0)]
     unexplained = errors - explained @ (explained.T @ errors)

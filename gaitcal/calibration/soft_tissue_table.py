@@ -8,7 +8,8 @@ s is the softness of the person, c the middle of the segment's markers. Phi(x) b
 people, linear in six functions of the position x (from the knee centre, in thigh lengths) and one
 of the task
 
-    1,  x/W,  z/W,  k,  k x/W,  k z/W,  g,      k = exp(-|y| / H),  g = 1/2 in walks and runs, -1/2 elsewhere:
+    1,  x/W,  z/W,  k,  k x/W,  k z/W,  g,
+    k = exp(-|y| / H),  g = 1/2 in walks and runs, -1/2 elsewhere:
 
 Skin in front of the thigh moves down and that behind it up. Skin over the epicondyles moves back,
 skin over the fibular head down and back. The rest differs between people: the whole cluster is

@@ -68,7 +68,7 @@ class NotUsedError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What nominal joints depend on: equal in all people to learn from, and to use the prior for."""
+    """What nominal joints depend on; equal in all people to learn from and to use it for."""
 
     marker_set: str
     hip_centre: str

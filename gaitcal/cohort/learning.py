@@ -10,7 +10,8 @@ people left out is widened until it fits.
 
 The recordings of person i have, of the n deviations y_i (`study/cohort_prior.py`), the likelihood
 
-    log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,     S_i the information, r_i = S_i m_i,
+    log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,
+    S_i the information, r_i = S_i m_i,
 
 where S_i may be singular: directions that recordings do not determine add nothing. People are y_i =
 X_i w + u_i with u_i ~ N(0, Sigma) and w ~ N(0, W), W the part of the default prior that may be an

@@ -4,7 +4,8 @@ Segment poses: markerless programs (Theia) write a C3D group ROTATION, a 4x4 mat
 frame: for segment s and frame f its axes R (columns, laboratory) and its origin o. A pose with the
 error dp (m, each axis) and a small rotation dt (rad, about each axis) moves the four corners
 
-    p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),      L = sqrt(3/2) sigma_p/sigma_t
+    p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),
+    L = sqrt(3/2) sigma_p/sigma_t
 
 of a regular tetrahedron about its origin, for which  sum d_k = 0  and  sum d_k d_k^T = (4 L^2 / 3)
 1, so that

@@ -4,7 +4,8 @@ Zero ankle angle is the foot at right angles to the shank. With y the shank's ax
 and the toe marker and c the ankle centre, the static dorsiflexion is asin(u . y). The direction u
 of the foot is one of
 
-    sole       u = unit of the horizontal part of t - h; the sole of a flat foot is parallel to the floor
+    sole       u = unit of the horizontal part of t - h; the sole of a flat foot is parallel to the
+               floor
     markers    u = unit(t - h); heel and toe marker have the same distance from the sole
     file       u = unit(t - c), rotated upwards by the file's static plantarflexion angle
 

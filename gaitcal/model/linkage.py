@@ -8,7 +8,9 @@ left; A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a righ
     knee        Tr(thigh) A_thigh Rz(-flexion) [Tr(shank) A_shank]^-1
     talocrural  Tr(shank) A_shank Rz(dorsiflexion + zero)              (the talus frame)
     subtalar    Tr(0, sup, 0) Ry(trans) R(s x)(inversion) Rx(zero) [Tr(foot) B_foot]^-1
-    back        as hip; shoulder  Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1; elbow as knee
+    back        as hip
+    shoulder    Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1
+    elbow       as knee
 
 The tables `_LEG`, `_BACK` and `_ARM` define the joints and `_SEGMENTS` the segments. Order of
 segments and coordinates, zero angles and the catalogue of joint parameters (`parameters.py`) are
@@ -107,7 +109,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Joint:
-    """The motion of `child` relative to `parent`, as a sequence of elements from parent to child."""
+    """The motion of `child` relative to `parent`: a sequence of elements from parent to child."""
 
     name: str
     parent: str

@@ -12,7 +12,8 @@ Ankle. With A = Rx(front) the talocrural axis in the shank, B = Ry(trans) Rz(sag
 in the foot and R the static orientation of the foot in the shank, the chain A Rz(alpha) Ry(t)
 Rx(beta) B^-1 = R gives
 
-    M = A^T R B:   t = -asin(M_zx) = talus.trans,   alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
+    M = A^T R B:   t = -asin(M_zx) = talus.trans,
+    alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
 
 The zero angles are alpha - delta and beta, delta the dorsiflexion of the static posture
 (`ankle_zero.py`): zero ankle angle is the foot at right angles to the shank. The subtalar point of

@@ -12,7 +12,8 @@ level zero, values are interpolated linearly.
 The variance of each torque error, linearised, is a sum over the parameters. With p the joint
 parameters, N the control points, and all derivatives at the undisturbed case,
 
-    d tau / dp = @tau/@p + (@tau/@q B + @tau/@v B' + @tau/@a B'') dN/dp,          dN/dp = -H_qq^-1 H_qp,
+    d tau / dp = @tau/@p + (@tau/@q B + @tau/@v B' + @tau/@a B'') dN/dp,
+    dN/dp = -H_qq^-1 H_qp,
 
 @tau from `dynamics/derivatives.py` (ground reactions constant in the laboratory). Carried with the
 foot, whose frame moves by the twist xi = J_foot dq/dp + J_p, the wrench changes by dw = xi x* w and

@@ -336,7 +336,7 @@ def _hash_beginning(content: bytes) -> str:
 
 
 def _read_intact(path: Path) -> bytes | None:
-    """Read the file of a chunk; None if it is not as it was written (power failure, broken copy)."""
+    """Read the file of a chunk; None if it is not as written (power failure, broken copy)."""
     try:
         content = path.read_bytes()
     except OSError:

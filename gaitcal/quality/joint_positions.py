@@ -4,7 +4,8 @@ Each segment adjacent to a joint locates it by some parameters theta: the pelvis
 thigh a knee axis by two positions and two rotations. theta_0 is the expected value: the nominal
 value plus the prior mean. With d = theta - theta_0, of n parameters,
 
-    z^2 = d^T (P + E)^-1 d,     doubtful if chi^2 of n degrees of freedom exceeds it in `RARE` of cases,
+    z^2 = d^T (P + E)^-1 d,
+    doubtful if chi^2 of n degrees of freedom exceeds it in `RARE` of cases,
 
 P is the covariance of people about theta_0, including that of palpation and regressions
 (`joint_prior.py`), and E the covariance of theta by noise and soft tissue of the markers. A fit

@@ -87,7 +87,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def words_of(allowed: type[Enum] | Iterable[str], default: Iterable[Any] = ()) -> dict[str, Any]:
-    """An option that takes a list with commas, of allowed words, or of members of an enumeration."""
+    """An option that takes a list with commas, of allowed words, or of members of an
+    enumeration.
+    """
     known = {word.value if isinstance(word, Enum) else word: word for word in allowed}
 
     def parse(text: str) -> list[Any]:

@@ -457,7 +457,9 @@ def _same(file: Path) -> tuple[str, bool]:
 
 
 def _apart(was: tuple[LegJoint, ...], now: tuple[LegJoint, ...]) -> Iterator[float]:
-    """m, from joints in their bodies to where they are now; not of the talus, which lies anywhere."""
+    """m, from joints in their bodies to where they are now; not of the talus, which lies
+    anywhere.
+    """
     for a, b in zip(was, now, strict=True):
         gap = b.theirs.in_child.translation - a.theirs.in_child.translation
         if a.hinge is not None:

@@ -193,7 +193,9 @@ def gathered(parts: Iterable[tuple[Key, Array]]) -> dict[Key, Array]:
 def session_variance(
     a: RecordedSession, b: RecordedSession, pair: tuple[StrideSet, StrideSet]
 ) -> Array:
-    """(101,) of the difference of two sessions' curves: errors that strides of one session share."""
+    """(101,) of the difference of two sessions' curves: errors that strides of one
+    session share.
+    """
     shared, frames = (
         [average_known(getattr(s, name)) for s in pair] for name in ("shared", "frames")
     )

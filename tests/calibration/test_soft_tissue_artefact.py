@@ -619,7 +619,9 @@ def test_pinned_markers_do_not_move() -> None:
 
 
 def test_a_trial_that_shows_no_deformation_has_its_regressors_in_that_of_others() -> None:
-    """Two trials of the same markers, one of which sees a single marker of them and an angle more."""
+    """Two trials of the same markers, one of which sees a single marker of them and an
+    angle more.
+    """
     shown, _ = deformed(deformation_of(3)[0])
     assert shown.tissue is not None
     (group,) = shown.tissue.groups

@@ -310,7 +310,9 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
 
 
 def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
-    """Trials may be called anything: `skin/R.Knee/x` is a marker coordinate of a trial called skin."""
+    """Trials may be called anything: `skin/R.Knee/x` is a marker coordinate of a trial
+    called skin.
+    """
     cases = {
         "markers/walk/3": ErrorSource.JOINT_MARKERS,
         "hip_r/R.Knee/x": ErrorSource.JOINT_MARKERS,

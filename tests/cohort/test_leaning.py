@@ -1,4 +1,6 @@
-"""Calibrations that lean on a cohort: the prior in the fit, what is said of it, and the commands."""
+"""Calibrations that lean on a cohort: the prior in the fit, what is said of it, and the
+commands.
+"""
 
 import csv
 import json

@@ -35,7 +35,9 @@ NOTHING = np.zeros((1, 3))
 
 @lru_cache(maxsize=1)
 def walk() -> TrialResult:
-    """Standing on both feet: forces that do not change, so that nothing is faster than the motion."""
+    """Standing on both feet: forces that do not change, so that nothing is faster than
+    the motion.
+    """
     trial = fake_calibration().trial("walk")
     wrench = np.zeros_like(trial.loads.reactions.wrench)
     wrench[:, :, 1] = 350.0

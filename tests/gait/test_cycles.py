@@ -1,4 +1,6 @@
-"""Foot strikes, cycles, normalisation and peaks on known contacts; mean curves against plain loops."""
+"""Foot strikes, cycles, normalisation and peaks on known contacts; mean curves against
+plain loops.
+"""
 
 import itertools
 from pathlib import Path

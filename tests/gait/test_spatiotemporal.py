@@ -41,7 +41,9 @@ def steps(
     stance: float = STANCE_S,
     step: float = STEP_S,
 ) -> tuple[np.ndarray, FootPoints, GaitEvents]:
-    """Feet that stand still from strike to off and glide to the next place: right first, along x."""
+    """Feet that stand still from strike to off and glide to the next place: right first,
+    along x.
+    """
     time = np.arange(0.0, step * count + 1.0, 1.0 / RATE)
     heel, events = np.zeros((len(time), 2, 3)), []
     for foot, side in enumerate("rl"):
@@ -252,7 +254,9 @@ def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
 
 @pytest.mark.parametrize("with_off", [False, True])
 def test_a_missing_strike_makes_no_stride_of_double_length(with_off: bool) -> None:
-    """Alone it shows by two offs in a row, together with its off by two strikes of the other foot."""
+    """Alone it shows by two offs in a row, together with its off by two strikes of the
+    other foot.
+    """
     time, feet, events = steps(10)
     changed_events = without(events, "l", FootMoment.STRIKE, 2)
     changed_events = without(changed_events, "l", FootMoment.OFF, 2) if with_off else changed_events

@@ -202,7 +202,9 @@ def moves(fits: Sequence[Fit]) -> Array:
 
 
 def population_lines(fits: Sequence[Fit]) -> Iterator[str]:
-    """Mean, SD and RMS of each parameter's movement, over all legs; and of hips the RMS distance."""
+    """Mean, SD and RMS of each parameter's movement, over all legs; and of hips the RMS
+    distance.
+    """
     errors = np.array([UNIT * fit.leg_errors(side) for fit in fits for side in SIDES])
     yield (
         f"{'movement, mm or deg':24}"

@@ -73,7 +73,9 @@ def circle(flexion: Array, path: Array) -> tuple[Array, float]:
 
 
 def path_of(trial: MovingTrial, model: SubjectModel, side: str) -> tuple[Array, Array]:
-    """(nf,) rad and (nf, 2) mm of the frames that show it; empty where nobody wears such markers."""
+    """(nf,) rad and (nf, 2) mm of the frames that show it; empty where nobody wears such
+    markers.
+    """
     place, labels = model.markers, trial.recording.labels
     segment, landmark = model.landmarks[f"knee_lat_{side}"]
     near = np.linalg.norm(place.local - landmark, axis=1) < 1e-3 * AT_LANDMARK_MM

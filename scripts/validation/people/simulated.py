@@ -99,7 +99,9 @@ def true_parameters(made: IsolatedPerson, study: Study) -> tuple[dict[str, float
 def prior_about_truth(
     made: IsolatedPerson, study: Study, rng: np.random.Generator
 ) -> tuple[Study, Array]:
-    """A study of a person with a prior of which the person is a draw; and the draw, as `JP_NAMES`."""
+    """A study of a person with a prior of which the person is a draw; and the draw, as
+    `JP_NAMES`.
+    """
     truth, nominal = true_parameters(made, study)
     at = np.array([JP_INDEX[name] for name in truth])
     draw = rng.multivariate_normal(0 * ANATOMY.mean, ANATOMY.covariance)

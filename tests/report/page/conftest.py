@@ -115,7 +115,9 @@ def visit(_browser: Page, _left_blank: None) -> Iterator[Visit]:
 
 @pytest.fixture
 def media(_browser: Page) -> Iterator[Callable[..., None]]:
-    """Media features of the browser (`prefers_color_scheme="dark"`), as they were again afterwards."""
+    """Media features of the browser (`prefers_color_scheme="dark"`), as they were again
+    afterwards.
+    """
 
     def put(**features: str) -> None:
         named = [

@@ -1,4 +1,6 @@
-"""Scenes to look at without solving anything: the built-in subject walking, and variations of it."""
+"""Scenes to look at without solving anything: the built-in subject walking, and
+variations of it.
+"""
 
 from dataclasses import replace
 
@@ -63,7 +65,9 @@ def standard_errors() -> dict[str, float]:
 def walking_scene(
     labels: tuple[str, ...] | None = None, subject: str = "Built-in subject"
 ) -> Scene:
-    """One gait cycle, noisy markers with a gap, two plates, forearms without markers on the left."""
+    """One gait cycle, noisy markers with a gap, two plates, forearms without markers on
+    the left.
+    """
     model = subject_model(subject)
     if labels is not None:
         model = replace(model, markers=replace(model.markers, labels=labels))

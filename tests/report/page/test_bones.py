@@ -292,7 +292,9 @@ def test_left_is_the_mirror_image_of_right(bones: Landmarked, person) -> None:
 
 @pytest.mark.parametrize("without", ["nothing", "knee_med", "knee"])
 def test_no_fitted_knee_axis_moves_a_bone(without: str, bones: Landmarked) -> None:
-    """What makes the picture evidence: the bones would stand where they do whatever the knee's fit."""
+    """What makes the picture evidence: the bones would stand where they do whatever the
+    knee's fit.
+    """
     model = published_model(static_only=True)
     model = replace(
         model, landmarks={k: v for k, v in model.landmarks.items() if not k.startswith(without)}
