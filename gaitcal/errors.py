@@ -192,7 +192,7 @@ class GaitcalError(Exception):
 
 
 class InputError(GaitcalError):
-    """The input is at fault. The message is one line: file, field, what was found and is allowed."""
+    """Faulty input. The message is one line: file, field, what was found, what is allowed."""
 
     code = Code.INPUT
     """Default; raise with a more specific code."""
@@ -228,7 +228,8 @@ class ConvergenceError(GaitcalError):
 
 
 _SIDE = re.compile(
-    r"(?i:(?<![a-z])(right|left)(?![a-z]))|(?i:(?:^|(?<=[._ :-]))([rl])(?=[._ -]|$))|^([RL])(?=[A-Z])|"
+    r"(?i:(?<![a-z])(right|left)(?![a-z]))|(?i:(?:^|(?<=[._ :-]))([rl])(?=[._ -]|$))|"
+    r"^([RL])(?=[A-Z])|"
     r"(?<=[a-z0-9])([RL])$|"
     r"^([rl])(?=[A-Z])|^(Right|Left)(?=[A-Z_.])"
 )

@@ -601,10 +601,8 @@ def _assemble_calibration(
         undetermined = tuple(
             n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation
         )
-        kept = (
-            "held near "
-            f"{prior.describe_fallback([n for n in undetermined if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
-        )
+        of_legs = [n for n in undetermined if n.startswith(LEG_JOINTS)]
+        kept = f"held near {prior.describe_fallback(of_legs) or 'nominal values'}"
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(
         parameters=parameters,

@@ -158,7 +158,7 @@ class OpenMotion:
         return OpenMatrix(self.values, coefficients, equations, curved=curved)
 
     def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
-        """Correct the motion by plain steps from `coefficients` (nn, nq); None if they diverge."""
+        """Correct the motion by plain steps from `coefficients` (nn, nq); None if not converged."""
         end = descend(self, coefficients.ravel(), CORRECTOR, kept)
         if not end.converged:
             return None

@@ -292,7 +292,10 @@ def _make_gait_columns() -> list[Column]:
     for peak in PEAKS.values():
         unit = PER_KG[get_curve_kind(peak.variable)]
         for side, leg in _LEGS:
-            meaning = f"{peak.make_title()} ({peak.window_label}): mean over straight strides of the {leg} foot"
+            meaning = (
+                f"{peak.make_title()} ({peak.window_label}): "
+                f"mean over straight strides of the {leg} foot"
+            )
             out.append(Column(f"{peak.name}_{side}", float, unit, meaning))
             out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meaning}"))
     for side, leg in (*_LEGS, (profile_score.BOTH, "both legs")):

@@ -598,7 +598,10 @@ def _report_unobserved(frames: Mapping[str, BoolArray], motion: Motion) -> list[
         if whole:
             found = f"no torque{' of this leg' if leg else ''} is valid"
         else:
-            found = f"{format_spans(motion.time, find_runs(lost))}: {int(lost.sum())} frames are not valid"
+            found = (
+                f"{format_spans(motion.time, find_runs(lost))}: "
+                f"{int(lost.sum())} frames are not valid"
+            )
             found += " for this leg" if leg else ""
         findings.append(
             Finding(

@@ -40,8 +40,8 @@ from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.segment_frames import LowerBody, normalise
 
 UNEVEN_SLOPE = 0.10
-"""Sine (6 deg): a larger difference between the slopes of both feet means that one is off the floor.
-Both feet are marked alike; the largest difference of ten people is 0.03."""
+"""Sine (6 deg): a larger difference between the slopes of both feet means that one is off the
+floor. Both feet are marked alike; the largest difference of ten people is 0.03."""
 HIGH_HEEL_SLOPE = 0.22
 """Sine (13 deg): a heel marker higher than this above the toe marker means that the heel is off the
 floor. The largest slope of ten people is 0.10."""
@@ -49,8 +49,8 @@ FILE_DISAGREEMENT = np.deg2rad(8.0)
 """rad: largest difference of the file's angle from a level sole in a foot that stands flat. Twelve
 such feet have 0 to 5.7 degrees."""
 STEEP_SLOPE = np.deg2rad(8.0)
-"""rad: slope from toe up to heel marker above which the posture is doubted. In 32 feet with shoes it
-is at most 5.7 degrees."""
+"""rad: slope from toe up to heel marker above which the posture is doubted. In 32 feet with shoes
+it is at most 5.7 degrees."""
 
 
 class AnkleZero(Enum):

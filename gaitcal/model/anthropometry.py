@@ -186,8 +186,8 @@ def describe_mass_table(subject: Subject) -> str:
     source = f"de Leva 1996, {subject.sex or 'the mean of women and men, as the sex is not given'}"
     if unknown := _estimate_missing_facts_error(subject):
         thigh, trunk = 100 * unknown.get("thigh.mass", 0.0), 1e3 * unknown["head_trunk.com.sup"]
-        source += f"; missing facts of the person count as an error, {thigh:.0f} % of the mass of a thigh and "
-        source += f"{trunk:.0f} mm of the trunk's mass centre among it"
+        source += f"; missing facts of the person count as an error, {thigh:.0f} % of the mass of "
+        source += f"a thigh and {trunk:.0f} mm of the trunk's mass centre among it"
     youngest, adult = get_growth_ages()
     if subject.age is not None and subject.age < adult:
         source += (

@@ -61,10 +61,10 @@ _SEGMENTS = (
         free_centre=("com.ant", "com.sup")),
     # thigh: 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
     Segment(name="thigh", needed=True, parts=("Thigh",), palpated=(2.0, 4.5, 2.0),
-    free_centre=("com.sup",)),
+        free_centre=("com.sup",)),
     # shank: middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
     Segment(name="shank", needed=True, parts=("Shank2",), palpated=(1.0, 5.5, 1.0),
-    free_centre=("com.sup",)),
+        free_centre=("com.sup",)),
     Segment(name="talus", markers=False),
     # foot: z across the shank; heel and toe 190 mm apart
     Segment(name="foot", needed=True, parts=("Foot",), forward=True, palpated=(1.0, 2.5, 2.5),
@@ -75,11 +75,9 @@ _SEGMENTS = (
         free_centre=("com.sup",)),
     # upper_arm: 280 mm; elbows 80 mm wide
     Segment(name="upper_arm", short="upperarm", title="upper arm", parts=("UpperArm",),
-    palpated=(2.0, 6.0, 2.0),
-        free_centre=("com.sup",)),
-    Segment(name="forearm_hand", short="forearm", title="forearm and hand", parts=("Forearm",
-    "Hand"),
         palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
+    Segment(name="forearm_hand", short="forearm", title="forearm and hand",
+        parts=("Forearm", "Hand"), palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
 # fmt: on
 # name without its side -> row

@@ -51,7 +51,7 @@ head_trunk = ["Sternum", "R.Acromium", "L.Acromium"]
 [weights]
 "{S}.Bicep" = { weight = 0.2, reason = "the moving shoulder girdle, which the model lacks, carries the arm" }
 "{S}.Elbow" = { weight = 0.2, reason = "the moving shoulder girdle, which the model lacks, carries the arm" }
-"""
+"""  # noqa: E501
 
 
 def example(out: Path) -> tuple[Path, Path]:

@@ -414,7 +414,8 @@ def same(chosen: argparse.Namespace) -> dict[str, float]:
         data / "uf3/reference/scaled.osim",
     ]
     say(
-        f"{'model':40}{'bytes':>7}{'arms':>6}{'muscles':>9}{'back, mm':>10}{'export, s':>11}{'draw, s':>9}"
+        f"{'model':40}{'bytes':>7}{'arms':>6}{'muscles':>9}"
+        f"{'back, mm':>10}{'export, s':>11}{'draw, s':>9}"
     )
     files = [*known, *chosen.osim]
     tasks = [partial(_same, file) for file in files]
@@ -452,7 +453,10 @@ def _same(file: Path) -> tuple[str, bool]:
         done.content == file.read_bytes(),
         all(np.array_equal(a, b) for a, b in pairs),
     )
-    words = f"{bytes_same!s:>7}{arms_same!s:>6}{len(pairs[0][0]):9}{1e3 * apart:10.4f}{seconds:11.2f}{of_draw:9.2f}"
+    words = (
+        f"{bytes_same!s:>7}{arms_same!s:>6}{len(pairs[0][0]):9}"
+        f"{1e3 * apart:10.4f}{seconds:11.2f}{of_draw:9.2f}"
+    )
     return words, bytes_same and arms_same
 
 

@@ -90,9 +90,7 @@ def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]
     return replace(problem, tissue=SoftTissue(groups))
 
 
-def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_tissue_of_two_kinds() -> (
-    None
-):
+def test_the_compressed_problem_is_the_whole_one_with_priors_and_two_kinds_of_soft_tissue() -> None:
     """Three trials that count differently, two of a kind that share some columns of soft tissue,
     against all their rows: cost, gradient and Gauss-Newton matrix with motions and soft tissue
     eliminated, and what is left of these.

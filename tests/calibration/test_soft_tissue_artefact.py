@@ -456,9 +456,7 @@ def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionPr
     return tissue.groups[0], problem, parameters
 
 
-def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirrored_on_the_left() -> (
-    None
-):
+def test_the_expected_artefact_is_the_table_at_the_markers_mirrored_on_the_left() -> None:
     field = load_people_table()["thigh"]
     for side, mirror in (("r", [1.0, 1.0, 1.0]), ("l", [1.0, 1.0, -1.0])):
         group, problem, parameters = knee_skin(side)

@@ -163,9 +163,7 @@ def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
             yield out
 
 
-def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> (
-    None
-):
+def test_directions_of_axes_add_to_torques_and_to_coordinates_that_markers_move() -> None:
     rng, parameters, problem, coefficients = seeded_trial(53, frames=14, nodes=7)
     problem = without_segments(problem, "forearm_hand_r", "forearm_hand_l")
     wrench, known, axes = (

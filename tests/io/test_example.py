@@ -344,7 +344,8 @@ def test_a_registry_file_that_leads_elsewhere_is_refused(change: dict[str, objec
 def test_nothing_else_asks_the_network() -> None:
     """Only the module that fetches examples imports a library that asks another machine."""
     asks = re.compile(
-        r"^\s*(?:import|from) (urllib\.(?:request|error)|http\.client|pooch|requests|httpx|ftplib|smtplib)",
+        r"^\s*(?:import|from) (urllib\.(?:request|error)|"
+        r"http\.client|pooch|requests|httpx|ftplib|smtplib)",
         re.M,
     )
     found = {

@@ -28,9 +28,8 @@ def with_finding(
 ) -> Calibration:
     whole = fake_calibration()
     finding = Finding(
-        code=Code.CLOCKS_DIFFER, severity=severity, topic=topic, where=where, leg=leg, cause="the "
-                                                                                             "forces come late",
-        found="by 60 ms", cure="do",
+        code=Code.CLOCKS_DIFFER, severity=severity, topic=topic, where=where, leg=leg,
+        cause="the forces come late", found="by 60 ms", cure="do",
     )  # fmt: skip
     walks = [t.name for t in whole.trials if t.joint is None]
     return remove_refused_results(

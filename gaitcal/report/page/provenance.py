@@ -90,6 +90,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
     for trial in calibration.study.trials:
         recording = trial.recording
         visible = np.isfinite(recording.markers).all(axis=2)
+        visible_percent = 100.0 * float(visible.mean()) if visible.size else 0.0
         rows.append(
             [
                 plain_data.make_cell(plain_data.format_name(trial.name)),
@@ -99,7 +100,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
                 plain_data.format_number(len(recording.time), 0),
                 f"{plain_data.format_number(recording.rate, 0)} Hz",
                 str(len(recording.labels)),
-                f"{plain_data.format_number(100.0 * float(visible.mean()) if visible.size else 0.0)} %",
+                f"{plain_data.format_number(visible_percent)} %",
                 str(len(recording.plates) or "none"),
             ]
         )

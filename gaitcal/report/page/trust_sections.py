@@ -439,7 +439,10 @@ def _build_error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
             peaks.setdefault(peak.base, []).append(peak)
     out = []
     if first := peaks.get(KNEE_ADDUCTION):
-        title = f"Expected error of the peak knee adduction moment, trial {format_name(walk.trial.name)}"
+        title = (
+            "Expected error of the peak knee adduction moment, trial "
+            f"{format_name(walk.trial.name)}"
+        )
         out += [make_heading(title), *pair_blocks([[_build_peak_table(peak)] for peak in first])]
     others: list[Block] = []
     for base, found in peaks.items():

@@ -182,7 +182,10 @@ def hip_lines(fits: Sequence[Fit]) -> Iterator[str]:
             )
         nominal, apart, error = (1e3 * x for x in fit.hips_apart())
         asis = 1e3 * fit.asis_m
-        yield f"{fit.name:12}{cells}{nominal:8.0f}{apart:8.0f}{error:6.1f}{asis:7.0f}{apart / asis:7.2f}"
+        yield (
+            f"{fit.name:12}{cells}{nominal:8.0f}{apart:8.0f}"
+            f"{error:6.1f}{asis:7.0f}{apart / asis:7.2f}"
+        )
 
 
 def groups(fits: Sequence[Fit]) -> dict[str, list[Fit]]:
@@ -364,7 +367,8 @@ def image_lines(fits: Sequence[Fit], images: Imaged) -> Iterator[str]:
         outside += [f"hip_{side}" for side, _, skin in distances(fit, images) if skin > WITHIN_95]
         yield (
             "  "
-            f"{fit.name:12}{'   '.join(far):32}{'outside: ' + ', '.join(outside) if outside else ''}"
+            f"{fit.name:12}{'   '.join(far):32}"
+            f"{'outside: ' + ', '.join(outside) if outside else ''}"
         )
 
 

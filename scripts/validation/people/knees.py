@@ -140,4 +140,7 @@ def lines(found: Sequence[Knee]) -> Iterator[str]:
     for k in found:
         moved, centre = ("".join(f"{x:7.1f}" for x in pair) for pair in (k.moved, k.centre))
         told = f"{k.fitted_mm:9.1f} ({k.error_mm:4.1f})"
-        yield f"{k.name + ', ' + k.side:26}{k.bent_deg:6.0f}{moved}{centre}{k.misfit_mm:6.1f}{told:>16}"
+        yield (
+            f"{k.name + ', ' + k.side:26}{k.bent_deg:6.0f}"
+            f"{moved}{centre}{k.misfit_mm:6.1f}{told:>16}"
+        )

@@ -122,7 +122,10 @@ def lines(rows: Rows, out: dict[str, float], label: str = "") -> Iterator[str]:
     """How large errors are, and how many the bars hold; figures into `out`, whose names begin with
     `label`.
     """
-    yield f"{'joint parameters, RMS':44}{'n':>6}{'prior':>9}{'fitted':>9}{'SE':>7}{'z':>7}{'in 68 %':>9}{'in 95 %':>9}"
+    yield (
+        f"{'joint parameters, RMS':44}{'n':>6}{'prior':>9}{'fitted':>9}"
+        f"{'SE':>7}{'z':>7}{'in 68 %':>9}{'in 95 %':>9}"
+    )
     for (words, group), fits in sorted(rows.items()):
         prior, error, se = np.concatenate(fits).T
         name, shares, z = f"{label}{words}: {group}", bars(error, se).shares, rms(error / se)

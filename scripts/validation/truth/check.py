@@ -38,10 +38,10 @@ coordinates in them.
 
     SCoRE   minimises sum |R_i c + p_i - S_i d - q_i|^2 over (c, d): the point that both
             segments carry most alike (Ehrig, Taylor, Duda and Heller, J Biomech 39:2798-2809, 2006)
-    SARA    where both segments turn about one axis, these equations (R_i  -S_i) (c; d) = q_i - p_i do
-            not see (n; m), that axis in either: the right singular vector of the least singular value. The
-            least-norm solution across it is a point of the axis (Ehrig, Taylor, Duda and Heller, J
-            Biomech 40:2150-2157, 2007)
+    SARA    where both segments turn about one axis, these equations (R_i  -S_i) (c; d) = q_i - p_i
+            do not see (n; m), that axis in either: the right singular vector of the least singular
+            value. The least-norm solution across it is a point of the axis (Ehrig, Taylor, Duda and
+            Heller, J Biomech 40:2150-2157, 2007)
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ random vector w (5 deg a component) through its centroid r. All directions belon
     random     f, g independent smooth Gaussian processes (RMS frequency 1 Hz, SD 0.5: the RMS of u
                in the hip's trial), new in every trial, one of its own for each cluster and joint,
                and marker and joint
-    bursts     f = g = decaying waves of 5 to 10 Hz (memory 0.15 s), begun about once a second, new in
-               every trial
+    bursts     f = g = decaying waves of 5 to 10 Hz (memory 0.15 s), begun about once a second, new
+               in every trial
     sinusoids  no skin: as published, A sin(w t + p) for each coordinate of every marker and trial;
                A up to e, w up to 25 rad/s, p random
     mixture    half of each of the five

@@ -78,7 +78,8 @@ def vtp(
         f'byte_order="LittleEndian"{zipped}><PolyData><Piece>'
         f"<PointData>{array('Normals', 'Float32', points.astype('<f4'))}</PointData>"
         f"<Points>{array('Points', 'Float64', points.astype('<f8'))}</Points>"
-        f"<Polys>{array('connectivity', 'Int32', corners.astype('<i4'))}{array('offsets', 'Int32', ends.astype('<i4'))}"
+        f"<Polys>{array('connectivity', 'Int32', corners.astype('<i4'))}"
+        f"{array('offsets', 'Int32', ends.astype('<i4'))}"
         "</Polys></Piece></PolyData></VTKFile>"
     ).encode()
 
