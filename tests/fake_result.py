@@ -276,8 +276,8 @@ def _gait(
         joint_floor=_joint_floor(floor, {"hip_r": 0.0053, "knee_r": 0.0054, "ankle_r": 0.0055}),
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
-        trial_coordinate_errors=np.full((FRAMES, len(COORDINATES)),
-        OWN_ANGLE_ERROR) if errors else None,
+        trial_coordinate_errors=np.full((FRAMES, len(COORDINATES)), OWN_ANGLE_ERROR)
+        if errors else None,
         events=events, strides=measure_strides(events, after.time, None),
     )  # fmt: skip
 

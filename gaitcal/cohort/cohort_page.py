@@ -180,9 +180,9 @@ DEFAULTS: Final = {
     "columns": [
         *TITLES, "mass", "height", "marker_rms", "residual", "speed", "cadence", "step_asymmetry",
         *("knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l",
-        "plantarflexor_moment_r"),
+            "plantarflexor_moment_r"),
         *("plantarflexor_moment_l", "ankle_power_r", "ankle_power_l", "adduction_moment_r",
-        "adduction_moment_l"),
+            "adduction_moment_l"),
     ],
     "measures": ["speed", "step_asymmetry", "knee_flexion", "plantarflexor_moment"],
 }  # fmt: skip

@@ -56,8 +56,8 @@ FEET = FootEvents(
 def test_cycles_are_from_strike_to_next_strike_of_a_foot_with_their_sources() -> None:
     cycles = find_gait_cycles(FEET)
     assert cycles == (
-        GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]), GaitCycle(1.3, 2.4, 1.96,
-        sources=FEET.sources[1:]),
+        GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]),
+        GaitCycle(1.3, 2.4, 1.96, sources=FEET.sources[1:]),
     )  # fmt: skip
     assert [c.stance for c in cycles] == pytest.approx([60.0, 60.0])
     assert find_gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == (), (
@@ -327,11 +327,11 @@ def ankle_and_knee(push: float, swing: float) -> dict[str, np.ndarray]:
     ("curves", "toe_off", "places"),
     [
         pytest.param(ankle_and_knee(44.0, 73.0), 55.0, {PUSH_OFF: 44.0, STRIKE: 0.0, SWING: 73.0},
-        id="quick"),
+            id="quick"),
         pytest.param(ankle_and_knee(49.6, 77.2), 62.0, {PUSH_OFF: 50.0, STRIKE: 0.0, SWING: 77.0},
-        id="usual"),
+            id="usual"),
         pytest.param(ankle_and_knee(60.0, 85.0), 75.0, {PUSH_OFF: 60.0, STRIKE: 0.0, SWING: 85.0},
-        id="slow"),
+            id="slow"),
         pytest.param(
             {"hip_flexion_moment": -bump((1.0, 56.0), (12.0, 30.0))}, 62.0,
             {"hip_extension_moment": 12.0},
@@ -340,8 +340,8 @@ def ankle_and_knee(push: float, swing: float) -> dict[str, np.ndarray]:
         pytest.param({"hip_flexion_moment": -bump((1.0, 56.0))}, 62.0, {}, id="the shock alone"),
         pytest.param({"knee_angle": RISING}, 60.0, {STRIKE: 0.0}, id="a wiggle on a rising curve"),
         pytest.param(
-            {"knee_angle": RISING + 40.0 * (PERCENT == 15.0)}, 60.0, {STRIKE: 0.0,
-            "knee_flexion_loading": 15.0},
+            {"knee_angle": RISING + 40.0 * (PERCENT == 15.0)}, 60.0,
+            {STRIKE: 0.0, "knee_flexion_loading": 15.0},
             id="a curve that turns there",
         ),
         pytest.param({"knee_angle": bump((50.0, 60.0))}, 0.0, {SWING: 50.0}, id="no stance"),
@@ -415,7 +415,7 @@ def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
     shared = np.sqrt(5.0)
     strides = [
         ("gait", "walk", "r", find_stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)},
-        62.0) | {
+            62.0) | {
             "knee_flexion_swing": (high, shared, 1.0, at)})
         for at, high in ((72.0, 10.0), (76.0, 14.0))
     ]  # fmt: skip

@@ -58,8 +58,7 @@ def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 CHOSEN = (
     "result", "trial", "speed", "window", "preset", "axis", "unit", "signs", "acting", "nominal",
-    "norm", "errors",
-    "truth", "spread", "off", "joint", "second", "layers",
+    "norm", "errors", "truth", "spread", "off", "joint", "second", "layers",
 )  # fmt: skip
 """What a visitor chooses on a page."""
 AT_OPENING = f"""if (window.gaitcal?.stage)

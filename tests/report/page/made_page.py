@@ -44,8 +44,8 @@ def page_data(scene: Scene, trials: list[dict[str, Any]], **more: Any) -> dict[s
     return {
         "format": FORMAT, "program": "gaitcal", "made": "22 November 2026",
         "person": {"name": scene.subject, "mass": scene.mass, "height": scene.height, **person},
-        "verdict": {"judgement": "trustworthy", "sentence": "Nothing speaks against "
-                                                            "it.", "reasons": []}, "lines": [],
+        "verdict": {"judgement": "trustworthy", "sentence": "Nothing speaks against it.",
+            "reasons": []}, "lines": [],
         "measures": [], "bands": [], "sections": {}, "trials": trials,
     } | more  # fmt: skip
 
@@ -129,12 +129,12 @@ def plain_data(scene: Scene) -> dict[str, Any]:
 UNITS = {"angle": "deg", "moment": "N m", "power": "W", "force": "N"}
 SIZE = {"angle": 20.0, "moment": 40.0, "power": 80.0, "force": 300.0}
 CURVES = (
-    *((base, kind, True) for base in ("hip_flexion", "knee_angle",
-    "knee_adduction") for kind in ("angle", "moment")),
-    ("hip", "power", True), ("ankle_angle", "angle", True), ("ground_reaction_vertical", "force",
-    True),
-    ("pelvis_tilt", "angle", False), ("pelvis_list", "angle", False), ("lumbar_bending", "moment",
-    False),
+    *((base, kind, True) for base in ("hip_flexion", "knee_angle", "knee_adduction")
+        for kind in ("angle", "moment")),
+    ("hip", "power", True), ("ankle_angle", "angle", True),
+    ("ground_reaction_vertical", "force", True),
+    ("pelvis_tilt", "angle", False), ("pelvis_list", "angle", False),
+    ("lumbar_bending", "moment", False),
 )  # fmt: skip
 """Base, kind, and whether each leg has one."""
 VARIABLE = {"angle": "", "moment": "_moment", "power": "_power", "force": ""}
@@ -277,7 +277,7 @@ def everything_page(**changes: Any) -> str:
          "cause": "plates and feet do not agree", "evidence": f"by 80 N {HOSTILE}",
          "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
         {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [],
-        "leg": ""},
+            "leg": ""},
     ]  # fmt: skip
     measures = [
         {
@@ -448,8 +448,8 @@ def every_block() -> list[dict[str, Any]]:
         _intervals(),
         {"kind": "fold", "title": "Monte Carlo", "blocks": [_heading("Spread", 4), _intervals()]},
         _heading("Pair"),
-        {"kind": "pair", **{side: [{"kind": "text", "text": side}, _table()] for side in ("left",
-        "right")}},
+        {"kind": "pair", **{side: [{"kind": "text", "text": side}, _table()]
+            for side in ("left", "right")}},
         {"kind": "curves", "kinds": ["residual_force", "residual_moment", "marker_error"]},
         {"kind": "of a later version"},
     ]  # fmt: skip

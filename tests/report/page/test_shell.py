@@ -162,8 +162,8 @@ def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     assert state(page, "window") is None
     for key, field, value in (
         ("p", "axis", "time"), ("n", "nominal", True), ("b", "norm", False), ("e", "errors", False),
-        ("t", "truth", False), ("3", "preset", "joints"), ("j", "joint", "hip_r"), ("Escape",
-        "joint", None),
+        ("t", "truth", False), ("3", "preset", "joints"), ("j", "joint", "hip_r"),
+        ("Escape", "joint", None),
         ("+", "speed", 2), ("-", "speed", 1), (" ", "playing", True), (" ", "playing", False),
     ):  # fmt: skip
         page.press(key)
@@ -255,8 +255,8 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     page = visit(f"{shown.as_uri()}?b{said}")
     assert not page.run("gaitcal.state.playing")
     for field, value in (
-        ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"), ("acting",
-        "external"),
+        ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"),
+        ("acting", "external"),
         ("nominal", True), ("norm", False), ("errors", False), ("truth", True), ("spread", "mean"),
         ("seconds", 0.25),
         ("window", [0.1, 0.5]), ("speed", 0.5), ("joint", "ankle_l"), ("off", ["0/r/1"]),
