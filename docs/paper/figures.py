@@ -1,8 +1,8 @@
 """The paper's figure: how near the true hip centres, and how many 95 % intervals hold them.
 
 python -m scripts.validation truth --parts gait,isolated --seeds 2 --json truth.json
-python docs/paper/figures.py truth.json      # reduces it to docs/paper/truth.csv, and draws
-                                             docs/paper/truth.png
+python docs/paper/figures.py truth.json      # reduces it to docs/paper/truth.csv,
+                                             # and draws docs/paper/truth.png
 python docs/paper/figures.py                 # draws truth.csv as it is
 """
 
