@@ -3,7 +3,8 @@ the result.
 
     import gaitcal as gc
 
-    calibration = gc.run_study("session", "result", mass=72.6, height=1.80, sex="male")   # a folder of recordings
+    # a folder of recordings
+    calibration = gc.run_study("session", "result", mass=72.6, height=1.80, sex="male")
     print(calibration)                              # verdict, parameters, trials
     print(gc.parameter_table(calibration))          # where the joints are, with standard errors
     angles = calibration.trial("walk").body.to_dataframe()

@@ -1,4 +1,6 @@
-"""Where the public names live: read by type checkers, and by `__init__.py` when a name is first used."""
+"""Where the public names live: read by type checkers, and by `__init__.py` when a name is first
+used.
+"""
 
 from .analysis.calibrate import calibrate as calibrate
 from .analysis.parameter_table import parameter_table as parameter_table

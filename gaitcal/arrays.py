@@ -28,7 +28,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def stretches(count: int, most: int) -> list[slice]:
-    """`count` frames in stretches of nearly the same length, the fewest of at most `most` frames."""
+    """`count` frames in stretches of nearly equal length, the fewest of at most `most` frames."""
     parts = -(-count // most)
     return [
         slice(start, stop)

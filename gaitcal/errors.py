@@ -1,8 +1,8 @@
 """Define codes, exceptions and findings.
 
 Every kind of error and finding has one code; `gaitcal explain GC-020` prints its page. GC-0..:
-checks of recordings. GC-1..: checks of a result. GC-2..: errors that stop a command. A code is never
-used for another kind, as papers, notes and scripts refer to it.
+checks of recordings. GC-1..: checks of a result. GC-2..: errors that stop a command. A code is
+never used for another kind, as papers, notes and scripts refer to it.
 """
 
 import difflib
@@ -192,7 +192,7 @@ class GaitcalError(Exception):
 
 
 class InputError(GaitcalError):
-    """The input is at fault. The message is one line: file, field, what was found, what is allowed."""
+    """Faulty input. The message is one line: file, field, what was found, what is allowed."""
 
     code = Code.INPUT
     """Default; raise with a more specific code."""
@@ -228,7 +228,8 @@ class ConvergenceError(GaitcalError):
 
 
 _SIDE = re.compile(
-    r"(?i:(?<![a-z])(right|left)(?![a-z]))|(?i:(?:^|(?<=[._ :-]))([rl])(?=[._ -]|$))|^([RL])(?=[A-Z])|"
+    r"(?i:(?<![a-z])(right|left)(?![a-z]))|(?i:(?:^|(?<=[._ :-]))([rl])(?=[._ -]|$))|"
+    r"^([RL])(?=[A-Z])|"
     r"(?<=[a-z0-9])([RL])$|"
     r"^([rl])(?=[A-Z])|^(Right|Left)(?=[A-Z_.])"
 )

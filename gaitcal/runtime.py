@@ -32,7 +32,7 @@ LARGEST_BYTES = 16 << 20  # Arrays below this come from the heap
 
 @cache
 def keep_freed_memory() -> bool:
-    """Let this process keep up to 64 MiB of freed memory; False if the allocator does not allow it."""
+    """Let this process keep up to 64 MiB of freed memory; False if the allocator refuses."""
     if not sys.platform.startswith("linux"):
         return False
     try:

@@ -248,7 +248,7 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
         return html
 
     def _body_poses(self, q: Array) -> dict[str, "_Poses"]:
-        """Poses of the body meshes at every frame, by Pinocchio's forward kinematics; q: (nf, nq)."""
+        """Poses of body meshes at each frame, by Pinocchio's forward kinematics; q: (nf, nq)."""
         placements = np.empty((len(q), self.visual_model.ngeoms, 4, 4))
         for k, posture in enumerate(q):
             pin.updateGeometryPlacements(

@@ -47,7 +47,9 @@ def assert_derivative(
     relative: float = 1e-6,
     step: float = 1e-6,
 ) -> None:
-    """Fail unless `analytic` is the derivative of `function` at x, relative to its largest entry."""
+    """Fail unless `analytic` is the derivative of `function` at x, relative to its
+    largest entry.
+    """
     numeric = central_differences(function, x, step)
     assert analytic.shape == numeric.shape
     np.testing.assert_allclose(

@@ -41,8 +41,10 @@ OWN_ANGLE_ERROR = 0.012
 """rad, the part of it that differs from stride to stride."""
 STRIDE = 1.0
 ERROR_SHARES = {
-    ErrorSource.MOTION: 0.2, ErrorSource.JOINT_MARKERS: 0.1, ErrorSource.JOINT_NOMINAL: 0.25, ErrorSource.SKIN: 0.05,
-    ErrorSource.BANDWIDTH: 0.05, ErrorSource.INERTIA: 0.1, ErrorSource.PLATES: 0.2, ErrorSource.FRAMES: 0.05,
+    ErrorSource.MOTION: 0.2, ErrorSource.JOINT_MARKERS: 0.1, ErrorSource.JOINT_NOMINAL: 0.25,
+    ErrorSource.SKIN: 0.05,
+    ErrorSource.BANDWIDTH: 0.05, ErrorSource.INERTIA: 0.1, ErrorSource.PLATES: 0.2,
+    ErrorSource.FRAMES: 0.05,
 }  # fmt: skip
 """Of the variance of every torque."""
 HOSTILE = (
@@ -155,7 +157,8 @@ def with_phase(calibration: Calibration, converged: bool) -> Calibration:
 
 def _joint(parameters: Any) -> JointCalibration:
     return JointCalibration(
-        parameters=parameters, phases=(), free=FREE, errors=cast(Any, ()), unidentifiable=UNSEEN, findings=(),
+        parameters=parameters, phases=(), free=FREE, errors=cast(Any, ()), unidentifiable=UNSEEN,
+        findings=(),
         at_bound=("knee_r.thigh.front",),
     )  # fmt: skip
 
@@ -238,7 +241,8 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
         _motion(names, COORDINATES, 0.004, segments * 4),
     )
     return TrialResult(
-        name="knee", role=Role.JOINT, joint="knee_r", recording=_recording(names), nominal=before, calibrated=after,
+        name="knee", role=Role.JOINT, joint="knee_r", recording=_recording(names), nominal=before,
+        calibrated=after,
         final=_motion(names, own, 0.005, segments * 4), floor=floor,
         joint_floor=_joint_floor(floor, {"knee_r": 0.0032}), body=body, loads=None,
     )  # fmt: skip
@@ -272,7 +276,8 @@ def _gait(
         joint_floor=_joint_floor(floor, {"hip_r": 0.0053, "knee_r": 0.0054, "ankle_r": 0.0055}),
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
-        trial_coordinate_errors=np.full((FRAMES, len(COORDINATES)), OWN_ANGLE_ERROR) if errors else None,
+        trial_coordinate_errors=np.full((FRAMES, len(COORDINATES)), OWN_ANGLE_ERROR)
+        if errors else None,
         events=events, strides=measure_strides(events, after.time, None),
     )  # fmt: skip
 
@@ -295,7 +300,8 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
         tau = scale * 40.0 * np.sin(6.0 * time)[:, None] * np.ones((1, len(COORDINATES)))
         residual = scale * np.stack([10.0 * np.cos(9.0 * time)] * 3, axis=1)
         return Moments(
-            coordinates=COORDINATES, time=time, tau=tau, knee_adduction=0.5 * tau[:, :2], residual_force=residual,
+            coordinates=COORDINATES, time=time, tau=tau, knee_adduction=0.5 * tau[:, :2],
+            residual_force=residual,
             residual_moment=0.2 * residual, bwh=70.0 * 9.81 * 1.75,
         )  # fmt: skip
 

@@ -20,13 +20,13 @@ from tests.messages import check_text
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    "demo", "example", "init", "check", "calibrate", "cohort", "dynamics", "convert", "synthesize", "montecarlo",
-    "reproduce", "export", "figures", "view", "report",
+    "demo", "example", "init", "check", "calibrate", "cohort", "dynamics", "convert", "synthesize",
+    "montecarlo", "reproduce", "export", "figures", "view", "report",
 )  # fmt: skip
 FILES = (
-    "summary.json", "parameters.csv", "model.toml", "model.osim", "model.urdf", "model.xml", "motion/walk.mot",
-    "motion/walk.csv", "moments/walk.sto", "moments/walk.csv", "marker_errors/walk.csv", "result.html", "page.json",
-    "scene.npz", "manifest.json",
+    "summary.json", "parameters.csv", "model.toml", "model.osim", "model.urdf", "model.xml",
+    "motion/walk.mot", "motion/walk.csv", "moments/walk.sto", "moments/walk.csv",
+    "marker_errors/walk.csv", "result.html", "page.json", "scene.npz", "manifest.json",
 )  # fmt: skip
 
 

@@ -217,7 +217,10 @@ def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
     )
     assert {"gaitcal/py.typed", "gaitcal/__init__.pyi"} <= names
     assert not [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
-    code = "import gaitcal; from gaitcal.io.toml import find_models_folder; print(find_models_folder())"
+    code = (
+        "import gaitcal; from gaitcal.io.toml import find_models_folder; "
+        "print(find_models_folder())"
+    )
     assert python(code, tmp_path, PYTHONPATH=str(tmp_path / "site")) == str(
         tmp_path / "site" / "gaitcal" / "models"
     )

@@ -21,8 +21,8 @@ from tests.synthetic_studies import write_synthetic_study
 
 ROOT = Path(__file__).parents[1]
 NOT_NUMERICAL = {
-    "parameter_table", "read_cycles", "cycles_to_xarray", "read_normal_bands", "power_of", "component_of",
-    "load_model", "save_model", "load_marker_set",
+    "parameter_table", "read_cycles", "cycles_to_xarray", "read_normal_bands", "power_of",
+    "component_of", "load_model", "save_model", "load_marker_set",
 }  # fmt: skip
 """Functions that find, read or write numbers, and compute none."""
 NEEDS = {"Haswell": ("avx2", "1,2"), "SkylakeX": ("avx512f", "1,4")}

@@ -1,7 +1,8 @@
 """The paper's figure: how near the true hip centres, and how many 95 % intervals hold them.
 
 python -m scripts.validation truth --parts gait,isolated --seeds 2 --json truth.json
-python docs/paper/figures.py truth.json      # reduces it to docs/paper/truth.csv, and draws docs/paper/truth.png
+python docs/paper/figures.py truth.json      # reduces it to docs/paper/truth.csv,
+                                             # and draws docs/paper/truth.png
 python docs/paper/figures.py                 # draws truth.csv as it is
 """
 
@@ -146,7 +147,8 @@ def draw(rows: list[Row], file: Path) -> None:
         first = next((p for p, r in zip(places, rows, strict=True) if r.part == part), None)
         if first is not None:
             left.annotate(
-                PARTS[part], (0, first - 0.75), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+                PARTS[part], (0, first - 0.75), (4, 0), xycoords=("axes fraction", "data"),
+                textcoords="offset points",
                 fontsize=8, fontweight="bold", color=INK, va="center",
             )  # fmt: skip
     left.legend(loc="lower left", fontsize=8, frameon=False)

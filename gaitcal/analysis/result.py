@@ -69,7 +69,7 @@ class HeldOut:
     """m, with joint parameters fitted without them."""
     folds: int
     legs: tuple[float, float] | None = None
-    """m, nominal and calibrated over the markers of pelvis and legs; None for a functional trial."""
+    """m, nominal and calibrated, markers of pelvis and legs; None for a functional trial."""
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,8 @@ class TrialResult(Displayed):
                     cause="only the swing has torques, no stance"
                     if has_swing
                     else "no torque is valid",
-                    found="in no frame is the foot on the ground wholly on a plate that it alone loads",
+                    found="in no frame is the foot on the ground wholly on a plate that it alone "
+                    "loads",
                     cure="use a trial in which the feet step on plates, or leave out the forces",
                     code=Code.NO_STANCE,
                 )

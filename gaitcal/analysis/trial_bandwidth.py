@@ -37,9 +37,9 @@ from gaitcal.tracking.motion import build_motion
 PLATES_HZ = 50.0
 """Hz, cut-off of the plates while they choose."""
 JOINTS_HZ = 12.0
-"""Hz, lowest cut-off while joint parameters are fitted, which need no accelerations. Smoothed at the
-2 Hz that the markers of a slow functional trial ask for, knee axes were 7.5 mm off instead of 2.5
-(12 and 25 Hz alike)."""
+"""Hz, lowest cut-off while joint parameters are fitted, which need no accelerations. Smoothed at
+the 2 Hz that the markers of a slow functional trial ask for, knee axes were 7.5 mm off instead of
+2.5 (12 and 25 Hz alike)."""
 ENDS_S = 0.1
 """s at either end that plates do not use: accelerations there depend on one side only."""
 FEWEST_LOADED = 20

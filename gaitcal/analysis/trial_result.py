@@ -96,7 +96,8 @@ def analyse(
     uncertainty : Uncertainty
         Of the calibration, for standard errors.
     moves : mapping
-        Segment -> possible displacement of its markers since the static trial (`find_possible_moves_of_trial`).
+        Segment -> possible displacement of its markers since the static trial
+        (`find_possible_moves_of_trial`).
 
     Returns
     -------

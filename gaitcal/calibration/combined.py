@@ -1,13 +1,14 @@
 """Third step: joint parameters, inertial parameters and motions combined, against markers and
 ground reactions.
 
-    min  sum_m w |r_m|^2 / sigma_m^2  +  sum_f { |F|^2 / sigma_F^2 + |T|^2 / sigma_T^2 }  +  |x / spread|^2
+    min  sum_m w |r_m|^2 / sigma_m^2  +  sum_f { |F|^2 / sigma_F^2 + |T|^2 / sigma_T^2 }
+         +  |x / spread|^2
 
 sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW
-H with one figure s, the weight between markers and loads: the pelvis residual that measurement alone
-explains. x are the variables of `inertial_calibration.py`. Residual loads depend on positions,
-velocities and accelerations, hence on the same six control points as the markers of the frame. So
-the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
+H with one figure s, the weight between markers and loads: the pelvis residual that measurement
+alone explains. x are the variables of `inertial_calibration.py`. Residual loads depend on
+positions, velocities and accelerations, hence on the same six control points as the markers of the
+frame. So the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
 (`tracking/banded.py`). Levenberg-Marquardt starts at the end of phases 1 and 2.
 """
 

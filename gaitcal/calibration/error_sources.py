@@ -4,7 +4,8 @@ Joint parameters p have the Hessian H with motions eliminated. They are fitted t
 u_t = S_t^1/2 n_t and to a prior Lambda about c. Fixed parameters k and the prior's centre c have
 errors d p_k and d c, from an earlier phase or from the nominal model:
 
-    d p = -H^-1 (sum_t u_t + S_pk d p_k - Lambda d c),        H = sum_t S_pp + Lambda,       n_t, independent, N(0, 1).
+    d p = -H^-1 (sum_t u_t + S_pk d p_k - Lambda d c),
+    H = sum_t S_pp + Lambda,       n_t, independent, N(0, 1).
 
 A source c of the joint parameters changes the motion by  d N_c = - S d p_c,  S = -d N/d p. The
 trial's markers change it with known joints (their effect on the joints is in u_t). The control
@@ -12,8 +13,9 @@ points depend on the residuals of marker coordinate c, one axis of one marker, t
 = sum_f J_cf r_cf, and change by n_c = -H_qq^-1 g_c. Soft tissue repeats its movement from frame to
 frame, so frames are dependent. Marker coordinates are taken as independent: the cluster-robust
 sandwich (Liang and Zeger 1986). Residuals are first inflated by the part that the motion absorbs:
-r / (1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and DeRouen
-2001). Soft tissue is slow compared with the splines, so the motion of a frame can follow it.
+r / (1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and
+DeRouen 2001). Soft tissue is slow compared with the splines, so the motion of a frame can follow
+it.
 
 Coordinates change by B d N_c. Quantities that depend on coordinates and parameters, such as a
 torque at a frame, change by their derivatives. Their variance is the sum of squares over the
@@ -310,7 +312,7 @@ class MotionSensitivity:
 
     @cached_property
     def together(self) -> CoefficientErrors:
-        """The same with the covariance of the unknowns by all sources together, in fewer columns."""
+        """Return the same errors with the covariance of all sources together in fewer columns."""
         return self._combine_with(np.asarray(np.linalg.qr(self.shift.T, mode="r")).T)
 
     def _combine_with(self, shift: Array) -> CoefficientErrors:
@@ -456,7 +458,7 @@ def _compute_cluster_gradients(
 
 
 def _find_first_duplicates(measured: Array) -> IntArray:
-    """Find for each point (nm, 3, nf) the first equal one: a key point of two segments errs once."""
+    """Find for each point (nm, 3, nf) the first equal one: key points of two segments err once."""
     _, first, which = np.unique(
         measured.reshape(len(measured), -1), axis=0, return_index=True, return_inverse=True
     )

@@ -3,7 +3,9 @@
 With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z)
 are
 
-    -H^-1 ( sum_t b S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),    n, e_p, e_z independent, variance 1:
+    -H^-1 ( sum_t b S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),
+
+    n, e_p, e_z independent, variance 1:
 
 F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `ErrorSources` by
 source, markers of each trial, nominal values, soft tissue (`error_sources.py`). Their squares sum

@@ -9,13 +9,16 @@ every source c of error changes it by
 
 for marker coordinates and nominal joint parameters (`error_sources.py`), and directly for
 
-    plates       gain, place, turn and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
+    plates       gain, place, turn and clock:
+                 d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
                  (`dynamics/measurement_errors.py`, with the sources of their sizes)
-    inertia      parameters that are not fitted and in which people scatter:  d rho = (d rho/d IP) d IP
-    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: half an octave
-                 (a motion smoothed by a penalty has a separate source for that,
+    inertia      parameters that are not fitted and in which people scatter:
+                 d rho = (d rho/d IP) d IP
+    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: half an
+                 octave (a motion smoothed by a penalty has a separate source for that,
                  `compute_marker_scores`)
-    the rest     independent errors of force and moment, repeated for `memory`: bending of plates, spline residuals.
+    the rest     independent errors of force and moment, repeated for `memory`: bending of plates,
+                 spline residuals.
 
 With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, a fit depends on
 the scores g(x) = A^T rho(x). At the true x they have the covariance of the noise, s_c =
@@ -23,7 +26,9 @@ A^T d rho_c summed over trials,
 
     G = sum_c s_c s_c^T + sigma^2 A^T A times the frames that repeat each other,
 
-    min_x  g^T G^-1 g + sum_n (x_n / s_n)^2,        s_n the spread of people about the anthropometric table,
+    min_x  g^T G^-1 g + sum_n (x_n / s_n)^2,
+
+    s_n the spread of people about the anthropometric table,
 
 generalised least squares, whose posterior covariance is (M^T G^-1 M + diag(1 / s^2))^-1, M = d g/d
 x. Before that, the evidence is computed: how much likelier are the scores with people's spread than

@@ -3,16 +3,18 @@
 A phase fits some joint parameters to some trials by `joint_estimate.py`. Earlier knowledge is its
 prior, and its result is the start of the next phase. Two protocols are lists of phases:
 
-default    Legs with soft tissue and priors of anatomy, functional trials and gait together. A functional (isolated)
-           trial is fitted by its joint alone. The proximal segment is free in the laboratory, so that an
-           uncalibrated neighbour joint has no influence. Gait is fitted by pelvis and legs. Every joint
-           parameter that a trial can determine is free. Then trunk and arms in gait separately: their
-           soft tissue and single spine joint have errors of another size.
-published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one whose posterior after each phase
-           is the prior of the next. Soft tissue is not fitted; it is a source of error
-           (`joint_estimate.py`), and widens that posterior. Sequential: functional trials are fitted
-           as above and gait by the whole linkage. Simultaneous: every trial is fitted by pelvis and
-           legs with all joints free, so that each trial contributes to neighbour joints too.
+default    Legs with soft tissue and priors of anatomy, functional trials and gait together. A
+           functional (isolated) trial is fitted by its joint alone. The proximal segment is free in
+           the laboratory, so that an uncalibrated neighbour joint has no influence. Gait is fitted
+           by pelvis and legs. Every joint parameter that a trial can determine is free. Then trunk
+           and arms in gait separately: their soft tissue and single spine joint have errors of
+           another size.
+published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one whose posterior
+           after each phase is the prior of the next. Soft tissue is not fitted; it is a source of
+           error (`joint_estimate.py`), and widens that posterior. Sequential: functional trials are
+           fitted as above and gait by the whole linkage. Simultaneous: every trial is fitted by
+           pelvis and legs with all joints free, so that each trial contributes to neighbour joints
+           too.
 
 Without a prior, a phase fixes parameters that its trials do not determine, and fits the others
 again (`identifiability.py`). With a prior, such parameters stay near its mean, with its spread as
@@ -47,7 +49,7 @@ from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.trial_problem import MotionProblem
 
 LEARNT = 0.9
-"""Ratio of a parameter's standard error to its prior's above which the trials do not determine it."""
+"""Ratio of a parameter's standard error to its prior's; above it the trials do not determine it."""
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
@@ -509,8 +511,8 @@ def _describe_tissue(
     ]
     if estimate.birge_ratio > 1.05:
         out.append(
-            f"isolated trials and gait disagree: error bars are {estimate.birge_ratio:.1f} times those "
-            "of noise alone"
+            f"isolated trials and gait disagree: error bars are {estimate.birge_ratio:.1f} times "
+            "those of noise alone"
         )
     return tuple(out)
 
@@ -599,10 +601,8 @@ def _assemble_calibration(
         undetermined = tuple(
             n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation
         )
-        kept = (
-            "held near "
-            f"{prior.describe_fallback([n for n in undetermined if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
-        )
+        of_legs = [n for n in undetermined if n.startswith(LEG_JOINTS)]
+        kept = f"held near {prior.describe_fallback(of_legs) or 'nominal values'}"
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(
         parameters=parameters,

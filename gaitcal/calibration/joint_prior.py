@@ -13,30 +13,30 @@ error of a landmark or regression is the same in both. In each direction
 
 The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the
 error of the centre under the parent's name and the difference under the child's. Markers that are
-attached again move the centre in both segments alike (`make_view_covariance`), and do not change the
-second cause.
+attached again move the centre in both segments alike (`make_view_covariance`), and do not change
+the second cause.
 
 `TABLE` has mean, d and a; their sources:
 
-hip         Harrington's regression against computed tomography of 29 people, 39 hips: 6.5 mm forward, 6.9 up, 7.0
-            lateral (SD; landmarks of Fischer 2019 to 2023; `python -m scripts.validation people
-            --parts hips`). Palpation and flesh over the ASIS come on top, 10, 8 and 6 mm (Della
-            Croce et al., Gait Posture 21:226-237, 2005): 11.9, 10.6 and 9.2 together, known to a
-            tenth. The means, 2.3, 1.9 and 0.2 mm, differ between both sources by 4 mm, and flesh
-            moves markers the other way: none is taken.
-knee        five raters put the middle of the epicondyles of 19 femurs in images within 1.7 mm along each axis, and
-            their line within 2 degrees; palpated ones scatter by some 4 mm and 5 to 10 degrees
-            about the thigh, by less in the frontal plane (Della Croce 2005). The axis about which
-            tracked bones flex is 10 mm (RMS along each axis, four people) and 5 degrees from the
-            transepicondylar one (`bones`).
-talocrural  its axis runs just below the tips of the malleoli (Inman 1976), markers sit on their most prominent points,
-            in front of its middle: 5 mm behind and 10 mm below; axes of living ankles scatter by 9
-            to 11 degrees.
-subtalar    deviates by 23 +- 11 degrees (nominal) from the midline of cadavers' feet (Inman 1976), by 18 +- 16 of
-            living ones (van den Bogert et al., J Biomech 27:1477-1488, 1994): one axis, described
-            in talus and foot. It is inclined by 42 +- 9 degrees, so the scatter in the talus is
-            smaller (12 for 16 in the foot: common 14, difference 6); its position is that of the
-            talocrural axis.
+hip         Harrington's regression against computed tomography of 29 people, 39 hips: 6.5 mm
+            forward, 6.9 up, 7.0 lateral (SD; landmarks of Fischer 2019 to 2023; `python -m
+            scripts.validation people --parts hips`). Palpation and flesh over the ASIS come on top,
+            10, 8 and 6 mm (Della Croce et al., Gait Posture 21:226-237, 2005): 11.9, 10.6 and 9.2
+            together, known to a tenth. The means, 2.3, 1.9 and 0.2 mm, differ between both sources
+            by 4 mm, and flesh moves markers the other way: none is taken.
+knee        five raters put the middle of the epicondyles of 19 femurs in images within 1.7 mm along
+            each axis, and their line within 2 degrees; palpated ones scatter by some 4 mm and 5 to
+            10 degrees about the thigh, by less in the frontal plane (Della Croce 2005). The axis
+            about which tracked bones flex is 10 mm (RMS along each axis, four people) and 5 degrees
+            from the transepicondylar one (`bones`).
+talocrural  its axis runs just below the tips of the malleoli (Inman 1976), markers sit on their
+            most prominent points, in front of its middle: 5 mm behind and 10 mm below; axes of
+            living ankles scatter by 9 to 11 degrees.
+subtalar    deviates by 23 +- 11 degrees (nominal) from the midline of cadavers' feet (Inman 1976),
+            by 18 +- 16 of living ones (van den Bogert et al., J Biomech 27:1477-1488, 1994): one
+            axis, described in talus and foot. It is inclined by 42 +- 9 degrees, so the scatter in
+            the talus is smaller (12 for 16 in the foot: common 14, difference 6); its position is
+            that of the talocrural axis.
 others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge or ball stands for.
 
 Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow
@@ -65,10 +65,10 @@ short trial weighs little. White noise of variance s^2 gives nu = s; clusters th
 against their bones give more than their deformation shows.
 
 A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`PEOPLE_NOISE`), and an
-estimate of it has an error. It comes from n - p samples, and its fit absorbs errors in proportion to
-the joint angles. That is much in an isolated trial, which has nearly as many joint parameters as its
-motion has harmonics. It makes the estimate too low, never too high. With v = 1 / 2 (n - p) + a^2, a
-how far ln nu may be too low, the most probable noise is
+estimate of it has an error. It comes from n - p samples, and its fit absorbs errors in proportion
+to the joint angles. That is much in an isolated trial, which has nearly as many joint parameters as
+its motion has harmonics. It makes the estimate too low, never too high. With v = 1 / 2 (n - p) +
+a^2, a how far ln nu may be too low, the most probable noise is
 
     ln nu = max(ln nu_hat, (ln nu_hat / v + ln m / s^2) / (1 / v + 1 / s^2)).
 """

@@ -18,9 +18,9 @@ them. Priors add their cost, gradient and matrix to C, g and S first.
 
 Gauss-Newton leaves out the curvature of the marker paths, and follows a bent valley of the cost in
 small steps (60 for a subtalar axis that is hardly determined). Near the minimum, once the predicted
-gain falls by less than a factor of ten from step to step (`descent.STALE_RATIO`), all matrices above are
-Newton's. Where Newton's matrix is that of a saddle point, Gauss-Newton's replaces it for the kind
-of task. `settle` forms Gauss-Newton's, from which the errors are computed.
+gain falls by less than a factor of ten from step to step (`descent.STALE_RATIO`), all matrices
+above are Newton's. Where Newton's matrix is that of a saddle point, Gauss-Newton's replaces it for
+the kind of task. `settle` forms Gauss-Newton's, from which the errors are computed.
 
 On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved
 no further than the next step needs (`CORRECTOR`); while unknowns and motion have moved less than
@@ -79,7 +79,7 @@ COST_FALLEN_TO = 0.5
 
 @dataclass(frozen=True)
 class Matrices:
-    """Normal equations of a trial at one point, coefficients eliminated; reused at points nearby."""
+    """Normal equations of a trial at one point, coefficients eliminated; reused near it."""
 
     # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
     values: Array
@@ -158,7 +158,7 @@ class OpenMotion:
         return OpenMatrix(self.values, coefficients, equations, curved=curved)
 
     def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
-        """Correct the motion by plain steps from `coefficients` (nn, nq); None without convergence."""
+        """Correct the motion by plain steps from `coefficients` (nn, nq); None if not converged."""
         end = descend(self, coefficients.ravel(), CORRECTOR, kept)
         if not end.converged:
             return None
@@ -246,7 +246,9 @@ class ReducedState:
 
 
 class ReducedProblem:
-    """Common problem of all trials in the joint parameters `free`, warm-started from its best point."""
+    """Common problem of all trials in the joint parameters `free`, warm-started from its best
+    point.
+    """
 
     def __init__(
         self,

@@ -20,7 +20,8 @@ For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of th
 deg), the mean is zero, all markers of a segment shift together, turn together about their middle,
 and move each by itself:
 
-    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,  B = [1, -(l - c) x] for each marker,
+    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,
+    B = [1, -(l - c) x] for each marker,
 
 z_c has a rigid part, (B^T B)^-1 B^T z_c, and a deformation, which neither rotates nor translates a
 segment. Markers show the deformation independently of the joints, so z is conditioned on it first.
@@ -28,10 +29,10 @@ With Q and b as below, V the covariance of z at this person's s and m its mean,
 
     z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
 
-A fit displaces the markers by the deformation of that mean, in axes that rotate with the cluster. It
-has six further unknowns for each regressor and segment (`tracking/soft_tissue.py`), with the rigid
-part of that mean and covariance as their prior. A wrong deformation would strain the linkage: it
-displaced hips of children by 8 mm.
+A fit displaces the markers by the deformation of that mean, in axes that rotate with the cluster.
+It has six further unknowns for each regressor and segment (`tracking/soft_tissue.py`), with the
+rigid part of that mean and covariance as their prior. A wrong deformation would strain the linkage:
+it displaced hips of children by 8 mm.
 
 The artefact of an angle has a size in the task, not in millimetres per degree. In gait, hip
 adduction has a tenth of the range of flexion, and the pelvis is as soft with it. The sizes are from
@@ -43,24 +44,26 @@ The softness s of the person, one in gait and another one in all isolated trials
 the deformation of all segments *together*, without joints. The residuals e of a rigid fit of a
 segment are
 
-    e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
-    2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q) + 2 s mu^T b - s^2 mu^T
-    Q mu,
+    e = P sum_c z_c psi_c + noise,
+    Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
+    2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q)
+                  + 2 s mu^T b - s^2 mu^T Q mu,
     c = b - s Q mu,     mu the mean of z at s = 1,
-    p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,        j: segments,
+    p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,
+           j: segments,
 
 P is the projector that removes translations and rotations of a segment's markers. nu is the noise
 that no angle explains, with frames counted as far as they are independent (`joint_prior.py`). A
-cluster that slides as a whole shows no deformation, so its sliding depends on the person's s, not on
-the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), z has the mean q mu and the
+cluster that slides as a whole shows no deformation, so its sliding depends on the person's s, not
+on the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), z has the mean q mu and the
 covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T. The limits of 1 are for markers that swing or
 are loose: they deform more than people's and do not slide further. (Thighs of bones left out slide
 1.0 times the mean, with a standard deviation of 0.5.) The second term is of the rigid part alone:
 deformation does not show how far a cluster slides. Segments differ by a factor of two, so that one
-soft thigh does not soften the feet. With the same s for all, hips of people with quadratic artefacts
-were 15 mm from the truth; with different segments, 8 mm. An activity other than walking may leave
-joints at rest, whose tracked angles follow the errors of others. Their segments do not deform, with
-even prior odds, and then carry no information about s.
+soft thigh does not soften the feet. With the same s for all, hips of people with quadratic
+artefacts were 15 mm from the truth; with different segments, 8 mm. An activity other than walking
+may leave joints at rest, whose tracked angles follow the errors of others. Their segments do not
+deform, with even prior odds, and then carry no information about s.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -413,7 +416,7 @@ class _Cluster:
 
 @dataclass(frozen=True)
 class SoftTissueScale:
-    """Softness of one person in one kind of task, as E[s^2], from the deformation of all segments."""
+    """Estimate E[s^2] of a person in one kind of task from the deformation of all segments."""
 
     linear: float
     squares: float = 0.0
@@ -742,7 +745,7 @@ def _find_rigid_directions(flat: Array) -> Array:
 
 
 def _estimate_noise(errors: Array, psi: Array, directions: int, least: float) -> float:
-    """Estimate nu (m) of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
+    """Estimate nu (m) of errors (nf, 3 nm) that no combination of regressors (nr, nf) explains."""
     q, r = np.linalg.qr(psi.T)
     explained = q[:, np.abs(np.diag(r)) > OBSERVED_RANK * np.abs(r).max(initial=0.0)]
     unexplained = errors - explained @ (explained.T @ errors)

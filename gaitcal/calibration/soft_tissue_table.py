@@ -5,15 +5,17 @@ Per radian of knee flexion from the static posture a marker at x moves relative 
     d(x) = s (Phi(x) beta + e_shift + e_turn x (x - c) + e_own),
 
 s is the softness of the person, c the middle of the segment's markers. Phi(x) beta is the mean of
-people, linear in six functions of the position x (from the knee centre, in thigh lengths) and one of
-the task
+people, linear in six functions of the position x (from the knee centre, in thigh lengths) and one
+of the task
 
-    1,  x/W,  z/W,  k,  k x/W,  k z/W,  g,      k = exp(-|y| / H),  g = 1/2 in walks and runs, -1/2 elsewhere:
+    1,  x/W,  z/W,  k,  k x/W,  k z/W,  g,
+    k = exp(-|y| / H),  g = 1/2 in walks and runs, -1/2 elsewhere:
 
 Skin in front of the thigh moves down and that behind it up. Skin over the epicondyles moves back,
 skin over the fibular head down and back. The rest differs between people: the whole cluster is
-translated (`shift`) and rotated (`turn`), every marker moves individually (`per_marker`), and beta is
-known from few people (`covariance`). Lengths are for a thigh of 0.42 m and scale with its length.
+translated (`shift`) and rotated (`turn`), every marker moves individually (`per_marker`), and beta
+is known from few people (`covariance`). Lengths are for a thigh of 0.42 m and scale with its
+length.
 
 The figures are in `models/soft_tissue.json`, which `python -m scripts.validation bones --learn
 FILE` derives from recordings of skin markers and tracked bones.

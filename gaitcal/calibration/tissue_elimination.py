@@ -4,14 +4,18 @@ Trials share the joint parameters p; those of one kind of task k share the colum
 tissue z_k besides, which no other kind has. With the motions eliminated (`reduced_problem.py`) and
 a prior z_k ~ N(m_k, Lambda_k^-1), the normal equations of p and all z are an arrow,
 
-    [ S_1           C_1 ] [dz_1]     [g_1]     S_k = sum_t S_zz + Lambda_k,      g_k = sum_t g_z + Lambda_k (z_k - m_k),
-    [       S_2     C_2 ] [dz_2] = - [g_2]     C_k = sum_t S_zp,      sums over the trials t of kind k,
-    [ C_1^T C_2^T   P   ] [dp  ]     [g_p]     P = sum_t S_pp + Lambda_p,
+    [ S_1           C_1 ] [dz_1]     [g_1]     S_k = sum_t S_zz + Lambda_k,
+    [       S_2     C_2 ] [dz_2] = - [g_2]     C_k = sum_t S_zp,
+    [ C_1^T C_2^T   P   ] [dp  ]     [g_p]     P   = sum_t S_pp + Lambda_p,
+                                               g_k = sum_t g_z + Lambda_k (z_k - m_k),
+
+    S_k, C_k and g_k summed over the trials t of kind k, P over all,
 
 with a corner that is solved by the Schur complements of its kinds. With S_k = L_k L_k^T and Y_k =
 L_k^-1 C_k,
 
-    H = P - sum_k Y_k^T Y_k,       g = g_p - sum_k Y_k^T L_k^-1 g_k,       dz_k = -L_k^-T (L_k^-1 g_k + Y_k dp).
+    H = P - sum_k Y_k^T Y_k,       g = g_p - sum_k Y_k^T L_k^-1 g_k,
+    dz_k = -L_k^-T (L_k^-1 g_k + Y_k dp).
 
 At given p the kinds are independent of each other: time and memory grow with their number, and not
 with its cube.
@@ -90,7 +94,7 @@ def split_by_kind(tissue: TissuePrior, unknowns: Sequence[Sequence[str]]) -> tup
 
 @dataclass(frozen=True)
 class EliminatedKind:
-    """Soft tissue of one kind, eliminated at z; all kinds have the same order of joint parameters."""
+    """Soft tissue of one kind, eliminated at z; all kinds share the order of joint parameters."""
 
     prior: KindPrior
     z: Array  # (nz,) m, rad, where its trials were solved

@@ -3,7 +3,8 @@
 Every source of error c moves the joint parameters by d p_c and the motion by d N_c = n_c - S d p_c
 (`error_sources.py`). The generalised forces follow by
 
-    d tau_c = T n_c + G d p_c,      T = (d tau/d q) B + (d tau/d v) B' + (d tau/d a) B'',    G = d tau/d p - T S.
+    d tau_c = T n_c + G d p_c,
+    T = (d tau/d q) B + (d tau/d v) B' + (d tau/d a) B'',    G = d tau/d p - T S.
 
 Squares are summed over the coordinates and columns of each source. The inertial parameters add the
 diagonal of (d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of
@@ -172,7 +173,7 @@ class ForceErrors:
 
 @dataclass
 class Variances:
-    """Variances of the forces of some frames, and of powers and moments (`differentiate_kinetics`)."""
+    """Variances of forces at some frames, and of powers, moments (`differentiate_kinetics`)."""
 
     # (frames, 29) by source
     torques: dict[measurement_errors.ErrorSource, Array]
@@ -211,7 +212,7 @@ def join_variances(parts: Sequence[Variances]) -> measurement_errors.TorqueError
 def _propagate_inertial_errors(
     dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array
 ) -> Array:
-    """Propagate the spread (84, n) of the inertial parameters to generalised forces: (nf, 35, n)."""
+    """Propagate the spread (84, n) of inertial parameters to generalised forces (nf, 35, n)."""
     slopes, sources = compute_dynamic_jacobian(parameters.inertial), spread.shape[1]
     by_source = slopes @ spread.reshape(
         len(slopes), 7, sources

@@ -172,14 +172,17 @@ def build_measure_columns(
 
 
 TITLES: Final = {
-    "person": "Person", "session": "Session", "group": "Group", "verdict": "Verdict", "first_cause": "First cause",
+    "person": "Person", "session": "Session", "group": "Group", "verdict": "Verdict",
+    "first_cause": "First cause",
 }  # fmt: skip
 """The first columns, of text -> title."""
 DEFAULTS: Final = {
     "columns": [
         *TITLES, "mass", "height", "marker_rms", "residual", "speed", "cadence", "step_asymmetry",
-        *("knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l", "plantarflexor_moment_r"),
-        *("plantarflexor_moment_l", "ankle_power_r", "ankle_power_l", "adduction_moment_r", "adduction_moment_l"),
+        *("knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l",
+            "plantarflexor_moment_r"),
+        *("plantarflexor_moment_l", "ankle_power_r", "ankle_power_l", "adduction_moment_r",
+            "adduction_moment_l"),
     ],
     "measures": ["speed", "step_asymmetry", "knee_flexion", "plantarflexor_moment"],
 }  # fmt: skip

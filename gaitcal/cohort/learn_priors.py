@@ -2,7 +2,8 @@
 
 A calibration gives the estimate d^ of deviations d from nominal joints, with covariance C, which
 contains the prior of the fit, N(m0, F F^T). In its units, x = F^-1 (d - m0), the prior is N(0, 1).
-With the estimate x^ and its covariance C_x, the information S and mean m of the recordings alone are
+With the estimate x^ and its covariance C_x, the information S and mean m of the recordings alone
+are
 
     S_x = C_x^-1 - 1 (without negative parts),      S_x m_x = C_x^-1 x^
     <=>      S m = C^-1 d^ - (F F^T)^-1 m0.
@@ -67,7 +68,7 @@ class NotUsedError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What nominal joints depend on: equal in all people to learn from, and to use the prior for."""
+    """What nominal joints depend on; equal in all people to learn from and to use it for."""
 
     marker_set: str
     hip_centre: str
@@ -412,6 +413,6 @@ def describe_priors(priors: cohort_prior.CohortPriors) -> Iterator[str]:
         wider = f", variances times {part.wider:g}" if part.wider > 1.0 else ""
         yield (
             f"{part.part}: {part.learning}{size}{wider} learnt from {len(priors.people)} people; "
-            f"log likelihood of people left out {gain:.1f} +/- {error:.1f} above that of the default"
-            " prior"
+            f"log likelihood of people left out {gain:.1f} +/- {error:.1f} above that of the "
+            "default prior"
         )

@@ -10,12 +10,14 @@ people left out is widened until it fits.
 
 The recordings of person i have, of the n deviations y_i (`study/cohort_prior.py`), the likelihood
 
-    log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,     S_i the information, r_i = S_i m_i,
+    log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,
+    S_i the information, r_i = S_i m_i,
 
 where S_i may be singular: directions that recordings do not determine add nothing. People are y_i =
-X_i w + u_i with u_i ~ N(0, Sigma) and w ~ N(0, W), W the part of the default prior that may be an error
-of the nominal model in all of them. With P = Sigma^-1, L_i = (S_i + P)^-1, G_i = S_i - S_i L_i S_i
-and g_i = r_i - S_i L_i r_i, and w integrated out (restricted likelihood; Laird and Ware 1982),
+X_i w + u_i with u_i ~ N(0, Sigma) and w ~ N(0, W), W the part of the default prior that may be an
+error of the nominal model in all of them. With P = Sigma^-1, L_i = (S_i + P)^-1, G_i = S_i - S_i
+L_i S_i and g_i = r_i - S_i L_i r_i, and w integrated out (restricted likelihood; Laird and Ware
+1982),
 
     w | all ~ N(A^-1 g, A^-1),      A = W^-1 + sum_i X_i^T G_i X_i,    g = sum_i X_i^T g_i,
     u_i | all:  mean L_i (r_i - S_i X_i w),  covariance L_i + L_i S_i X_i A^-1 X_i^T S_i L_i,

@@ -1,9 +1,9 @@
 """Calibrate one person of a cohort, and make the row and curves of a result.
 
 It does what `gaitcal calibrate FOLDER` does, without questions. The row of a result in the table of
-people, and its mean curves for the page, come from its files. Marker errors and residuals are pooled
-over walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk
-i. Peaks are those of the phases of the stride (`gait/peaks.py`); loads are per body mass.
+people, and its mean curves for the page, come from its files. Marker errors and residuals are
+pooled over walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames)
+of walk i. Peaks are those of the phases of the stride (`gait/peaks.py`); loads are per body mass.
 
 Curves are means over valid strides (`gait/ensemble.py`) at every second percent, as 16-bit integers
 in steps that are the same for everyone, so that people can be packed one by one. Three bytes are
@@ -155,7 +155,8 @@ def _describe_contradictions(
     prior, priors = study.joint_prior, common.priors
     if prior is not None and priors is not None and prior.sha256 != compute_sha256(priors):
         found.append(
-            f"priors = {priors.name} is given for the cohort; {prior.file} of the study file is used"
+            f"priors = {priors.name} is given for the cohort; {prior.file} of the study file is "
+            "used"
         )
     return tuple(found)
 
@@ -291,7 +292,10 @@ def _make_gait_columns() -> list[Column]:
     for peak in PEAKS.values():
         unit = PER_KG[get_curve_kind(peak.variable)]
         for side, leg in _LEGS:
-            meaning = f"{peak.make_title()} ({peak.window_label}): mean over straight strides of the {leg} foot"
+            meaning = (
+                f"{peak.make_title()} ({peak.window_label}): "
+                f"mean over straight strides of the {leg} foot"
+            )
             out.append(Column(f"{peak.name}_{side}", float, unit, meaning))
             out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meaning}"))
     for side, leg in (*_LEGS, (profile_score.BOTH, "both legs")):
@@ -344,7 +348,9 @@ _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
 
 
 def _read_table(path: Path, *, walking: bool = True) -> pd.DataFrame | None:
-    """Read a table of a result as text, its rows of walking or of other activities; None if missing."""
+    """Read a table of a result as text, its rows of walking or of other activities; None if
+    missing.
+    """
     try:
         table, _ = read_csv(path)
     except (OSError, pd.errors.EmptyDataError):

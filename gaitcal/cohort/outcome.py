@@ -404,7 +404,7 @@ def report_lost_person(task: Task, reason: str) -> Outcome:
 
 
 def _store(task: Task, outcome: Outcome) -> Outcome:
-    """Store an outcome; return a failure if the disk cannot be written, and remove an earlier one."""
+    """Store an outcome; if the disk cannot be written, return a failure, remove an earlier one."""
     try:
         write_outcome(task.out, outcome)
     except Exception as error:  # noqa: BLE001 - a full disk

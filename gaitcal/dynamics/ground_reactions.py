@@ -472,9 +472,9 @@ def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
 def _report_seat(seated: BoolArray, time: Array) -> list[Finding]:
     """Report that a seat carries part of the body, and when."""
     found = (
-        f"{format_spans(time, find_runs(seated))}: both thighs are nearly horizontal, and the plates "
-        "under the feet carry less than body weight; the force of the seat is not known, so torques "
-        "are not valid"
+        f"{format_spans(time, find_runs(seated))}: both thighs are nearly horizontal, and the "
+        "plates under the feet carry less than body weight; the force of the seat is not known, so "
+        "torques are not valid"
     )
     cause, note = "a seat bears part of the body", Severity.INFO
     seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)
@@ -598,7 +598,10 @@ def _report_unobserved(frames: Mapping[str, BoolArray], motion: Motion) -> list[
         if whole:
             found = f"no torque{' of this leg' if leg else ''} is valid"
         else:
-            found = f"{format_spans(motion.time, find_runs(lost))}: {int(lost.sum())} frames are not valid"
+            found = (
+                f"{format_spans(motion.time, find_runs(lost))}: "
+                f"{int(lost.sum())} frames are not valid"
+            )
             found += " for this leg" if leg else ""
         findings.append(
             Finding(

@@ -349,8 +349,8 @@ def find_off_sole_frames(
     findings = []
     for (cause, leg), frames in causes.items():
         found = (
-            f"{format_spans(time, find_runs(frames), most=count)}; not valid for {'this' if leg else 'either'} "
-            "leg"
+            f"{format_spans(time, find_runs(frames), most=count)}; not valid for "
+            f"{'this' if leg else 'either'} leg"
         )
         findings.append(
             _report_fact(

@@ -154,7 +154,7 @@ ankle_power_2                  ankle_power              highest 0.7   1.1   push
 ground_reaction_1              ground_reaction_vertical highest 0.12  0.5   loading response
 ground_reaction_2              ground_reaction_vertical lowest  0.3   0.7   mid-stance
 ground_reaction_3              ground_reaction_vertical highest 0.6   1     push-off
-"""
+"""  # noqa: E501
 
 
 def _parse_peak(row: str) -> Peak:
@@ -196,7 +196,7 @@ hip_power_generated    hip_power                highest stance rising push-off
 knee_power_generated   knee_power               highest stance rising push-off
 ankle_power_generated  ankle_power              highest stance rising push-off
 ground_reaction        ground_reaction_vertical highest stance lowering rising push-off landing
-"""
+"""  # noqa: E501
 
 
 def _list_phase_peaks() -> Iterator[Peak]:

@@ -1,7 +1,8 @@
 """Read and write gaitcal's CSV tables of recordings: y up, metres, seconds, N, N·m.
 
-    NAME.csv         markers   time,RASI_x,RASI_y,RASI_z,...                               an empty cell is a gap
-    NAME_forces.csv  plates    time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...  force, point, moment about it
+    NAME.csv         markers   time,RASI_x,RASI_y,RASI_z,...   (an empty cell is a gap)
+    NAME_forces.csv  plates    time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...
+                               (force, point, moment about it)
     NAME_plates.csv  corners   plate,corner,x,y,z
     NAME_facts.csv   the rest  fact,value              person and events of a C3D file
 

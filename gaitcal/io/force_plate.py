@@ -10,8 +10,9 @@ reaction, so Fz < 0 under load. With the force F, the moment M_o about the senso
 vector r = ORIGIN from there to the middle of the surface (r_z < 0; some programs write its
 negative):
 
-    M = M_o - r x F                                     moment about the middle of the surface
-    p = n x M / (n . F),   T = n (M . F) / (n . F)      centre of pressure from the middle, free moment; n the normal
+    M = M_o - r x F              moment about the middle of the surface
+    p = n x M / (n . F)          centre of pressure from the middle; n the normal
+    T = n (M . F) / (n . F)      free moment
 
 so that M = p x F + T with p in the surface and T along its normal.
 

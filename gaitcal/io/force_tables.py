@@ -3,7 +3,8 @@
 A column name is split into the quantity (force, point, moment), its axis, and the plate:
 
     ground_force_vx   1_ground_force_px   ground_torque_x   1_ground_torque_y
-    ground_force_r_vx   ground_force_1_pz   ground_moment_1_mx   R_ground_force_vx   FP1_fx   1_cop_x   left_grf_y
+    ground_force_r_vx   ground_force_1_pz   ground_moment_1_mx   R_ground_force_vx
+    FP1_fx   1_cop_x   left_grf_y
     ground_force_calcn_r_vx   Fx1   COPx_1   ground_force_vx_r   F1X   M1Z
 
 If a moment has only its vertical component, it is the free moment.

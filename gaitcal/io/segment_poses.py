@@ -4,7 +4,8 @@ Segment poses: markerless programs (Theia) write a C3D group ROTATION, a 4x4 mat
 frame: for segment s and frame f its axes R (columns, laboratory) and its origin o. A pose with the
 error dp (m, each axis) and a small rotation dt (rad, about each axis) moves the four corners
 
-    p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),      L = sqrt(3/2) sigma_p/sigma_t
+    p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),
+    L = sqrt(3/2) sigma_p/sigma_t
 
 of a regular tetrahedron about its origin, for which  sum d_k = 0  and  sum d_k d_k^T = (4 L^2 / 3)
 1, so that
@@ -32,7 +33,8 @@ Pose2Sim) write hips, knees, ankles, heels, toes, shoulders, elbows and wrists u
 below. No point shows the axial rotation of thigh and shank, and only the hips are on the pelvis.
 Axes of segments, x forward, y up, z right, as far as the points show them:
 
-    pelvis      z from the left hip to the right one; y upwards across z, so that it has no tilt; trunk alike
+    pelvis      z from the left hip to the right one; y upwards across z, so that it has no tilt;
+                trunk alike
     thigh       y from knee to hip, shank from ankle to knee; z the pelvis's across y
     foot        x from the heel to the middle of the toes; z across x, along the line of the toes
 

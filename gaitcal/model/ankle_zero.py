@@ -1,10 +1,11 @@
 """Zero of the ankle angle from the dorsiflexion of the static posture.
 
 Zero ankle angle is the foot at right angles to the shank. With y the shank's axis, h and t the heel
-and the toe marker and c the ankle centre, the static dorsiflexion is asin(u . y). The direction u of
-the foot is one of
+and the toe marker and c the ankle centre, the static dorsiflexion is asin(u . y). The direction u
+of the foot is one of
 
-    sole       u = unit of the horizontal part of t - h; the sole of a flat foot is parallel to the floor
+    sole       u = unit of the horizontal part of t - h; the sole of a flat foot is parallel to the
+               floor
     markers    u = unit(t - h); heel and toe marker have the same distance from the sole
     file       u = unit(t - c), rotated upwards by the file's static plantarflexion angle
 
@@ -21,8 +22,8 @@ With `AnkleZero.AUTO` a foot is taken as flat unless one of these holds:
 Of two uneven feet, the one with the higher heel or toes is off the floor, whichever differs more.
 The markers of the other foot then show how markers are placed relative to the sole. Markers do not
 show that both heels are raised alike, as in a child that stands on its forefeet. The file's angle
-is used where it differs from a level sole by more than `FILE_DISAGREEMENT`. Without that angle, heel
-markers steeper than `STEEP_SLOPE` above the toe markers give a doubt.
+is used where it differs from a level sole by more than `FILE_DISAGREEMENT`. Without that angle,
+heel markers steeper than `STEEP_SLOPE` above the toe markers give a doubt.
 """
 
 from collections.abc import Mapping
@@ -39,8 +40,8 @@ from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.segment_frames import LowerBody, normalise
 
 UNEVEN_SLOPE = 0.10
-"""Sine (6 deg): a larger difference between the slopes of both feet means that one is off the floor.
-Both feet are marked alike; the largest difference of ten people is 0.03."""
+"""Sine (6 deg): a larger difference between the slopes of both feet means that one is off the
+floor. Both feet are marked alike; the largest difference of ten people is 0.03."""
 HIGH_HEEL_SLOPE = 0.22
 """Sine (13 deg): a heel marker higher than this above the toe marker means that the heel is off the
 floor. The largest slope of ten people is 0.10."""
@@ -48,8 +49,8 @@ FILE_DISAGREEMENT = np.deg2rad(8.0)
 """rad: largest difference of the file's angle from a level sole in a foot that stands flat. Twelve
 such feet have 0 to 5.7 degrees."""
 STEEP_SLOPE = np.deg2rad(8.0)
-"""rad: slope from toe up to heel marker above which the posture is doubted. In 32 feet with shoes it
-is at most 5.7 degrees."""
+"""rad: slope from toe up to heel marker above which the posture is doubted. In 32 feet with shoes
+it is at most 5.7 degrees."""
 
 
 class AnkleZero(Enum):

@@ -7,8 +7,10 @@ Those of pelvis, trunk, head, hand and foot are de Leva's, scaled by height: no 
 them well. Axes: sagittal = x, longitudinal = y, transverse = z. In the foot longitudinal = x,
 transverse = y, sagittal = z.
 
-    pelvis           lower trunk, its lower end at the height of the hip centres, its mass centre straight above them
-    head and trunk   middle trunk, upper trunk and head stacked on it along y; head from cervicale up (parallel axes)
+    pelvis           lower trunk, its lower end at the height of the hip centres, its mass centre
+                     straight above them
+    head and trunk   middle trunk, upper trunk and head stacked on it along y; head from cervicale
+                     up (parallel axes)
     forearm, hand    the hand in line with the forearm
 
 Masses of a child whose age is given follow Jensen 1989 (`models/jensen_1989.json`). Tables of
@@ -184,8 +186,8 @@ def describe_mass_table(subject: Subject) -> str:
     source = f"de Leva 1996, {subject.sex or 'the mean of women and men, as the sex is not given'}"
     if unknown := _estimate_missing_facts_error(subject):
         thigh, trunk = 100 * unknown.get("thigh.mass", 0.0), 1e3 * unknown["head_trunk.com.sup"]
-        source += f"; missing facts of the person count as an error, {thigh:.0f} % of the mass of a thigh and "
-        source += f"{trunk:.0f} mm of the trunk's mass centre among it"
+        source += f"; missing facts of the person count as an error, {thigh:.0f} % of the mass of "
+        source += f"a thigh and {trunk:.0f} mm of the trunk's mass centre among it"
     youngest, adult = get_growth_ages()
     if subject.age is not None and subject.age < adult:
         source += (
@@ -201,8 +203,8 @@ def describe_mass_table(subject: Subject) -> str:
             f"{subject.mass:.0f} kg, and the age is not given: its masses count as less certain, "
             f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for "
             "head and trunk, as "
-            f"those of children of {estimate_child_age(subject):g} differ (Jensen 1989); age_years tells "
-            "which table to use"
+            f"those of children of {estimate_child_age(subject):g} differ (Jensen 1989); age_years "
+            "tells which table to use"
         )
     elif subject.age is None:
         source += "; a table of adults: the age is not given"

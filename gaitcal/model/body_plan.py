@@ -234,8 +234,9 @@ def estimate_height(p: Landmarks) -> tuple[float, float] | None:
 
     Notes
     -----
-    Each length gives a height with the deviation of its share among people. Long thighs go with long
-    shanks, so the errors are taken as fully correlated. (Eleven people: 3.5 % RMS, 4.8 % claimed.)
+    Each length gives a height with the deviation of its share among people. Long thighs go with
+    long shanks, so the errors are taken as fully correlated. (Eleven people: 3.5 % RMS, 4.8 %
+    claimed.)
     """
     heights = []
     for name in ("shank", "medial shank", "ASIS to knee"):

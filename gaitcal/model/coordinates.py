@@ -3,8 +3,10 @@
 The linkage (`linkage.py`) defines how coordinates move and their order. Signs are OpenSim's
 (Rajagopal et al. 2016). They mean the same on both sides, so a row has no side:
 
-    angle       meaning of a positive angle; moment: effect of a positive internal moment; senses: both directions
-    clinical    signs of gait laboratories where they differ, by the side of the stride (pelvis and trunk)
+    angle       meaning of a positive angle; moment: effect of a positive internal moment; senses:
+                both directions
+    clinical    signs of gait laboratories where they differ, by the side of the stride (pelvis and
+                trunk)
 
 Numbers are degrees (pelvis translations: m). Their sources are given where the field is defined.
 """
@@ -103,57 +105,61 @@ _FORWARD = ClinicalSense(
 
 # fmt: off
 _ROWS: Final = (
-    Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvic tilt", angle="posterior", moment="posterior",
-        senses=("posterior tilt", "anterior tilt"),
-        clinical=ClinicalSense(right=-1.0, left=-1.0, positive="anterior tilt", opposite="posterior "
-                                                                                      "tilt"),
+    Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvic tilt", angle="posterior",
+        moment="posterior", senses=("posterior tilt", "anterior tilt"),
+        clinical=ClinicalSense(right=-1.0, left=-1.0, positive="anterior tilt",
+            opposite="posterior tilt"),
         point="Pelvis", usual=(-90.0, 90.0)),
-    Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity", angle="right side "
-                                                                                   "down",
-        moment="right side down", senses=("right side down", "left side down"),
-        clinical=ClinicalSense(right=-1.0, left=1.0, positive="this side up", opposite="this side "
-                                                                                    "down"), point="Pelvis",
-        usual=(-90.0, 90.0)),
+    Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity",
+        angle="right side down", moment="right side down",
+        senses=("right side down", "left side down"),
+        clinical=ClinicalSense(right=-1.0, left=1.0, positive="this side up",
+            opposite="this side down"),
+        point="Pelvis", usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_rotation", group="pelvis", title="Pelvic rotation", angle="turned left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"),
         clinical=_FORWARD, point="Pelvis", usual=(-180.0, 180.0)),
-    Coordinate(name="hip_flexion", group="hip", title="Hip flexion", angle="flexion", moment="flexor",
-        senses=("flexion", "extension"), point="Hip", usual=(-40.0, 130.0),
+    Coordinate(name="hip_flexion", group="hip", title="Hip flexion", angle="flexion",
+        moment="flexor", senses=("flexion", "extension"), point="Hip", usual=(-40.0, 130.0),
         limits=Limits(angle=(-50.0, 145.0), speed=1500.0, torque=50.0)),
-    Coordinate(name="hip_adduction", group="hip", title="Hip adduction", angle="adduction", moment="adductor",
-        senses=("adduction", "abduction"), point="Hip", usual=(-60.0, 40.0), wall=(-40.0, 40.0),
-        limits=Limits(angle=(-65.0, 50.0), speed=1000.0, torque=40.0)),
-    Coordinate(name="hip_rotation", group="hip", title="Hip rotation", angle="internal", moment="internal rotator",
-        senses=("internal rotation", "external rotation"), point="Hip", usual=(-50.0, 50.0), wall=(-50.0, 50.0),
-        spread=10.0, limits=Limits(angle=(-65.0, 65.0), speed=1500.0, torque=20.0)),
-    Coordinate(name="knee_angle", group="knee", title="Knee flexion", angle="flexion", moment="flexor",
-        senses=("flexion", "extension"), point="Knee", usual=(-15.0, 150.0),
+    Coordinate(name="hip_adduction", group="hip", title="Hip adduction", angle="adduction",
+        moment="adductor", senses=("adduction", "abduction"), point="Hip", usual=(-60.0, 40.0),
+        wall=(-40.0, 40.0), limits=Limits(angle=(-65.0, 50.0), speed=1000.0, torque=40.0)),
+    Coordinate(name="hip_rotation", group="hip", title="Hip rotation", angle="internal",
+        moment="internal rotator", senses=("internal rotation", "external rotation"), point="Hip",
+        usual=(-50.0, 50.0), wall=(-50.0, 50.0), spread=10.0,
+        limits=Limits(angle=(-65.0, 65.0), speed=1500.0, torque=20.0)),
+    Coordinate(name="knee_angle", group="knee", title="Knee flexion", angle="flexion",
+        moment="flexor", senses=("flexion", "extension"), point="Knee", usual=(-15.0, 150.0),
         limits=Limits(angle=(-30.0, 160.0), speed=2200.0, torque=45.0)),
-    Coordinate(name="knee_adduction", group="knee", title="Knee adduction", angle="adduction", moment="adductor",
-        senses=("adduction", "abduction"), point="Knee", usual=(0.0, 0.0), limits=Limits(torque=30.0)),
+    Coordinate(name="knee_adduction", group="knee", title="Knee adduction", angle="adduction",
+        moment="adductor", senses=("adduction", "abduction"), point="Knee", usual=(0.0, 0.0),
+        limits=Limits(torque=30.0)),
     Coordinate(name="ankle_angle", group="ankle", title="Ankle dorsiflexion", angle="dorsiflexion",
-        moment="dorsiflexor", senses=("dorsiflexion", "plantarflexion"), point="Ankle", usual=(-60.0, 40.0),
-        wall=(-70.0, 50.0), spread=15.0, limits=Limits(angle=(-75.0, 55.0), speed=2000.0, torque=40.0)),
-    Coordinate(name="subtalar_angle", group="ankle", title="Hindfoot inversion", angle="inversion", moment="invertor",
-        senses=("inversion", "eversion"), point="Subtalar", usual=(-40.0, 40.0), wall=(-50.0, 50.0), spread=10.0,
+        moment="dorsiflexor", senses=("dorsiflexion", "plantarflexion"), point="Ankle",
+        usual=(-60.0, 40.0), wall=(-70.0, 50.0), spread=15.0,
+        limits=Limits(angle=(-75.0, 55.0), speed=2000.0, torque=40.0)),
+    Coordinate(name="subtalar_angle", group="ankle", title="Hindfoot inversion", angle="inversion",
+        moment="invertor", senses=("inversion", "eversion"), point="Subtalar", usual=(-40.0, 40.0),
+        wall=(-50.0, 50.0), spread=10.0,
         limits=Limits(angle=(-60.0, 60.0), speed=2000.0, torque=20.0)),
-    Coordinate(name="lumbar_extension", group="trunk", title="Lumbar extension", angle="extension", moment="extensor",
-        senses=("extension", "flexion"), usual=(-90.0, 90.0), spread=5.0,
+    Coordinate(name="lumbar_extension", group="trunk", title="Lumbar extension", angle="extension",
+        moment="extensor", senses=("extension", "flexion"), usual=(-90.0, 90.0), spread=5.0,
         clinical=ClinicalSense(right=-1.0, left=-1.0, positive="flexion", opposite="extension")),
     Coordinate(name="lumbar_bending", group="trunk", title="Lumbar bending", angle="to the right",
-        moment="to the right", senses=("bending to the right", "bending to the left"), usual=(-90.0, 90.0),
-        spread=5.0,
-        clinical=ClinicalSense(right=1.0, left=-1.0, positive="to this side", opposite="to the other "
-                                                                                    "side")),
+        moment="to the right", senses=("bending to the right", "bending to the left"),
+        usual=(-90.0, 90.0), spread=5.0,
+        clinical=ClinicalSense(right=1.0, left=-1.0, positive="to this side",
+            opposite="to the other side")),
     Coordinate(name="lumbar_rotation", group="trunk", title="Lumbar rotation", angle="to the left",
-        moment="to the left", senses=("rotation to the left", "rotation to the right"), usual=(-90.0, 90.0),
-        spread=5.0, clinical=_FORWARD),
-    Coordinate(name="arm_flex", group="arm", title="Shoulder flexion", angle="flexion", moment="flexor",
-        senses=("flexion", "extension"), usual=(-90.0, 180.0), spread=20.0),
-    Coordinate(name="arm_add", group="arm", title="Shoulder adduction", angle="adduction", moment="adductor",
-        senses=("adduction", "abduction"), usual=(-150.0, 90.0), spread=10.0),
-    Coordinate(name="elbow_flex", group="arm", title="Elbow flexion", angle="flexion", moment="flexor",
-        senses=("flexion", "extension"), usual=(-15.0, 160.0), spread=20.0),
+        moment="to the left", senses=("rotation to the left", "rotation to the right"),
+        usual=(-90.0, 90.0), spread=5.0, clinical=_FORWARD),
+    Coordinate(name="arm_flex", group="arm", title="Shoulder flexion", angle="flexion",
+        moment="flexor", senses=("flexion", "extension"), usual=(-90.0, 180.0), spread=20.0),
+    Coordinate(name="arm_add", group="arm", title="Shoulder adduction", angle="adduction",
+        moment="adductor", senses=("adduction", "abduction"), usual=(-150.0, 90.0), spread=10.0),
+    Coordinate(name="elbow_flex", group="arm", title="Elbow flexion", angle="flexion",
+        moment="flexor", senses=("flexion", "extension"), usual=(-15.0, 160.0), spread=20.0),
 )
 # fmt: on
 COORDINATE_TABLE: Final[dict[str, Coordinate]] = {row.name: row for row in _ROWS}
@@ -163,8 +169,8 @@ its joint's angle.
 FOOT_PROGRESSION: Final = "foot_progression"
 # fmt: off
 _SEGMENT_ROWS: Final = (
-    Coordinate(name=FOOT_PROGRESSION, group="ankle", title="Foot progression", angle="internal", moment="",
-        senses=("internal, toes in", "external, toes out"), usual=(-90.0, 90.0)),
+    Coordinate(name=FOOT_PROGRESSION, group="ankle", title="Foot progression", angle="internal",
+        moment="", senses=("internal, toes in", "external, toes out"), usual=(-90.0, 90.0)),
 )
 # fmt: on
 SEGMENT_ANGLES: Final[dict[str, Coordinate]] = {row.name: row for row in _SEGMENT_ROWS}
@@ -269,12 +275,15 @@ JOINT_TABLE: Final[dict[str, JointNames]] = {
         landmarks="the pelvis's landmarks", markers="the ASIS and PSIS markers"),
     "knee": JointNames(title="Knee", feature="knee axis", centre="kjc", power="knee",
         landmarks="the epicondyles", markers="the knee markers"),
-    "talocrural": JointNames(title="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
-        landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
+    "talocrural": JointNames(title="Ankle (talocrural)", feature="ankle axis", centre="ajc",
+        power="ankle", landmarks="the malleoli and anatomy",
+        markers="the markers of malleoli and foot"),
     "subtalar": JointNames(title="Subtalar", feature="subtalar axis", power="ankle",
         landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
-    "back": JointNames(title="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
-    "shoulder": JointNames(title="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
+    "back": JointNames(title="Lumbar joint", feature="lumbar joint centre", centre="lumbar",
+        power="lumbar"),
+    "shoulder": JointNames(title="Shoulder", feature="shoulder joint", centre="sjc",
+        power="shoulder"),
     "elbow": JointNames(title="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
 }
 # fmt: on

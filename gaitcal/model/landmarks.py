@@ -130,8 +130,8 @@ def measure_static_posture(
         line = "the malleoli" if f"ankle_med_{name[-1]}" in landmarks else "the pelvis"
         notes.append(
             f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, at its height "
-            f"and perpendicular to the line of {line}; the direction of the foot, and so the zero of "
-            "ankle angles, is an assumption"
+            f"and perpendicular to the line of {line}; the direction of the foot, and so the zero "
+            "of ankle angles, is an assumption"
         )
     hips, hip_labels = _locate_hips(recording, landmarks, window)
     return StaticPosture(
@@ -286,7 +286,8 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
             medial = p.get(f"{joint}_med_{side}")
             if medial is not None and s * right @ (p[f"{joint}_lat_{side}"] - medial) < 0:
                 raise fault(
-                    f"the lateral marker is on the medial side of {joint}_med_{side}: are the two swapped?",
+                    f"the lateral marker is on the medial side of {joint}_med_{side}: are the two "
+                    "swapped?",
                     f"landmark {joint}_lat_{side}",
                 )
     middle = 0.5 * (p["asis_r"] + p["asis_l"])

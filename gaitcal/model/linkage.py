@@ -8,7 +8,9 @@ left; A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a righ
     knee        Tr(thigh) A_thigh Rz(-flexion) [Tr(shank) A_shank]^-1
     talocrural  Tr(shank) A_shank Rz(dorsiflexion + zero)              (the talus frame)
     subtalar    Tr(0, sup, 0) Ry(trans) R(s x)(inversion) Rx(zero) [Tr(foot) B_foot]^-1
-    back        as hip; shoulder  Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1; elbow as knee
+    back        as hip
+    shoulder    Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1
+    elbow       as knee
 
 The tables `_LEG`, `_BACK` and `_ARM` define the joints and `_SEGMENTS` the segments. Order of
 segments and coordinates, zero angles and the catalogue of joint parameters (`parameters.py`) are
@@ -58,21 +60,24 @@ _SEGMENTS = (
     Segment(name="pelvis", paired=False, parts=("LowerTrunk",), palpated=(2.0, 2.0, 4.5),
         free_centre=("com.ant", "com.sup")),
     # thigh: 13 mm of the hip centre over 400 mm; epicondyles 112 mm apart
-    Segment(name="thigh", needed=True, parts=("Thigh",), palpated=(2.0, 4.5, 2.0), free_centre=("com.sup",)),
+    Segment(name="thigh", needed=True, parts=("Thigh",), palpated=(2.0, 4.5, 2.0),
+        free_centre=("com.sup",)),
     # shank: middles of epicondyles and of malleoli 400 mm apart; malleoli 85 mm
-    Segment(name="shank", needed=True, parts=("Shank2",), palpated=(1.0, 5.5, 1.0), free_centre=("com.sup",)),
+    Segment(name="shank", needed=True, parts=("Shank2",), palpated=(1.0, 5.5, 1.0),
+        free_centre=("com.sup",)),
     Segment(name="talus", markers=False),
     # foot: z across the shank; heel and toe 190 mm apart
     Segment(name="foot", needed=True, parts=("Foot",), forward=True, palpated=(1.0, 2.5, 2.5),
         free_centre=("com.ant",)),
     # head_trunk: the lumbar joint and the acromia, 450 mm above and 350 mm apart
     Segment(name="head_trunk", short="trunk", title="head and trunk", paired=False,
-        parts=("MiddleTrunk", "UpperTrunk", "Head2"), palpated=(2.0, 1.5, 2.0), free_centre=("com.sup",)),
-    # upper_arm: 280 mm; elbows 80 mm wide
-    Segment(name="upper_arm", short="upperarm", title="upper arm", parts=("UpperArm",), palpated=(2.0, 6.0, 2.0),
+        parts=("MiddleTrunk", "UpperTrunk", "Head2"), palpated=(2.0, 1.5, 2.0),
         free_centre=("com.sup",)),
-    Segment(name="forearm_hand", short="forearm", title="forearm and hand", parts=("Forearm", "Hand"),
+    # upper_arm: 280 mm; elbows 80 mm wide
+    Segment(name="upper_arm", short="upperarm", title="upper arm", parts=("UpperArm",),
         palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
+    Segment(name="forearm_hand", short="forearm", title="forearm and hand",
+        parts=("Forearm", "Hand"), palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
 # fmt: on
 # name without its side -> row
@@ -102,7 +107,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Joint:
-    """The motion of `child` relative to `parent`, as a sequence of elements from parent to child."""
+    """The motion of `child` relative to `parent`: a sequence of elements from parent to child."""
 
     name: str
     parent: str

@@ -4,12 +4,13 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
 
     description = "..."
     extends = "..."  a built-in set, whose entries are used if the file does not have them
-    [landmarks]      name -> marker, or the list of markers whose mean it is, or the first of several of these that a
-                     person wears: { first_of = [["RPSI", "LPSI"], "SACR"] }
+    [landmarks]      name -> marker, or the list of markers whose mean it is, or the first of
+                     several of these that a person wears: { first_of = [["RPSI", "LPSI"], "SACR"] }
     [tracking]       segment -> markers fixed in it
     [static_only]    segment -> further markers of the static trial, tracked where a trial has them
     [optional]       segment -> further markers that some wear, tracked where there are
-    [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in the static trial
+    [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in
+                     the static trial
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
     [noise]          errors of points that are no markers on skin (`subject_model.PointNoise`)
@@ -397,7 +398,8 @@ class _FirstOf(Table):
 def _convert_to_options(value: object) -> object:
     if not isinstance(value, dict | list | str):
         raise ValueError(
-            f"found {format_value(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
+            f"found {format_value(value)}; allowed: a list, [a, b], a marker, or {{ first_of = "
+            f"[...] }}"
         )
     return value if isinstance(value, dict) else {"first_of": [value]}
 

@@ -72,7 +72,7 @@ they are).
 _HEADER = """\
 # A person's linkage model. Frames: x anterior, y superior, z to the right, on both sides; ant sup lat = x y z,
 # front trans sag = turns about x y z. `value` is in use, `nominal` what calibration started from. All digits count.
-"""
+"""  # noqa: E501
 
 
 def _check_decimal(value: object) -> object:
@@ -216,7 +216,10 @@ def format_model(model: SubjectModel) -> str:
         width = max(map(len, names)) + 2
         values, nominal = (getattr(p, _ARRAYS[table]) for p in (model.parameters, model.nominal))
         for name, unit, v, n in zip(names, units, values, nominal, strict=True):
-            both = f"value = {_format_number(float(v), unit)}, nominal = {_format_number(float(n), unit)}"
+            both = (
+                f"value = {_format_number(float(v), unit)}, "
+                f"nominal = {_format_number(float(n), unit)}"
+            )
             lines.append(f"{format_toml_value(name):{width}} = {{ {both} }}")
     lines += ["", "[landmarks]"]
     for name, (segment, position) in model.landmarks.items():

@@ -12,7 +12,8 @@ Ankle. With A = Rx(front) the talocrural axis in the shank, B = Ry(trans) Rz(sag
 in the foot and R the static orientation of the foot in the shank, the chain A Rz(alpha) Ry(t)
 Rx(beta) B^-1 = R gives
 
-    M = A^T R B:   t = -asin(M_zx) = talus.trans,   alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
+    M = A^T R B:   t = -asin(M_zx) = talus.trans,
+    alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
 
 The zero angles are alpha - delta and beta, delta the dorsiflexion of the static posture
 (`ankle_zero.py`): zero ankle angle is the foot at right angles to the shank. The subtalar point of
@@ -155,8 +156,8 @@ def nominal_model(
         names = ", ".join(raised)
         notes = (
             *notes,
-            f"arms raised in the static trial displace the shoulders: weights times {RAISED_ARM_WEIGHT:g} on "
-            f"{names}",
+            "arms raised in the static trial displace the shoulders: weights times "
+            f"{RAISED_ARM_WEIGHT:g} on {names}",
         )
     return SubjectModel(
         subject=subject,

@@ -3,10 +3,12 @@
 Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| and a - (a.y) y the
 part of a across y:
 
-    pelvis   origin mid-ASIS; z = unit(R.ASIS - L.ASIS); y across z and the line to the sacrum; x = y x z
-    thigh    origin hip centre; y = unit(HJC - KJC), KJC mid-epicondyles; z the epicondylar line across y
+    pelvis   origin mid-ASIS; z = unit(R.ASIS - L.ASIS); y across z and the line to the
+             sacrum; x = y x z
+    thigh    origin hip centre; y = unit(HJC - KJC), KJC mid-epicondyles; z the epicondylar line
+             across y
     shank    origin KJC; y = unit(KJC - AJC), AJC mid-malleoli; z the malleolar line across y
-    foot     origin heel marker; x = unit(toe - heel); z = unit(x x y_shank); y = z x x      (OrthoTrak)
+    foot     origin heel marker; x = unit(toe - heel); z = unit(x x y_shank); y = z x x  (OrthoTrak)
 
 The lumbar joint is the nominal subject's, scaled by the distance between the two ASIS.
 
@@ -62,7 +64,9 @@ NOMINAL_HEIGHT = 1.70
 WIDTH = {"knee": 0.1118, "ankle": 0.0852, "elbow": 0.080}
 MARKER_DIAMETER_M = 0.014  # usual in clinics, assumed if not given
 PLAUSIBLE_WIDTH = (0.5, 1.8)
-"""Allowed measured width as a multiple of that in proportion to height; others are typing errors."""
+"""Allowed measured width as a multiple of that in proportion to height; others are typing
+errors.
+"""
 TIBIAL_TORSION = np.deg2rad(
     5.0
 )  # the malleolar line is turned outwards by this much against the epicondylar one
@@ -362,8 +366,8 @@ def _locate_hips(
     for side in SIDES:
         if gaps[side] > most:
             raise InputError(
-                f"found it {gaps[side]:.0f} mm from its position by the pelvis's markers; allowed: at "
-                f"most {most:.0f} mm; "
+                f"found it {gaps[side]:.0f} mm from its position by the pelvis's markers; allowed: "
+                f"at most {most:.0f} mm; "
                 "are the sides swapped?",
                 source=posture.source,
                 field=f"hip centre {posture.hip_labels[side]}",

@@ -2,9 +2,10 @@
 
     origin  lumbar joint L
     y       unit(S - L), S the middle of the shoulder centres
-    z       to the right: the line of the acromia, else the normal n of the plane of the midline landmarks (C7, T10,
-            jugular notch, xiphoid; the sagittal plane of Wu et al., J Biomech 38:981-992, 2005),
-            else the horizontal part of the pelvis's lateral direction; each across y
+    z       to the right: the line of the acromia, else the normal n of the plane of the midline
+            landmarks (C7, T10, jugular notch, xiphoid; the sagittal plane of Wu et al., J Biomech
+            38:981-992, 2005), else the horizontal part of the pelvis's lateral direction; each
+            across y
 
 The shoulder centres are, by the available landmarks,
 
@@ -30,8 +31,8 @@ wrist are enough for an arm:
     upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
     forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
 
-The shoulder rotates about two axes, Rz(flexion) Rx(adduction), so the rotation of the upper arm about
-its length is a constant, Ry(-trans). Elbow axis, in this order of preference:
+The shoulder rotates about two axes, Rz(flexion) Rx(adduction), so the rotation of the upper arm
+about its length is a constant, Ry(-trans). Elbow axis, in this order of preference:
 
 1. the line of a medial and a lateral marker;
 2. the normal n of the plane of shoulder S, elbow centre E and wrist W: with the lateral marker M =
@@ -378,7 +379,8 @@ def measure_arm(
         if axis @ _compute_unrotated_axis(axes.normalise(shoulder - elbow), trunk) < 0:
             axis = -axis
             notes.append(
-                f"{elbow_words}: the lateral marker is on the medial side; the two labels were swapped"
+                f"{elbow_words}: the lateral marker is on the medial side; the two labels were "
+                "swapped"
             )
     else:
         inwards = axes.sign(side) * axes.compute_half_width("elbow", height)

@@ -1,8 +1,8 @@
 """Compute one draw: disturb model or markers, fit the motion again, compare the leg torques.
 
 A draw is a pure function of the context (case and settings), its set, its level and its number.
-Every draw has a separate `numpy.random.Generator`, spawned from the seed by (set, level, number), so
-that draws can be computed in any order and anywhere. Disturbances are uniform within the bounds;
+Every draw has a separate `numpy.random.Generator`, spawned from the seed by (set, level, number),
+so that draws can be computed in any order and anywhere. Disturbances are uniform within the bounds;
 noise is one sinusoid per marker coordinate (method, sections 5 and 6).
 
 The motion follows the joint parameters by

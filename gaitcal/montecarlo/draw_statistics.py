@@ -6,13 +6,14 @@ torque's RMS error.
 
 A person's marker distance is converted to expected torque errors (`estimate_expected_errors`) as
 in the published discussion: a marker RMS of 4 mm corresponds to less than 25 % of the JP bounds, or
-to 50 % of the noise amplitude, and to the torque errors there. Between levels, and from zero at level
-zero, values are interpolated linearly.
+to 50 % of the noise amplitude, and to the torque errors there. Between levels, and from zero at
+level zero, values are interpolated linearly.
 
 The variance of each torque error, linearised, is a sum over the parameters. With p the joint
 parameters, N the control points, and all derivatives at the undisturbed case,
 
-    d tau / dp = @tau/@p + (@tau/@q B + @tau/@v B' + @tau/@a B'') dN/dp,          dN/dp = -H_qq^-1 H_qp,
+    d tau / dp = @tau/@p + (@tau/@q B + @tau/@v B' + @tau/@a B'') dN/dp,
+    dN/dp = -H_qq^-1 H_qp,
 
 @tau from `dynamics/derivatives.py` (ground reactions constant in the laboratory). Carried with the
 foot, whose frame moves by the twist xi = J_foot dq/dp + J_p, the wrench changes by dw = xi x* w and

@@ -336,7 +336,7 @@ def _hash_beginning(content: bytes) -> str:
 
 
 def _read_intact(path: Path) -> bytes | None:
-    """Read the file of a chunk; None if it is not as it was written (power failure, broken copy)."""
+    """Read the file of a chunk; None if it is not as written (power failure, broken copy)."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -354,8 +354,8 @@ def _note_other_versions(versions: object) -> tuple[str, ...]:
         if before.get(n, version) != version
     ]
     note = (
-        f"the stored draws were computed with {'; '.join(changed)}: old and new draws may differ in "
-        "their last digits"
+        f"the stored draws were computed with {'; '.join(changed)}: old and new draws may differ "
+        "in their last digits"
     )
     return (note,) if changed else ()
 

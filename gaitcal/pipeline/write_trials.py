@@ -159,7 +159,8 @@ def _warn_of_damaged_files(
         if (stem := Path(file).stem) in owners
         and result_folder.compute_sha256(folder / file) != digest
     ) + tuple(
-        f"{trial}: {file} is missing, damaged or edited: its rows of this trial are left out{RUN_AGAIN}"
+        f"{trial}: {file} is missing, damaged or edited: its rows of this trial are left "
+        f"out{RUN_AGAIN}"
         for file in STRIDE_FILES
         if earlier and result_folder.compute_sha256(folder / file) != earlier.get(file, "")
         for trial in kept

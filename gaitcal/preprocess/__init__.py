@@ -9,7 +9,8 @@
 | find swapped labels; put them back | `swapped_labels`; `put_back_labels` |
 | place clusters that were knocked since the static trial | `knocked_clusters` |
 | compare a trial with the static posture: a `TrialEvidence` | `trial_evidence` |
-| fit its clusters of markers; relate the segments at its joints | `marker_clusters`; `joint_links` |
+| fit its clusters of markers | `marker_clusters` |
+| relate the segments at its joints | `joint_links` |
 | find what contradicts the static trial | `static_disagreement` |
 | find displaced markers; find feet on plates | `displaced_markers`; `plate_contacts` |
 """

@@ -15,7 +15,7 @@ Checks change no data.
 | one body in all trials | `static_consistency` |
 | feet on plates | `foot_on_plate` |
 | plates: signals, corners, signs, mass | `plate_checks` |
-| forces and motion: `plate_forces`, `force_evidence`, `force_causes`, `force_choice` | `force_diagnosis` |
+| forces: `plate_forces`, `force_evidence`, `force_causes`, `force_choice` | `force_diagnosis` |
 | unusual joint positions | `joint_positions` |
 | a finished fit | `after_fit` |
 | consequences of findings, and the verdict | `verdict` |

@@ -116,7 +116,8 @@ def _check_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
         yield trial.error(
             TOPIC,
             f"{name}: the study assigns it to the {FEET[SIDES.index(side)]} foot, "
-            f"{1e3 * step.other_distance:.0f} mm from the centre of pressure (the {foot} foot: {mm:.0f} mm)",
+            f"{1e3 * step.other_distance:.0f} mm from the centre of pressure (the {foot} foot: "
+            f"{mm:.0f} mm)",
             f'set plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or remove the entry to '
             "have the foot detected",
             code=Code.WRONG_FOOT,

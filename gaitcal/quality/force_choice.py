@@ -8,8 +8,10 @@ own confirm it by themselves: the fault of one trial must not be attributed to a
 
 Gain of each cause, at its best size:
 
-    Q_c = min over x of |y_c(x)|^2,    y_c the whitened residual without a fault of size x (`force_evidence.py`)
-    gain_c = sum_t n_t / 2 log((Q_0t + FLOOR m_t) / (Q_ct + FLOOR m_t)) - p / 2 log sum_t n_t,     n_t = TEMPER m_t
+    Q_c = min over x of |y_c(x)|^2,
+             y_c the whitened residual without a fault of size x (`force_evidence.py`)
+    gain_c = sum_t n_t / 2 log((Q_0t + FLOOR m_t) / (Q_ct + FLOOR m_t)) - p / 2 log sum_t n_t,
+             n_t = TEMPER m_t
 
 over trials t of m_t rows, plus the gain of side evidence (`plate_forces.py`), less log(plates) for
 one plate alone. This is the Bayesian information criterion with unknown noise scale in each trial,

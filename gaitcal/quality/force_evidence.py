@@ -1,6 +1,7 @@
 """Pelvis residual of motion and force plates before forces have changed a parameter; whitening.
 
-    r = required - X(p) sum_k w_k,          X(p) [F; M] = [F; M - p x F],   p the origin of the pelvis
+    r = required - X(p) sum_k w_k,          X(p) [F; M] = [F; M - p x F],
+    p the origin of the pelvis
 
 `required` is the wrench at the pelvis that motion and nominal masses require, w_k the wrench of
 plate k about the laboratory origin. Plates are filtered like the motion, so that both contain the
@@ -10,11 +11,11 @@ checked here.
 Whitened residual of one or several trials, in units of that of clean recordings, with inertial
 errors marginalised:
 
-    r = e + N eta,  eta ~ N(0, 1)      N: change of r with one standard deviation of each inertial parameter, which all
-                                       trials of a person share
+    r = e + N eta,  eta ~ N(0, 1)      N: change of r with one standard deviation of each inertial
+                                       parameter, which all trials of a person share
     e: first-order autoregressive in each of the six components of each trial, rho = exp(-dt / TAU),
-    standard
-       deviations BASELINE times body weight (forces) and body weight times height (moments)
+       standard deviations BASELINE times body weight (forces) and body weight times height
+       (moments)
     white(r)_i = (r_i - rho_i r_(i-1)) / (BASELINE sqrt(1 - rho_i^2))
     A = white(N) = U S V^T
     y = (I + A A^T)^(-1/2) white(r) = white(r) - U (1 - 1 / sqrt(1 + S^2)) U^T white(r)

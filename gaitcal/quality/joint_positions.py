@@ -4,7 +4,8 @@ Each segment adjacent to a joint locates it by some parameters theta: the pelvis
 thigh a knee axis by two positions and two rotations. theta_0 is the expected value: the nominal
 value plus the prior mean. With d = theta - theta_0, of n parameters,
 
-    z^2 = d^T (P + E)^-1 d,     doubtful if chi^2 of n degrees of freedom exceeds it in `RARE` of cases,
+    z^2 = d^T (P + E)^-1 d,
+    doubtful if chi^2 of n degrees of freedom exceeds it in `RARE` of cases,
 
 P is the covariance of people about theta_0, including that of palpation and regressions
 (`joint_prior.py`), and E the covariance of theta by noise and soft tissue of the markers. A fit
@@ -201,8 +202,8 @@ def _report_joint(
     cause = f"fewer than 1 in {few} people have the {describe_joint(joint)} joint at this position"
     if least >= UNUSUAL:
         cause = (
-            f"the {describe_joint(joint)} joint is {FARTHEST:.0f} standard deviations of people from "
-            "its expected position"
+            f"the {describe_joint(joint)} joint is {FARTHEST:.0f} standard deviations of people "
+            "from its expected position"
         )
     return Finding(
         severity=Severity.WARNING if least < RARE else Severity.INFO,

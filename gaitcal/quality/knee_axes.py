@@ -299,7 +299,8 @@ def check_knee_axes(
                     f"{v:+.0f} deg (viewed from above) in {name}" for name, v in odd.items()
                 )
                 + f"; allowed: {IN_TRIAL_DEG:.0f} deg",
-                cure="check the medial and lateral knee markers of the static trial, or use another "
+                cure="check the medial and lateral knee markers of the static trial, or use "
+                "another "
                 "static trial",
                 leg=side,
                 weight=max(abs(v) for v in odd.values()) / IN_TRIAL_DEG,

@@ -499,8 +499,8 @@ def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
         )
         if marker.unknown_marker:
             cure = (
-                f'set rename = {{ "{marker.unknown_marker}" = "{marker.label}" }} under [markers], if it '
-                "is the same marker"
+                f'set rename = {{ "{marker.unknown_marker}" = "{marker.label}" }} under [markers], '
+                "if it is the same marker"
             )
         yield trial.warning(
             "lost markers",

@@ -2,8 +2,8 @@
 
 Force, centre of pressure, moment about it:
 
-    w = [f; t + c x f]                  wrench about the laboratory origin; c centre of pressure, t free moment
-    M = t + (c - m) x f                 the moment about the middle m of the plate's surface
+    w = [f; t + c x f]       wrench about the laboratory origin; c centre of pressure, t free moment
+    M = t + (c - m) x f      the moment about the middle m of the plate's surface
 
 A fault of the force f -> f' keeps either the centre of pressure and the free moment (tables of
 forces), or the moments of the plate's channels (C3D, plate types 2 to 4):

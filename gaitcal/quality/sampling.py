@@ -5,9 +5,11 @@ continue: all markers make one step that their paths do not lead to. From the H 
 side of it, a marker has
 
     Q_one    sum of squares about one quintic through all of them
-    Q_two    about a parabola through either half: as many coefficients, and a step between the halves
+    Q_two    about a parabola through either half: as many coefficients, and a step between the
+             halves
 
-    gain = ln (Q_one + f) / (Q_two + f),    f = the squares of NOISE_M in the 2 H - 6 degrees of freedom of each axis
+    gain = ln (Q_one + f) / (Q_two + f),
+    f = the squares of NOISE_M in the 2 H - 6 degrees of freedom of each axis
 
 A seam has a median gain of the markers above ln 2. Its median step exceeds half of a marker's
 movement in a frame plus the effect of a sudden change of velocity, as in landing: half of that

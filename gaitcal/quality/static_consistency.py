@@ -113,7 +113,8 @@ def _report_contradiction(group: list[tuple[TrialEvidence, Contradiction]], movi
         where=STUDY if several else trial.name,
         source="" if several else trial.source,
         cause=cause,
-        found=f"{found} ({f'throughout {listed(names)}' if several else _format_whole_time(trial)})",
+        found=f"{found} "
+        f"({f'throughout {listed(names)}' if several else _format_whole_time(trial)})",
         cure=cure,
         leg=get_side(worst.segment),
         weight=worst.excess,

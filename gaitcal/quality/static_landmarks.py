@@ -3,7 +3,8 @@
 Each possible fault changes the landmarks p to p' and is judged by J of `body_plan.py`:
 
     swapped     two landmarks, or two groups of them, have swapped labels:  J(p')
-    displaced   one landmark is d off:  min over d of  J(p with p_k - d) + |d|^2 / D^2      (Gauss-Newton)
+    displaced   one landmark is d off:  min over d of  J(p with p_k - d) + |d|^2 / D^2
+                (Gauss-Newton)
 
 The fault with the least cost is reported if it saves enough. The corrected landmarks are searched
 again, as faults may be combined. Faults that cost hardly more than the best are reported with it.

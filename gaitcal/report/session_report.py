@@ -178,7 +178,8 @@ def build_comparison_content(
             for title, variables in SHEETS.items()
         ),
         comments=comments,
-        footer=f"gaitcal {get_package_version('gaitcal')}: gaitcal compare has every figure and its "
+        footer=f"gaitcal {get_package_version('gaitcal')}: gaitcal compare has every figure and "
+        "its "
         "error",
     )
 

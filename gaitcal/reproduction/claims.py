@@ -185,8 +185,8 @@ def _check_joints(draws: Sequence[SeedResult]) -> list[Claim]:
         make_claim(
             "with noise, the parameters found cost less than the true ones",
             "stated",
-            f"isolated joints: in {sum(lower)} of {len(lower)} problems; full leg, with the other 10 "
-            f"parameters from the isolated trials: in {sum(leg_lower)} of {len(leg_lower)}",
+            f"isolated joints: in {sum(lower)} of {len(lower)} problems; full leg, with the other "
+            f"10 parameters from the isolated trials: in {sum(leg_lower)} of {len(leg_lower)}",
             all(lower) and all(leg_lower),
         ),
     ]

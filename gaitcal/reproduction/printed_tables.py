@@ -35,8 +35,8 @@ JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[JointRecovery], float | None
     ("orientation_deg", "orientation error RMS", "deg", lambda r: r.orientation_deg),
     ("position_mm", "position error RMS", "mm", lambda r: r.position_mm),
 )
-"""Figures of Table I: key of the printed figure, row, unit, ours; None if a joint has no parameter of
-that kind.
+"""Figures of Table I: key of the printed figure, row, unit, ours; None if a joint has no parameter
+of that kind.
 """
 Figure = Callable[[InertialRecovery], float]
 RESIDUALS: tuple[tuple[str, str, Figure], ...] = (

@@ -13,11 +13,11 @@ for positions (mm) and orientations (deg). That definition gives the printed fig
 those of Table II.
 
 Phase 2, inertial parameters from the pelvis residual, has the motion and joint parameters of phase
-1 and the true ground reactions. Seeds are the true values, or each parameter times 1 + U(-0.5, 0.5),
-equal on both sides. `foot.com.sup`, which the paper prints although it is none of the 36, is also
-drawn if the data have noise, and held. Data with noise get the published procedure. Without noise
-the weight of the penalty falls at every re-seed (see `inertial_calibration`), because the published
-procedure would need too many.
+1 and the true ground reactions. Seeds are the true values, or each parameter times 1 + U(-0.5,
+0.5), equal on both sides. `foot.com.sup`, which the paper prints although it is none of the 36, is
+also drawn if the data have noise, and held. Data with noise get the published procedure. Without
+noise the weight of the penalty falls at every re-seed (see `inertial_calibration`), because the
+published procedure would need too many.
 
 Errors of inertia are those of the published Table III: sqrt(mean e^2) over the two-sided model, 36
 moments, 12 masses, 36 mass-centre coordinates; residuals over frames and the three components. That

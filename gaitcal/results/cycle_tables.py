@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
 
-# ----------------------------------------------------------------------------------------- the table of strides
+# ----------------------------------------------------------------------------- the table of strides
 
 DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
 COLUMNS = {

@@ -173,7 +173,10 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
             continue
         moved = compute_range_of_motion(calibration, joint)
         parameters = moments.format_list([moments.describe_parameter(n) for n in names])
-        text = f"{moments.describe_joint(joint).capitalize()}: {parameters}; {_describe_kept(calibration, names)}."
+        text = (
+            f"{moments.describe_joint(joint).capitalize()}: {parameters}; "
+            f"{_describe_kept(calibration, names)}."
+        )
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (

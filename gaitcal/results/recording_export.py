@@ -154,8 +154,8 @@ def _write_trial(
     if replaced := [point.name for point in points if point.name in original.labels]:
         other_points = "all other points and frames are those of the other program"
         notes += (
-            f"{moments.format_count(len(replaced), 'point')} of the file replaced ({', '.join(replaced)}); "
-            f"{other_points}",
+            f"{moments.format_count(len(replaced), 'point')} of the file replaced "
+            f"({', '.join(replaced)}); {other_points}",
         )
     return (*_summarise_points(trial, points), *notes, *event_notes)
 

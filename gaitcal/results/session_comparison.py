@@ -116,8 +116,8 @@ def _warn_of_mismatches(
     out = [f"{s.name}: {remark}" for s in (a, b) for remark in s.remarks]
     if twice := len(a.recordings & b.recordings):
         out.append(
-            f"{moments.format_count(twice, 'recording')} in both: differences are smaller than those of "
-            "two sessions"
+            f"{moments.format_count(twice, 'recording')} in both: differences are smaller than "
+            "those of two sessions"
         )
     if a.relative != b.relative:
         one = a if a.relative else b

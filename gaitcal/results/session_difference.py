@@ -263,8 +263,8 @@ def describe_differences(
     if not found:
         return (*lines, "the sessions have nothing in common that can be compared")
     lines.append(
-        f"{len(exceeding)} of {format_count(len(legs), 'difference')} exceed what these recordings could "
-        "miss (95 %); "
+        f"{len(exceeding)} of {format_count(len(legs), 'difference')} exceed what these recordings "
+        "could miss (95 %); "
         f"were none real, about {BY_CHANCE * len(legs):.0f} would"
     )
     # the single support of one leg is the swing of the other: one finding
@@ -280,8 +280,8 @@ def describe_differences(
         lines.append(f"and {more} more variables: differences.csv")
     if upper := sum(d.exceeds and d.beyond_legs for d in judged):
         lines.append(
-            f"also {format_count(upper, 'joint parameter')} of trunk and arms, whose standard errors do "
-            "not include a bending spine and sliding shoulders: differences.csv"
+            f"also {format_count(upper, 'joint parameter')} of trunk and arms, whose standard "
+            "errors do not include a bending spine and sliding shoulders: differences.csv"
         )
     if unknown := len(found) - len(judged):
         why = "with one stride in each session their variation is unknown"

@@ -1,9 +1,12 @@
 """Read and write the known truth of a synthetic subject: files beside the recordings.
 
-    PARAMETERS            name,unit,value: joint and inertial parameters, names and units of a result's parameters.csv
+    PARAMETERS            name,unit,value: joint and inertial parameters, names and units of a
+                          result's parameters.csv
     LANDMARKS             name,x,y,z: landmarks of the static trial, m, laboratory, y up
-    TRIAL_motion.csv      names and units of a result's motion/TRIAL.csv: time, coordinates, _velocity, _acceleration
-    TRIAL_moments.csv     names and units of a result's moments/TRIAL.csv: time, generalised forces, _bwh
+    TRIAL_motion.csv      names and units of a result's motion/TRIAL.csv: time, coordinates,
+                          _velocity, _acceleration
+    TRIAL_moments.csv     names and units of a result's moments/TRIAL.csv: time, generalised forces,
+                          _bwh
 
 Text after a `#` in a line is a comment. Curves have their units in a comment line, which must be
 present without changes. All numbers are in the segment frames, and from the ankle zero, that the

@@ -120,8 +120,8 @@ class CalibrationSettings(Table):
         "nominal values are a "
         "standard deviation, against the noise that the trials show (skin movement repeats itself: "
         "few of their "
-        "samples are independent); the posterior of a phase is the prior of the next; none: nothing "
-        "is expected, every "
+        "samples are independent); the posterior of a phase is the prior of the next; none: "
+        "nothing is expected, every "
         "phase is by itself, as published, and what its trials do not show stays",
     )
     gait_parameters: Literal["published", "leg"] = Field(
@@ -169,7 +169,8 @@ class CalibrationSettings(Table):
     )
     ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
         default=AUTOMATIC,
-        description="line at right angles to the shank at zero ankle angle: the sole, which is on the "
+        description="line at right angles to the shank at zero ankle angle: the sole, which is on "
+        "the "
         "floor in the static trial; the line from heel to toe marker; or the sole by the file's "
         "static plantarflexion angles; auto: the sole, by the file or the markers where a foot "
         "does not stand flat; "
@@ -269,7 +270,8 @@ class CalibrationSettings(Table):
         given = info.data.get("bandwidth_hz", AUTOMATIC)
         if count is not None and given != AUTOMATIC:
             raise ValueError(
-                f"found {format_value(count)}; allowed only without bandwidth_hz, which is {format_value(given)}"
+                f"found {format_value(count)}; allowed only without bandwidth_hz, which is "
+                f"{format_value(given)}"
             )
         return count
 
@@ -323,8 +325,8 @@ class CalibrationSettings(Table):
             return self
         if not self.takes_priors:
             message = (
-                f"found {format_value(str(self.priors))}; allowed only with protocol = 'evidence' and jp "
-                "= true"
+                f"found {format_value(str(self.priors))}; allowed only with protocol = 'evidence' "
+                "and jp = true"
             )
             raise InputError(message, source=source, field="calibration.priors", code=Code.PRIORS)
         return self.model_copy(update={"priors": at(self.priors)})

@@ -116,7 +116,8 @@ _Date: TypeAlias = Annotated[str, BeforeValidator(_parse_date)]
 def _check_line(value: str) -> str:
     if len(value) > MAX_LINE_CHARACTERS or not value.isprintable():
         raise ValueError(
-            f"found {format_value(value)}; allowed: up to {MAX_LINE_CHARACTERS} printable characters"
+            f"found {format_value(value)}; allowed: up to {MAX_LINE_CHARACTERS} printable "
+            "characters"
         )
     return value
 
@@ -131,7 +132,8 @@ class SubjectTable(Table):
     mass_kg: float = Field(gt=0, description="body mass in kg")
     height_m: float | None = Field(
         default=None,
-        description="body height in m; if not given, that of a file, or as people with legs as long "
+        description="body height in m; if not given, that of a file, or as people with legs as "
+        "long "
         "have it: their "
         "standard deviation counts in the errors then",
     )
@@ -195,7 +197,8 @@ class SubjectTable(Table):
     def _check_name(cls, name: str) -> str:
         if not name.strip() or len(name) > MAX_LINE_CHARACTERS or not name.isprintable():
             raise ValueError(
-                f"found {format_value(name)}; allowed: 1 to {MAX_LINE_CHARACTERS} printable characters"
+                f"found {format_value(name)}; allowed: 1 to {MAX_LINE_CHARACTERS} printable "
+                "characters"
             )
         return name
 
@@ -305,8 +308,8 @@ class TrialTable(Table):
         ) and not _WINDOWS_DEVICES.fullmatch(name)
         if not safe or len(name) > MAX_NAME_CHARACTERS:
             raise ValueError(
-                f"found {format_value(name)}; allowed, as it names files: 1 to {MAX_NAME_CHARACTERS} of A-Z a-z 0-9 "
-                "_ - and, inside, "
+                f"found {format_value(name)}; allowed, as it names files: 1 to "
+                f"{MAX_NAME_CHARACTERS} of A-Z a-z 0-9 _ - and, inside, "
                 "space and dot; no name that Windows reserves"
             )
         return name
@@ -322,7 +325,8 @@ class TrialTable(Table):
             )
         if role != "joint" and joint is not None:
             raise ValueError(
-                f"found {format_value(joint)} with role = '{role}'; allowed only with role = 'joint'"
+                f"found {format_value(joint)} with role = '{role}'; allowed only with role = "
+                "'joint'"
             )
         return joint
 
@@ -347,7 +351,8 @@ class TruthTable(Table):
         description="name of the marker set whose landmarks make the truth's segment frames"
     )
     hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
-        description="the nominal hip centre that defines the segment frames of the truth; that of the "
+        description="the nominal hip centre that defines the segment frames of the truth; that of "
+        "the "
         "calibration"
     )
     ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
@@ -397,8 +402,8 @@ class StudyFile(Table):
             # Some file systems do not distinguish Walk from walk
             if (other := first_use.setdefault(trial.name.lower(), number)) != number:
                 message = (
-                    f"trials {other} and {number} are both named {format_value(trial.name)}; every name "
-                    "occurs once "
+                    f"trials {other} and {number} are both named {format_value(trial.name)}; every "
+                    "name occurs once "
                 )
                 message += "(capitals make no difference)"
                 raise ValueError(message)

@@ -1,7 +1,9 @@
 """Calibrate a person: from recordings to a result folder with page, tables and models.
 
-    python scripts/examples/01_calibrate.py OUT                  a synthetic person, whose C3D files go to OUT/subject
-    python scripts/examples/01_calibrate.py OUT STUDY.toml       your own study
+    python scripts/examples/01_calibrate.py OUT
+        a synthetic person, whose C3D files go to OUT/subject
+    python scripts/examples/01_calibrate.py OUT STUDY.toml
+        your own study
 
 Prints the marker error of every trial before and after calibration, and the least that rigid
 segments can reach.

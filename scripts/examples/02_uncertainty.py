@@ -1,10 +1,11 @@
 """How far a calibration can be trusted: standard errors of joint axes and masses, and of the joint
 torques.
 
-    python scripts/examples/02_uncertainty.py OUT                a synthetic person: the errors that were made, beside
-                                                                 the standard errors that say how
-                                                                 large they should be
-    python scripts/examples/02_uncertainty.py OUT STUDY.toml     your own study: standard errors alone
+    python scripts/examples/02_uncertainty.py OUT
+        a synthetic person: the errors that were made, beside the standard errors that say how large
+        they should be
+    python scripts/examples/02_uncertainty.py OUT STUDY.toml
+        your own study: standard errors alone
 
 The static trial alone fixes some parameters; they have no standard error. OUT/parameters.csv holds
 the whole table.

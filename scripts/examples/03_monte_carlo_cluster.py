@@ -1,8 +1,10 @@
 """A Monte Carlo study of the built-in subject on a dask cluster, or on two workers that this script
 starts.
 
-    python scripts/examples/03_monte_carlo_cluster.py OUT                         two workers of this machine
-    python scripts/examples/03_monte_carlo_cluster.py OUT tcp://scheduler:8786    an existing cluster
+    python scripts/examples/03_monte_carlo_cluster.py OUT
+        two workers of this machine
+    python scripts/examples/03_monte_carlo_cluster.py OUT tcp://scheduler:8786
+        an existing cluster
 
 Needs the extra: pip install 'gaitcal[cluster]'. Run again with more draws, it goes on where it was.
 """

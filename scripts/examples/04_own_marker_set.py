@@ -1,12 +1,10 @@
 """A marker set of your own: a TOML file that says which marker is which landmark and follows which
 segment.
 
-    python scripts/examples/04_own_marker_set.py OUT                       a synthetic person, with the set it was
-                                                                           recorded with and with
-                                                                           the smaller one below
-    python scripts/examples/04_own_marker_set.py OUT ONE.toml TWO.toml     two study files of your own, of the same
-                                                                           trials, that name
-                                                                           different sets
+    python scripts/examples/04_own_marker_set.py OUT
+        a synthetic person, with the set it was recorded with and with the smaller one below
+    python scripts/examples/04_own_marker_set.py OUT ONE.toml TWO.toml
+        two study files of your own, of the same trials, that name different sets
 
 Prints what the other set does to marker errors and joint torques.
 """
@@ -50,7 +48,7 @@ head_trunk = ["Sternum", "R.Acromium", "L.Acromium"]
 [weights]
 "{S}.Bicep" = { weight = 0.2, reason = "the moving shoulder girdle, which the model lacks, carries the arm" }
 "{S}.Elbow" = { weight = 0.2, reason = "the moving shoulder girdle, which the model lacks, carries the arm" }
-"""
+"""  # noqa: E501
 
 
 def example(out: Path) -> tuple[Path, Path]:

@@ -1,10 +1,14 @@
 """What `gaitcal cohort` must show, measured on this machine with made-up people.
 
-    cohorts --parts kills [--kills 30] [--people 8]     SIGKILL of parent or worker, anywhere: the same tables
-    cohorts --parts cluster [--people 6]                two dask workers against this machine: the same tables
-    cohorts --parts memory [--people 20 60]             people a minute, largest memory of the parent
-    cohorts --parts page [--people 100 1000]            size of cohort.html, time until it can be used; these people are
-                                                        copies of three, with noise
+    cohorts --parts kills [--kills 30] [--people 8]     SIGKILL of parent or worker, anywhere: the
+                                                        same tables
+    cohorts --parts cluster [--people 6]                two dask workers against this machine: the
+                                                        same tables
+    cohorts --parts memory [--people 20 60]             people a minute, largest memory of the
+                                                        parent
+    cohorts --parts page [--people 100 1000]            size of cohort.html, time until it can be
+                                                        used; these people are copies of three, with
+                                                        noise
 
 Exit code 1 where a limit is not met: the same bytes (kills, cluster), 10 % more memory (memory), a
 page of 6 MB that is ready after 3 s, written with 10 % more memory (page).

@@ -1,14 +1,17 @@
 """One harness of all members: each makes or spoils recordings, runs gaitcal, classifies what comes,
 and reports.
 
-    python -m scripts.validation MEMBER [options]       from a checkout; `MEMBER --help` tells what it measures
+    python -m scripts.validation MEMBER [options]       from a checkout; `MEMBER --help` tells what
+                                                        it measures
 
 A member is a module. Its docstring is its help, and it has
 
     SHARED      which of the options of `OPTIONS` it takes
     OWN         its own options, each told by `option` (optional)
-    PARTS       name -> what runs it, for the option `--parts` (optional); all of them unless told otherwise
-    run         does all of it, prints its tables, returns its results; without it the parts run one after the other
+    PARTS       name -> what runs it, for the option `--parts` (optional); all of them unless told
+                otherwise
+    run         does all of it, prints its tables, returns its results; without it the parts run one
+                after the other
     passed      whether these keep their limits; exit code 1 where not (optional)
 
 `--json` writes what `run` returns. Real recordings are those of the folder that the environment
@@ -84,7 +87,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def words_of(allowed: type[Enum] | Iterable[str], default: Iterable[Any] = ()) -> dict[str, Any]:
-    """An option that takes a list with commas, of allowed words, or of members of an enumeration."""
+    """An option that takes a list with commas, of allowed words, or of members of an
+    enumeration.
+    """
     known = {word.value if isinstance(word, Enum) else word: word for word in allowed}
 
     def parse(text: str) -> list[Any]:
@@ -238,7 +243,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if getattr(member, "passed", lambda _: True)(found) else 1
 
 
-# ------------------------------------------------------------- how many errors lie within their error bars
+# ------------------------------------------------------ how many errors lie within their error bars
 
 HALF_WIDTHS = (1.0, 1.96)
 """Of the intervals of 68 and 95 %, in standard errors."""

@@ -9,12 +9,13 @@ Parts whose name begins with `opensim` have the people whom OpenSim knows (p01, 
 many draws of errors: their knees are no hinges, their masses are not ours, and the truth is
 OpenSim's inverse dynamics. Parts:
 
-poses        a pose for each segment, origins at the joints; each errs by 5 mm and 2 degrees along each axis, for 0.1 s
-             at a time (Gaussian)
+poses        a pose for each segment, origins at the joints; each errs by 5 mm and 2 degrees along
+             each axis, for 0.1 s at a time (Gaussian)
 white        the same, every frame by itself
-biased       the same as `poses`, and each pose 10 mm and 4 degrees beside its segment along each axis, constant
-points       key points: joints, heels and toes, shoulders, elbows and wrists; each errs by 15 mm along each axis, for
-             0.1 s at a time
+biased       the same as `poses`, and each pose 10 mm and 4 degrees beside its segment along each
+             axis, constant
+points       key points: joints, heels and toes, shoulders, elbows and wrists; each errs by 15 mm
+             along each axis, for 0.1 s at a time
 points_off   the same, and each 15 mm beside its place along each axis, constant
 opensim_...  `poses`, `biased`, `points` and `points_off` of people whom OpenSim knows
 

@@ -7,18 +7,20 @@ Two people that OpenSim simulated walk once (`opensim_truth`). In their models t
 legs are put 10 to 20 mm off, across their axes, as nothing tells where along it a hinge is;
 `gaitcal export --into` brings them back by what calibration finds.
 
-back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the largest errors of moment
-          arms, and whether they are as large as their standard deviations say
-people    with marker noise as published (one sinusoid a marker coordinate), in the static trial, too. Each draw of
-          noise has standard deviations of its own, of so many drawn models. Wanted: its 95 %
-          intervals, Student's, hold 90 to 99 % of the true moment arms of the right leg, in two
-          postures of each coordinate. Both people are scaled from one pelvis, whose hips lie 15 mm
-          farther in and 13 to 24 mm lower than regressions from people have them: with much noise
-          arms of hip adduction are off by that in every draw
-drawn     the same with a prior of which these people are a draw (`people/simulated.py`): what intervals must hold
-same      of these models and those of `--osim`: an export of the joints that are in place leaves every byte, and moment
-          arms bit by bit in 1000 postures; joints put off come back; seconds of an export and of a
-          draw
+back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the
+          largest errors of moment arms, and whether they are as large as their standard deviations
+          say
+people    with marker noise as published (one sinusoid a marker coordinate), in the static trial,
+          too. Each draw of noise has standard deviations of its own, of so many drawn models.
+          Wanted: its 95 % intervals, Student's, hold 90 to 99 % of the true moment arms of the
+          right leg, in two postures of each coordinate. Both people are scaled from one pelvis,
+          whose hips lie 15 mm farther in and 13 to 24 mm lower than regressions from people have
+          them: with much noise arms of hip adduction are off by that in every draw
+drawn     the same with a prior of which these people are a draw (`people/simulated.py`): what
+          intervals must hold
+same      of these models and those of `--osim`: an export of the joints that are in place leaves
+          every byte, and moment arms bit by bit in 1000 postures; joints put off come back; seconds
+          of an export and of a draw
 
 In part `same` the person has the very joints of the model: segment frames are its body frames (the
 talus has one of its own), and the person stands with all coordinates of the model zero. A line of
@@ -412,7 +414,8 @@ def same(chosen: argparse.Namespace) -> dict[str, float]:
         data / "uf3/reference/scaled.osim",
     ]
     say(
-        f"{'model':40}{'bytes':>7}{'arms':>6}{'muscles':>9}{'back, mm':>10}{'export, s':>11}{'draw, s':>9}"
+        f"{'model':40}{'bytes':>7}{'arms':>6}{'muscles':>9}"
+        f"{'back, mm':>10}{'export, s':>11}{'draw, s':>9}"
     )
     files = [*known, *chosen.osim]
     tasks = [partial(_same, file) for file in files]
@@ -450,12 +453,17 @@ def _same(file: Path) -> tuple[str, bool]:
         done.content == file.read_bytes(),
         all(np.array_equal(a, b) for a, b in pairs),
     )
-    words = f"{bytes_same!s:>7}{arms_same!s:>6}{len(pairs[0][0]):9}{1e3 * apart:10.4f}{seconds:11.2f}{of_draw:9.2f}"
+    words = (
+        f"{bytes_same!s:>7}{arms_same!s:>6}{len(pairs[0][0]):9}"
+        f"{1e3 * apart:10.4f}{seconds:11.2f}{of_draw:9.2f}"
+    )
     return words, bytes_same and arms_same
 
 
 def _apart(was: tuple[LegJoint, ...], now: tuple[LegJoint, ...]) -> Iterator[float]:
-    """m, from joints in their bodies to where they are now; not of the talus, which lies anywhere."""
+    """m, from joints in their bodies to where they are now; not of the talus, which lies
+    anywhere.
+    """
     for a, b in zip(was, now, strict=True):
         gap = b.theirs.in_child.translation - a.theirs.in_child.translation
         if a.hinge is not None:

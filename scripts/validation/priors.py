@@ -161,7 +161,9 @@ def person_of(draw: Draw, seed: tuple[int, ...], *, isolated: bool) -> MadePerso
 def recorded(
     person: Person, deviation: Array, rng: np.random.Generator, *, isolated: bool
 ) -> MadePerson:
-    """Record a person whose joints deviate so (98,) from those that the study takes to be nominal."""
+    """Record a person whose joints deviate so (98,) from those that the study takes to be
+    nominal.
+    """
     published = published_model(static_only=True)
     size = person.height / published.subject.height
     at_size = np.where(POSITION, size, 1.0)

@@ -152,7 +152,9 @@ class Count:
 
 
 def mutated(content: bytes, rng: np.random.Generator, head: int) -> bytes:
-    """One to six changes: bits, bytes, digits, cuts, insertions, copies; now and then a torn end."""
+    """One to six changes: bits, bytes, digits, cuts, insertions, copies; now and then a
+    torn end.
+    """
     out = bytearray(content)
     for _ in range(int(rng.choice([1, 1, 2, 3, 6]))):
         if not out:

@@ -176,7 +176,9 @@ CHILDREN = tuple(name for name in EVERYBODY if name.startswith("HC"))
 
 @lru_cache(maxsize=1)
 def _folder() -> tempfile.TemporaryDirectory[str]:
-    """Where copies of recordings lie as long as the process does: curves are read from them again."""
+    """Where copies of recordings lie as long as the process does: curves are read from
+    them again.
+    """
     return tempfile.TemporaryDirectory()
 
 

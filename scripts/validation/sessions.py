@@ -2,11 +2,12 @@
 
     sessions [--parts real,made-up,angles] [--people 10] [--seed 0] [--out DIR]
 
-real      every walk of `labs_c3d/multi` calibrated by itself: how many differences of curves are inside bars of 68 and
-          95 % (joint parameters of real recordings: `people --parts pairs`). How strides vary is
-          taken from one calibration of all walks, so that what calibrations differ by is not in it
-made-up   two sessions of a person of our own linkage: the same joints, markers put on anew by 10 mm, other noise;
-          errors of the joint parameters of each, and of their difference
+real      every walk of `labs_c3d/multi` calibrated by itself: how many differences of curves are
+          inside bars of 68 and 95 % (joint parameters of real recordings: `people --parts pairs`).
+          How strides vary is taken from one calibration of all walks, so that what calibrations
+          differ by is not in it
+made-up   two sessions of a person of our own linkage: the same joints, markers put on anew by 10
+          mm, other noise; errors of the joint parameters of each, and of their difference
 angles    the angles of the same people's sessions, through result folders: inside their error bars?
 
 A made-up person (`gaitcal synthesize --perturb`: wrong in every joint parameter by up to 10 mm and
@@ -192,7 +193,9 @@ def gathered(parts: Iterable[tuple[Key, Array]]) -> dict[Key, Array]:
 def session_variance(
     a: RecordedSession, b: RecordedSession, pair: tuple[StrideSet, StrideSet]
 ) -> Array:
-    """(101,) of the difference of two sessions' curves: errors that strides of one session share."""
+    """(101,) of the difference of two sessions' curves: errors that strides of one
+    session share.
+    """
     shared, frames = (
         [average_known(getattr(s, name)) for s in pair] for name in ("shared", "frames")
     )

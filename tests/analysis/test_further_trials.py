@@ -150,7 +150,9 @@ def test_errors_stop_before_anything_is_solved(
 
 
 def test_warnings_are_printed_and_written(folder: Path) -> None:
-    """A body a little larger may be the same one, measured with cameras that were calibrated anew."""
+    """A body a little larger may be the same one, measured with cameras that were
+    calibrated anew.
+    """
     out, warnings = analysed(folder, _scaled(1.02)), read_summary(folder)["warnings"]
     check_text(warnings)
     assert all(f"warning: {w}" in out for w in warnings)

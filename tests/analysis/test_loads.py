@@ -1,4 +1,6 @@
-"""The torques of a calibration are those of the model and the motion that they are said to be of."""
+"""The torques of a calibration are those of the model and the motion that they are said
+to be of.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -65,7 +67,9 @@ def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> None:
-    """With what is too weak to be told: how far the markers may have moved since the static trial."""
+    """With what is too weak to be told: how far the markers may have moved since the
+    static trial.
+    """
     study, done = made
     trial = done.trial("walk")
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0

@@ -1,4 +1,6 @@
-"""Recordings without markers: from a bare folder to a verdict, and made-up ones against the truth."""
+"""Recordings without markers: from a bare folder to a verdict, and made-up ones against
+the truth.
+"""
 
 from __future__ import annotations
 

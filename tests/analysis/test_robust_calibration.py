@@ -1,4 +1,6 @@
-"""Spoilt markers move calibrated joint parameters by less than 3 mm and 2 deg under a robust loss."""
+"""Spoilt markers move calibrated joint parameters by less than 3 mm and 2 deg under a
+robust loss.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -53,7 +53,7 @@ def advice(turned: dict[str, dict[str, float]]) -> dict[str, str]:
     return {f.found.split(".")[0]: f.cure for f in report_undetermined(UNSEEN, "kept", turned)}
 
 
-def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_with_62_deg_was_given() -> (
+def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_with_62_deg_was_given() -> (  # noqa: E501
     None
 ):
     check_text(advice({}).values())

@@ -423,7 +423,9 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
 
 @pytest.mark.slow
 def test_a_pelvis_that_slides_with_adduction_misleads_who_takes_it_for_bone() -> None:
-    """Hips of five people: centimetres off and sure of it, or within bars that soft tissue makes."""
+    """Hips of five people: centimetres off and sure of it, or within bars that soft
+    tissue makes.
+    """
     missed, bars = dict[bool, list[Array]](), dict[bool, list[Array]]()
     for seed in range(5):
         problem, truth = soft_person(seed)

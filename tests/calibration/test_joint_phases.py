@@ -1,4 +1,6 @@
-"""Phases one after the other: what one knows is the prior of the next, and what nobody sees stays."""
+"""Phases one after the other: what one knows is the prior of the next, and what nobody
+sees stays.
+"""
 
 from dataclasses import replace
 

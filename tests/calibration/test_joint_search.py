@@ -90,9 +90,7 @@ def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]
     return replace(problem, tissue=SoftTissue(groups))
 
 
-def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_tissue_of_two_kinds() -> (
-    None
-):
+def test_the_compressed_problem_is_the_whole_one_with_priors_and_two_kinds_of_soft_tissue() -> None:
     """Three trials that count differently, two of a kind that share some columns of soft tissue,
     against all their rows: cost, gradient and Gauss-Newton matrix with motions and soft tissue
     eliminated, and what is left of these.
@@ -158,7 +156,9 @@ def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_ti
 
 
 def soft_knee_problem(noise: float = 0.02) -> tuple[ReducedProblem, Array]:
-    """Two kinds of task with large errors, whose residuals curve, and a prior of all; and a point."""
+    """Two kinds of task with large errors, whose residuals curve, and a prior of all; and
+    a point.
+    """
     rng, start = np.random.default_rng(9), read_published_parameters()
     kinds = ("gait", "squat")
     trials = [
@@ -212,7 +212,9 @@ def test_a_saddle_has_no_direction_flatter_than_the_prior() -> None:
 
 
 def test_soft_tissue_whose_steps_are_far_too_long_still_comes_to_its_minimum() -> None:
-    """The cost is z^2 and its matrix a sixteenth of the true one: half a step raises the cost, too."""
+    """The cost is z^2 and its matrix a sixteenth of the true one: half a step raises the
+    cost, too.
+    """
     reduced, p = soft_knee_problem()
     count, curvature = len(p), 0.06
     prior = reduced.tissue[0]

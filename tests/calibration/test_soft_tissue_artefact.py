@@ -456,9 +456,7 @@ def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionPr
     return tissue.groups[0], problem, parameters
 
 
-def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirrored_on_the_left() -> (
-    None
-):
+def test_the_expected_artefact_is_the_table_at_the_markers_mirrored_on_the_left() -> None:
     field = load_people_table()["thigh"]
     for side, mirror in (("r", [1.0, 1.0, 1.0]), ("l", [1.0, 1.0, -1.0])):
         group, problem, parameters = knee_skin(side)
@@ -619,7 +617,9 @@ def test_pinned_markers_do_not_move() -> None:
 
 
 def test_a_trial_that_shows_no_deformation_has_its_regressors_in_that_of_others() -> None:
-    """Two trials of the same markers, one of which sees a single marker of them and an angle more."""
+    """Two trials of the same markers, one of which sees a single marker of them and an
+    angle more.
+    """
     shown, _ = deformed(deformation_of(3)[0])
     assert shown.tissue is not None
     (group,) = shown.tissue.groups

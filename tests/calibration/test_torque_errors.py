@@ -163,9 +163,7 @@ def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
             yield out
 
 
-def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> (
-    None
-):
+def test_directions_of_axes_add_to_torques_and_to_coordinates_that_markers_move() -> None:
     rng, parameters, problem, coefficients = seeded_trial(53, frames=14, nodes=7)
     problem = without_segments(problem, "forearm_hand_r", "forearm_hand_l")
     wrench, known, axes = (
@@ -274,7 +272,9 @@ def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Arra
 
 
 def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters() -> None:
-    """`compute_motion_sensitivity` of a whole body with its joint parameters known: the motion tracked again."""
+    """`compute_motion_sensitivity` of a whole body with its joint parameters known: the motion
+    tracked again.
+    """
     rng, parameters, problem, _ = seeded_trial(23, frames=30, nodes=7)
     problem = noisy(problem, rng, NOISE)
     source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
@@ -308,7 +308,9 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
 
 
 def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
-    """Trials may be called anything: `skin/R.Knee/x` is a marker coordinate of a trial called skin."""
+    """Trials may be called anything: `skin/R.Knee/x` is a marker coordinate of a trial
+    called skin.
+    """
     cases = {
         "markers/walk/3": ErrorSource.JOINT_MARKERS,
         "hip_r/R.Knee/x": ErrorSource.JOINT_MARKERS,

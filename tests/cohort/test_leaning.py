@@ -1,4 +1,6 @@
-"""Calibrations that lean on a cohort: the prior in the fit, what is said of it, and the commands."""
+"""Calibrations that lean on a cohort: the prior in the fit, what is said of it, and the
+commands.
+"""
 
 import csv
 import json
@@ -81,9 +83,7 @@ def test_without_movement_the_mean_and_spread_of_the_cohort_stay() -> None:
     assert (np.diag(learnt.covariance) - np.diag(errors.covariance) > -1e-12).all()
 
 
-def test_what_a_study_file_expects_is_found_where_a_joint_does_not_move_and_its_errors_are_of_causes() -> (
-    None
-):
+def test_a_joint_that_does_not_move_is_where_the_study_file_expects_it() -> None:
     """H^-1 P0^-1 F, a column a cause: H^-1 by all columns together, F by the prior."""
     problem, _ = hip_trial(1)
     still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], 300, axis=2))

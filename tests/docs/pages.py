@@ -4,9 +4,9 @@ block to last.
 A block is fenced: ```` ```sh ```` runs in the page's own folder, ```` ```python ```` too, each
 page's Python blocks with the names of those before. A block that cannot run here says why in its
 fence, visible to readers as its title:
-```` ```sh title="not run here: needs a cluster" ````; it is still checked by `bash -n` or the Python compiler.
-A file that a page writes is ```` ```toml title="study.toml" ````: it is put into the folder where
-it stands.
+```` ```sh title="not run here: needs a cluster" ````; it is still checked by `bash -n` or the
+Python compiler. A file that a page writes is ```` ```toml title="study.toml" ````: it is put into
+the folder where it stands.
 """
 
 import os

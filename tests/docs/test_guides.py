@@ -38,7 +38,9 @@ def test_a_page_runs(
 
 @pytest.mark.slow
 def test_readme_python_runs(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run README's Python block on a folder with standing and walking, and a further walk beside it."""
+    """Run README's Python block on a folder with standing and walking, and a further walk beside
+    it.
+    """
     (block,) = [block for block in blocks_of(ROOT / "README.md") if block.language == "python"]
     monkeypatch.chdir(tmp_path)
     person = copied_person(kept, tmp_path / "person", noise=True).parent

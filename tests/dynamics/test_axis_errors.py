@@ -26,7 +26,9 @@ CHAIN = Chain()
 
 
 def body() -> Parameters:
-    """A person whose segments have the same moment about every axis: it needs no turning with them."""
+    """A person whose segments have the same moment about every axis: it needs no turning
+    with them.
+    """
     parameters = perturbed_parameters(np.random.default_rng(1))
     inertial = parameters.inertial.copy()
     for name, k in IP_INDEX.items():
@@ -81,7 +83,9 @@ def with_axes_turned(parameters: Parameters, segment: str, turn: Array) -> Param
 
 
 def followed(parameters: Parameters, placed: PlacedMarkers, seen: Array, q: Array) -> Array:
-    """(nf, 27) the posture whose markers are where they are seen (nm, 3, nf), from a start near it."""
+    """(nf, 27) the posture whose markers are where they are seen (nm, 3, nf), from a
+    start near it.
+    """
     body = CHAIN.body(parameters)
     for _ in range(5):
         x = compute_marker_positions(body, placed, q)

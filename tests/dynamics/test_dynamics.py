@@ -37,7 +37,9 @@ STEP_S = 1e-4
 
 
 def test_power_of_all_forces_is_the_rate_of_energy() -> None:
-    """Generalised forces and ground reactions work on the body; reactions are locked, and do none."""
+    """Generalised forces and ground reactions work on the body; reactions are locked, and
+    do none.
+    """
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = random_state(RNG, 6)
     dynamics = Dynamics(parameters)

@@ -35,7 +35,9 @@ NOTHING = np.zeros((1, 3))
 
 @lru_cache(maxsize=1)
 def walk() -> TrialResult:
-    """Standing on both feet: forces that do not change, so that nothing is faster than the motion."""
+    """Standing on both feet: forces that do not change, so that nothing is faster than
+    the motion.
+    """
     trial = fake_calibration().trial("walk")
     wrench = np.zeros_like(trial.loads.reactions.wrench)
     wrench[:, :, 1] = 350.0
@@ -79,9 +81,7 @@ def test_without_errors_a_walk_is_expected_to_leave_what_walks_leave() -> None:
     assert found.within and found.share < 0.1
 
 
-def test_errors_of_translations_are_those_of_the_force_and_errors_of_turns_those_of_the_moment() -> (
-    None
-):
+def test_errors_of_translations_are_of_the_force_and_errors_of_turns_of_the_moment() -> None:
     assert [COORDINATES[k] for k in PELVIS[:3]] == ["pelvis_tx", "pelvis_ty", "pelvis_tz"]
     # the lateral axis of tilt comes last, as U has it forward, up and to the right
     assert [COORDINATES[k] for k in PELVIS[3:]] == ["pelvis_list", "pelvis_rotation", "pelvis_tilt"]

@@ -53,7 +53,9 @@ def walk() -> tuple[Dynamics, tuple[Array, Array, Array], Array, Array]:
 
 
 def turned(wrench: Array, angle: float) -> Array:
-    """(nf, 6) a plate turned about the vertical through each centre of pressure, where one stands."""
+    """(nf, 6) a plate turned about the vertical through each centre of pressure, where
+    one stands.
+    """
     out = wrench.copy()
     on = wrench[:, 1] > LOADED_N
     point, rotation = compute_centre_on_ground(wrench[on]), Rotation.from_rotvec([0.0, angle, 0.0])

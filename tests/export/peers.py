@@ -163,7 +163,7 @@ def _pinocchio_answers(peer: pin.Model, frames: list[int], states: Sequence[Stat
     return np.array(tau), np.array(markers)
 
 
-# --------------------------------------------------------------------------------------- OpenSim's own tools
+# ------------------------------------------------------------------------------ OpenSim's own tools
 
 
 def run_inverse_dynamics(

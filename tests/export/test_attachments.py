@@ -81,7 +81,7 @@ POINTS = """<OpenSimDocument><Model><BodySet><objects><Body name="femur_r"/></ob
 <PathPoint name="p"><location>0 0 0</location><{tag}>{body}</{tag}></PathPoint>
 <MovingPathPoint name="m"><location>1 0 0</location><{tag}>{body}</{tag}><x_location><SimmSpline><x>0 1</x><y>0 2</y>
 </SimmSpline></x_location><y_location><Constant><value>0</value></Constant></y_location>
-<z_location><Constant><value>0</value></Constant></z_location></MovingPathPoint></Model></OpenSimDocument>"""
+<z_location><Constant><value>0</value></Constant></z_location></MovingPathPoint></Model></OpenSimDocument>"""  # noqa: E501
 UP = Bone(
     middle_before=np.zeros(3),
     middle_after=np.array([0.0, 0.5, 0.0]),
@@ -146,7 +146,7 @@ def test_meshes_in_offset_frames_follow(tmp_path: Path) -> None:
     """Meshes of a body and of an offset frame in it move alike, each in the axes of its frame."""
     drawn = "<attached_geometry><Mesh/></attached_geometry>"
     frame = f"""<PhysicalOffsetFrame name="f"><socket_parent>..</socket_parent><translation>1 2 3</translation>
-        <orientation>0.3 0 1.5</orientation>{drawn}</PhysicalOffsetFrame>"""
+        <orientation>0.3 0 1.5</orientation>{drawn}</PhysicalOffsetFrame>"""  # noqa: E501
     path = tmp_path / "model.osim"
     body = f'<Body name="b"><components>{frame}</components>{drawn}</Body>'
     path.write_text(

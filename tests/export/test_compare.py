@@ -136,7 +136,9 @@ def in_other_frames(tree: ET.ElementTree) -> None:
 
 
 def in_old_format(tree: ET.ElementTree) -> None:
-    """The layout of OpenSim 3: joints inside bodies, locations in joints, functions in a wrapper."""
+    """The layout of OpenSim 3: joints inside bodies, locations in joints, functions in a
+    wrapper.
+    """
     tree.getroot().set("Version", "30000")
     model = tree.getroot().find("Model")
     joints = model.find("JointSet")

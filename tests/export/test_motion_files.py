@@ -83,7 +83,9 @@ def test_moments(tmp_path: Path) -> None:
 
 
 def walking_wrenches(seed: int = 5) -> np.ndarray:
-    """(nf, 2, 6): forces through points near the ground, either foot unloaded for part of the time."""
+    """(nf, 2, 6): forces through points near the ground, either foot unloaded for part of
+    the time.
+    """
     rng = np.random.default_rng(seed)
     wrenches = np.zeros((len(TIME), 2, 6))
     for foot, loaded in enumerate((slice(0, 15), slice(9, 25))):

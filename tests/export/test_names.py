@@ -25,8 +25,10 @@ from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
 
 NASTY = (
-    "<script>alert(1)</script>", "../../etc/passwd", "..", "C:\\windows", "a b", "a\tb\nc", "x\x00y", "]]>", "--><b>",
-    "&amp;", 'quote"d', "it's", "100%", "%41", "%", "", "*12", "Subj:LASI", "Hüfte", "腰", "\u202eright to left",
+    "<script>alert(1)</script>", "../../etc/passwd", "..", "C:\\windows", "a b", "a\tb\nc",
+    "x\x00y", "]]>", "--><b>",
+    "&amp;", 'quote"d', "it's", "100%", "%41", "%", "", "*12", "Subj:LASI", "Hüfte", "腰",
+    "\u202eright to left",
     "\ud800 alone", "\N{FOOT}", "pelvis", "knee_angle_r", "e\u0301", "\ufffe",
 )  # fmt: skip
 

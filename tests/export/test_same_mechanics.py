@@ -119,7 +119,9 @@ def test_mjcf(published: SubjectModel, tmp_path: Path, seed: int) -> None:
 def test_osim_places_every_marker_and_mass(
     published: SubjectModel, tmp_path: Path, seed: int
 ) -> None:
-    """Read back without OpenSim: the same bodies in the same places are the same mechanical system."""
+    """Read back without OpenSim: the same bodies in the same places are the same
+    mechanical system.
+    """
     model = variant(published, seed)
     write_osim(model, tmp_path / "model.osim")
     peer = read_osim(tmp_path / "model.osim")

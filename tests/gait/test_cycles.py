@@ -1,4 +1,6 @@
-"""Foot strikes, cycles, normalisation and peaks on known contacts; mean curves against plain loops."""
+"""Foot strikes, cycles, normalisation and peaks on known contacts; mean curves against
+plain loops.
+"""
 
 import itertools
 from pathlib import Path
@@ -54,7 +56,8 @@ FEET = FootEvents(
 def test_cycles_are_from_strike_to_next_strike_of_a_foot_with_their_sources() -> None:
     cycles = find_gait_cycles(FEET)
     assert cycles == (
-        GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]), GaitCycle(1.3, 2.4, 1.96, sources=FEET.sources[1:]),
+        GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]),
+        GaitCycle(1.3, 2.4, 1.96, sources=FEET.sources[1:]),
     )  # fmt: skip
     assert [c.stance for c in cycles] == pytest.approx([60.0, 60.0])
     assert find_gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == (), (
@@ -323,23 +326,29 @@ def ankle_and_knee(push: float, swing: float) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(
     ("curves", "toe_off", "places"),
     [
-        pytest.param(ankle_and_knee(44.0, 73.0), 55.0, {PUSH_OFF: 44.0, STRIKE: 0.0, SWING: 73.0}, id="quick"),
-        pytest.param(ankle_and_knee(49.6, 77.2), 62.0, {PUSH_OFF: 50.0, STRIKE: 0.0, SWING: 77.0}, id="usual"),
-        pytest.param(ankle_and_knee(60.0, 85.0), 75.0, {PUSH_OFF: 60.0, STRIKE: 0.0, SWING: 85.0}, id="slow"),
+        pytest.param(ankle_and_knee(44.0, 73.0), 55.0, {PUSH_OFF: 44.0, STRIKE: 0.0, SWING: 73.0},
+            id="quick"),
+        pytest.param(ankle_and_knee(49.6, 77.2), 62.0, {PUSH_OFF: 50.0, STRIKE: 0.0, SWING: 77.0},
+            id="usual"),
+        pytest.param(ankle_and_knee(60.0, 85.0), 75.0, {PUSH_OFF: 60.0, STRIKE: 0.0, SWING: 85.0},
+            id="slow"),
         pytest.param(
-            {"hip_flexion_moment": -bump((1.0, 56.0), (12.0, 30.0))}, 62.0, {"hip_extension_moment": 12.0},
+            {"hip_flexion_moment": -bump((1.0, 56.0), (12.0, 30.0))}, 62.0,
+            {"hip_extension_moment": 12.0},
             id="the shock of the strike is lower but no peak",
         ),
         pytest.param({"hip_flexion_moment": -bump((1.0, 56.0))}, 62.0, {}, id="the shock alone"),
         pytest.param({"knee_angle": RISING}, 60.0, {STRIKE: 0.0}, id="a wiggle on a rising curve"),
         pytest.param(
-            {"knee_angle": RISING + 40.0 * (PERCENT == 15.0)}, 60.0, {STRIKE: 0.0, "knee_flexion_loading": 15.0},
+            {"knee_angle": RISING + 40.0 * (PERCENT == 15.0)}, 60.0,
+            {STRIKE: 0.0, "knee_flexion_loading": 15.0},
             id="a curve that turns there",
         ),
         pytest.param({"knee_angle": bump((50.0, 60.0))}, 0.0, {SWING: 50.0}, id="no stance"),
         pytest.param({"knee_angle": bump((50.0, 60.0))}, 100.0, {STRIKE: 0.0}, id="no swing"),
         pytest.param(
-            {"knee_angle": np.where(abs(PERCENT - 74.0) < 4.0, np.nan, SWINGING)}, 62.0, {STRIKE: 0.0},
+            {"knee_angle": np.where(abs(PERCENT - 74.0) < 4.0, np.nan, SWINGING)}, 62.0,
+            {STRIKE: 0.0},
             id="a gap in the window",
         ),
         pytest.param({"knee_angle": SWINGING}, None, {STRIKE: 0.0}, id="an unknown toe-off"),
@@ -384,7 +393,8 @@ def test_peaks_of_phases_count_at_their_ends_but_not_next_to_a_seat() -> None:
 
     found = of("knee_angle_moment", curve)
     assert {name: value[3] for name, value in found.items()} == {
-        "in_lowering_knee_extension_moment": 49.0, "in_rising_knee_extension_moment": 50.0}  # fmt: skip
+        "in_lowering_knee_extension_moment": 49.0,
+        "in_rising_knee_extension_moment": 50.0}  # fmt: skip
     assert list(of("hip_power", -lost)) == ["in_rising_hip_power_generated"]
     assert list(of("hip_power", lost)) == [
         "in_lowering_hip_power_absorbed",
@@ -404,7 +414,8 @@ def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
     """Peaks of 10 and 14 at other percents; c = 2 shared, 1 individual: se^2 = 8 / 2 + 2^2."""
     shared = np.sqrt(5.0)
     strides = [
-        ("gait", "walk", "r", find_stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)}, 62.0) | {
+        ("gait", "walk", "r", find_stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)},
+            62.0) | {
             "knee_flexion_swing": (high, shared, 1.0, at)})
         for at, high in ((72.0, 10.0), (76.0, 14.0))
     ]  # fmt: skip
@@ -437,7 +448,8 @@ def test_peaks_of_a_childs_vendor_curves_are_where_clinics_look_for_them(
         for strides in [vendor_strides(data_dir / "children" / person / "straight.c3d")]
     ]
     for name, low, high in (
-        ("knee_flexion_swing", 66, 76), ("ankle_power_2", 48, 56), ("knee_power_1", 5, 11), ("knee_power_4", 86, 94),
+        ("knee_flexion_swing", 66, 76), ("ankle_power_2", 48, 56), ("knee_power_1", 5, 11),
+        ("knee_power_4", 86, 94),
         ("hip_power_2", 34, 45), ("hip_flexion_swing", 78, 92),
     ):  # fmt: skip
         assert low <= of_legs[name] <= high, name

@@ -316,9 +316,12 @@ def others(side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
 @pytest.mark.parametrize(
     ("file", "plates", "motion", "used", "cause", "found", "severity"),
     [
-        pytest.param(moved(walk(), -0.06), PLATES, walk(), [], "60 ms too early", "plates", "WARNING", id="early"),
-        pytest.param(moved(walk(), 0.07), PLATES, walk(), [], "70 ms too late", "plates", "WARNING", id="late"),
-        pytest.param(moved(walk(), 0.08), [], walk(), [], "80 ms too late", "motion", "WARNING", id="without plates"),
+        pytest.param(moved(walk(), -0.06), PLATES, walk(), [], "60 ms too early", "plates",
+            "WARNING", id="early"),
+        pytest.param(moved(walk(), 0.07), PLATES, walk(), [], "70 ms too late", "plates", "WARNING",
+            id="late"),
+        pytest.param(moved(walk(), 0.08), [], walk(), [], "80 ms too late", "motion", "WARNING",
+            id="without plates"),
         *(
             pytest.param(
                 late(walk(), by, side, moment), walk(2.6, 4.9), walk(), others(side, moment),
@@ -326,24 +329,28 @@ def others(side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
                 "too", "", "WARNING", id=f"{word} {by}",
             )
             for by in (-0.06, 0.08)
-            for side, moment, word in (("l", None, "left"), ("r", None, "right"), ("", STRIKES_ALONE, "foot strike"))
+            for side, moment, word in (("l", None, "left"), ("r", None, "right"),
+                ("", STRIKES_ALONE, "foot strike"))
         ),
         pytest.param(
             late(walk(), 0.2, time=ASTRAY.time), [], walk(), [e for e in walk() if e != ASTRAY], "",
             f"{ASTRAY.time + 0.2:.2f} s", "INFO", id="one astray",
         ),
         pytest.param(
-            late(walk(), 0.06, time=ON_PLATE.time), PLATES, walk(), [e for e in walk() if e != ON_PLATE], "",
+            late(walk(), 0.06, time=ON_PLATE.time), PLATES, walk(),
+            [e for e in walk() if e != ON_PLATE], "",
             f"{ON_PLATE.time + 0.06:.2f} s (plate {ON_PLATE.time:.2f} "
             "s)", "INFO", id="its plate contradicts one",
         ),
         pytest.param(BY_CHANCE, [], walk(), [], "", "not used", "INFO", id="no known fault "
                                                                            "explains them"),
-        pytest.param([*walk(), *moved(walk(), 0.06)], PLATES, walk(), walk(), "more than once", "", "INFO", id="twice"),
+        pytest.param([*walk(), *moved(walk(), 0.06)], PLATES, walk(), walk(), "more than once", "",
+            "INFO", id="twice"),
     ],
 )  # fmt: skip
 def test_wrong_events_are_reported_and_the_others_stay(
-    file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent], cause: str,
+    file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent],
+    cause: str,
     found: str, severity: str,
 ) -> None:  # fmt: skip
     kept, (finding,) = check_file_events(file, plates, motion, TIME)

@@ -342,7 +342,8 @@ def test_the_files_of_a_result_have_the_default_convention() -> None:
 def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_act() -> None:
     clinical = Convention(signs=Signs.CLINICAL)
     senses = {
-        "ankle_angle_r": "plantarflexion", "knee_angle_l": "extension", "hip_adduction_r": "abduction",
+        "ankle_angle_r": "plantarflexion", "knee_angle_l": "extension",
+        "hip_adduction_r": "abduction",
         "lumbar_extension": "extension",
     }  # fmt: skip
     assert {name: clinical.describe_senses(f"{name}_moment", "r")[0] for name in senses} == senses

@@ -72,7 +72,9 @@ def test_from_rest_to_rest(
 
 
 def test_squats_among_steps_are_where_no_foot_steps() -> None:
-    """Two steps, a squat, two steps; a pelvis that sinks with a step, or ends lower, is no squat."""
+    """Two steps, a squat, two steps; a pelvis that sinks with a step, or ends lower, is
+    no squat.
+    """
     time, height = path((0, STAND), (3, STAND), (4, SQUAT), (5, STAND), (9, STAND))
     right, left = (
         FootEvents(np.array(t), np.array(t) + 0.6) for t in ([0.5, 1.6, 6.0], [1.0, 2.1, 6.5])

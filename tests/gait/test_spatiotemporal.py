@@ -41,7 +41,9 @@ def steps(
     stance: float = STANCE_S,
     step: float = STEP_S,
 ) -> tuple[np.ndarray, FootPoints, GaitEvents]:
-    """Feet that stand still from strike to off and glide to the next place: right first, along x."""
+    """Feet that stand still from strike to off and glide to the next place: right first,
+    along x.
+    """
     time = np.arange(0.0, step * count + 1.0, 1.0 / RATE)
     heel, events = np.zeros((len(time), 2, 3)), []
     for foot, side in enumerate("rl"):
@@ -78,10 +80,14 @@ def test_a_walk_measures_what_it_was_made_of() -> None:
         2,
     ]
     expected = {
-        "speed": 0.6 / STEP_S, "cadence": 60.0 / STEP_S, "stride_length": 1.2, "stride_time": 2 * STEP_S,
-        "step_length": 0.6, "step_width": 0.12, "step_time": STEP_S, "stance": 0.66, "stance_percent": 60.0,
-        "swing": 0.44, "swing_percent": 40.0, "first_double_support": 0.11, "first_double_support_percent": 10.0,
-        "second_double_support": 0.11, "second_double_support_percent": 10.0, "double_support": 0.22,
+        "speed": 0.6 / STEP_S, "cadence": 60.0 / STEP_S, "stride_length": 1.2,
+        "stride_time": 2 * STEP_S,
+        "step_length": 0.6, "step_width": 0.12, "step_time": STEP_S, "stance": 0.66,
+        "stance_percent": 60.0,
+        "swing": 0.44, "swing_percent": 40.0, "first_double_support": 0.11,
+        "first_double_support_percent": 10.0,
+        "second_double_support": 0.11, "second_double_support_percent": 10.0,
+        "double_support": 0.22,
         "double_support_percent": 20.0, "single_support": 0.44, "single_support_percent": 40.0,
     }  # fmt: skip
     stride = whole(found)[1]
@@ -185,7 +191,8 @@ def test_strides_that_the_recording_cuts_count_for_what_they_show() -> None:
     ]  # fmt: skip
     last, first_left, _ = parts
     assert set(last.measures) == {
-        "stance", "first_double_support", "second_double_support", "double_support", "single_support",
+        "stance", "first_double_support", "second_double_support", "double_support",
+        "single_support",
     }  # fmt: skip
     assert last.measures["stance"] == pytest.approx(STANCE_S)
     assert first_left.measures == pytest.approx(
@@ -247,7 +254,9 @@ def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
 
 @pytest.mark.parametrize("with_off", [False, True])
 def test_a_missing_strike_makes_no_stride_of_double_length(with_off: bool) -> None:
-    """Alone it shows by two offs in a row, together with its off by two strikes of the other foot."""
+    """Alone it shows by two offs in a row, together with its off by two strikes of the
+    other foot.
+    """
     time, feet, events = steps(10)
     changed_events = without(events, "l", FootMoment.STRIKE, 2)
     changed_events = without(changed_events, "l", FootMoment.OFF, 2) if with_off else changed_events
@@ -362,7 +371,7 @@ def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:
     )
 
 
-# ------------------------------------------------------------------------------------------------ other people's files
+# ----------------------------------------------------------------------------- other people's files
 
 Walks = dict[str, tuple[tuple[Stride, ...], Path]]
 VENDOR_S, VENDOR_M = 2e-3, 0.012
@@ -380,9 +389,11 @@ def walks(data_dir: Path) -> Walks:
 @pytest.mark.slow
 def test_walks_of_a_hospital_measure_as_by_its_program(walks: Walks) -> None:
     ours = {
-        "Cadence": "cadence", "Walking Speed": "speed", "Stride Time": "stride_time", "Step Time": "step_time",
+        "Cadence": "cadence", "Walking Speed": "speed", "Stride Time": "stride_time",
+        "Step Time": "step_time",
         "Opposite Foot Off": "first_double_support_percent", "Foot Off": "stance_percent",
-        "Single Support": "single_support", "Double Support": "double_support", "Stride Length": "stride_length",
+        "Single Support": "single_support", "Double Support": "double_support",
+        "Stride Length": "stride_length",
         "Step Length": "step_length",
     }  # fmt: skip
     compared = 0

@@ -78,14 +78,17 @@ def test_each_leg_has_a_main_stride_and_complete_strides() -> None:
 
 
 def numbers(by_cycle: bool) -> MomentSummary:
-    """Of the right knee: 80 sin(2 pi t) N·m with the final model, 8 N·m less with the nominal one."""
+    """Of the right knee: 80 sin(2 pi t) N·m with the final model, 8 N·m less with the
+    nominal one.
+    """
     tau, none = np.zeros((len(TIME), len(COORDINATES))), np.zeros((len(TIME), 2))
     tau[:, KNEE] = MASS * np.sin(2 * np.pi * TIME)
     before = tau - 0.1 * MASS * (np.arange(len(COORDINATES)) == KNEE)
     model = replace(subject_model(), subject=Subject("S", MASS, HEIGHT, "female"))
     final, nominal = (
         Moments(
-            coordinates=COORDINATES, time=TIME, tau=moments, knee_adduction=none, residual_force=none,
+            coordinates=COORDINATES, time=TIME, tau=moments, knee_adduction=none,
+            residual_force=none,
             residual_moment=none, bwh=model.subject.bwh,
         )
         for moments in (tau, before)

@@ -1,4 +1,6 @@
-"""Walks: foot events where we say, and strides of recorded people with what others measure of them."""
+"""Walks: foot events where we say, and strides of recorded people with what others
+measure of them.
+"""
 
 import itertools
 from collections.abc import Sequence

@@ -90,7 +90,10 @@ def test_the_text_of_a_draft(tmp_path: Path) -> None:
     folder = write(tmp_path / "person", recordings("knee_r"), forces="grf")
     (folder / "photo.png").touch()
     made = draft(folder, Options(height=1.70, sex="male"))
-    worn = "has markers for the static trial only: R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..."
+    worn = (
+        "has markers for the static trial only: "
+        "R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..."
+    )
     assert format_draft(made, folder) == SNAPSHOT.replace("@", worn)
     assert made.missing == ("mass_kg",)
     (folder / "study.toml").write_text(format_draft(made, folder), encoding="utf-8")

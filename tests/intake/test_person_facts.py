@@ -75,7 +75,9 @@ def test_only_who_stands_wholly_on_plates_is_weighed(reach: float, expected: flo
 
 
 def test_whole_strides_weigh_who_never_stands_on_plates(data_dir: Path) -> None:
-    """Five walks of 53.5 kg over plates that touch: feet that straddle two of them weigh nothing."""
+    """Five walks of 53.5 kg over plates that touch: feet that straddle two of them weigh
+    nothing.
+    """
     folder = data_dir / "labs_c3d" / "multi"
     found = {k: weigh_walking(read_recording(folder / f"walk0{k}.c3d").plates) for k in range(3, 8)}
     assert [k for k, mass in found.items() if mass is not None] == [4, 5]

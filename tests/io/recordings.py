@@ -70,7 +70,9 @@ def write_raw_c3d(
     platform: dict[str, Any] | None = None,
     analog_units: list[str] | None = None,
 ) -> Path:
-    """A C3D file of points (nf, np, 3) as given, in the axes given, and analog channels (na, ns)."""
+    """A C3D file of points (nf, np, 3) as given, in the axes given, and analog channels
+    (na, ns).
+    """
     file = ezc3d.c3d()
     file["parameters"]["POINT"]["RATE"]["value"] = [rate]
     file["parameters"]["POINT"]["LABELS"]["value"] = labels

@@ -60,7 +60,9 @@ def test_any_vertical_is_found_and_undone_bit_for_bit(
 
 
 def test_a_body_below_the_origin_stands_on_its_plates() -> None:
-    """An origin under the ceiling: all heights are negative, and up is still away from the plates."""
+    """An origin under the ceiling: all heights are negative, and up is still away from
+    the plates.
+    """
     walk = loaded_body()
     down = np.array([0.0, -3.0, 0.0])
     plates = tuple(replace(p, point=p.point + down, corners=p.corners + down) for p in walk.plates)

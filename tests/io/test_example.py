@@ -300,7 +300,7 @@ def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
     assert server.asked == [path_of(name) for name in CONTENT]
 
 
-# ------------------------------------------------------------------------------------------------------ registry
+# ----------------------------------------------------------------------------------------- registry
 
 
 def test_the_registry_names_public_files_of_one_commit() -> None:
@@ -344,7 +344,8 @@ def test_a_registry_file_that_leads_elsewhere_is_refused(change: dict[str, objec
 def test_nothing_else_asks_the_network() -> None:
     """Only the module that fetches examples imports a library that asks another machine."""
     asks = re.compile(
-        r"^\s*(?:import|from) (urllib\.(?:request|error)|http\.client|pooch|requests|httpx|ftplib|smtplib)",
+        r"^\s*(?:import|from) (urllib\.(?:request|error)|"
+        r"http\.client|pooch|requests|httpx|ftplib|smtplib)",
         re.M,
     )
     found = {
@@ -355,7 +356,7 @@ def test_nothing_else_asks_the_network() -> None:
     assert found == {"gaitcal/io/examples.py"}
 
 
-# ------------------------------------------------------------------------------------------------------- command
+# ------------------------------------------------------------------------------------------ command
 
 
 def mirrored(data: Path, name: str) -> Served:

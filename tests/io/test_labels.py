@@ -146,8 +146,10 @@ def test_what_is_no_foot_event_is_none(labels: list[Any], contexts: list[Any], t
 
 def test_facts_are_metres_kilograms_and_radians(tmp_path: Path) -> None:
     numbers = {
-        "Bodymass": 61.5, "Height": 1655.0, "RKneeWidth": 104.0, "LKneeWidth": 102.0, "RAnkleWidth": 71.0,
-        "LLegLength": 870.0, "InterAsisDistance": 241.0, "MarkerDiameter": 14.0, "RStaticPlantFlex": 0.05,
+        "Bodymass": 61.5, "Height": 1655.0, "RKneeWidth": 104.0, "LKneeWidth": 102.0,
+        "RAnkleWidth": 71.0,
+        "LLegLength": 870.0, "InterAsisDistance": 241.0, "MarkerDiameter": 14.0,
+        "RStaticPlantFlex": 0.05,
     }  # fmt: skip
     path = file_with(
         tmp_path / "p.c3d",

@@ -246,7 +246,8 @@ COLUMNS = [
 
 def force(name: str = "one", body: str = "calcn_r", side: str = "a", **change: str) -> str:
     words = {
-        "name": name, "body": body, "force_in": "ground", "point_in": "/ground", "force": f"{side}_force_v",
+        "name": name, "body": body, "force_in": "ground", "point_in": "/ground",
+        "force": f"{side}_force_v",
         "point": f"{side}_force_p", "torque": f"{side}_torque_", "source": "Unassigned", "more": "",
     }  # fmt: skip
     return FORCE.format(**{**words, **change})

@@ -69,7 +69,7 @@ def test_new_then_replaced(tmp_path: Path) -> None:
     assert target.stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
-# ------------------------------------------------------------------------------------------- whole, or not at all
+# ----------------------------------------------------------------------------- whole, or not at all
 
 
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(2)], ids=repr)
@@ -205,7 +205,7 @@ def test_links_stay_links(tmp_path: Path) -> None:
     assert (tmp_path / "out/montecarlo/draws").exists()
 
 
-# --------------------------------------------------------------------------------------------- what is not ours
+# --------------------------------------------------------------------------------- what is not ours
 
 
 def assert_refused(
@@ -306,7 +306,7 @@ def test_what_later_commands_added_is_kept(tmp_path: Path) -> None:
     assert names(tmp_path) == ["out"]
 
 
-# ------------------------------------------------------------------------------------------------- single files
+# ------------------------------------------------------------------------------------- single files
 
 
 def test_a_file_has_its_name_while_it_is_written(tmp_path: Path) -> None:
@@ -380,7 +380,7 @@ def test_the_manifest_learns_of_it(tmp_path: Path) -> None:
         read_listed_hashes(out)
 
 
-# ----------------------------------------------------------------------------------------------- one writer at a time
+# ----------------------------------------------------------------------------- one writer at a time
 
 HOLD = """
 import sys, time

@@ -152,7 +152,9 @@ def translation(*offset: float) -> np.ndarray:
 def documented(
     joint: str, jp: dict[str, float], zero: dict[str, float], q: dict[str, float]
 ) -> np.ndarray:
-    """The pose (4, 4) of a joint's child in its parent as Reinbolt writes it, product by product."""
+    """The pose (4, 4) of a joint's child in its parent as Reinbolt writes it, product by
+    product.
+    """
     kind, _, side = joint.partition("_")
     s = -1.0 if side == "l" else 1.0
 
@@ -348,7 +350,9 @@ def test_left_is_the_mirror_image_of_right() -> None:
 
 
 def test_reactions_of_both_knees_are_mirror_images() -> None:
-    """Their axes are x of the knee frames, of opposite senses: adduction is positive on both sides."""
+    """Their axes are x of the knee frames, of opposite senses: adduction is positive on
+    both sides.
+    """
     chain = Chain(reactions=True)
     placed = Kinematics(chain.body(read_published_parameters()), np.zeros((1, len(COORDINATES))))
     right, left = (placed.axis(name)[0] for name in REACTIONS)

@@ -217,7 +217,9 @@ def test_only_the_zero_of_the_ankle_changes() -> None:
 def test_standing_ankles_as_the_laboratory_has_them(
     folder: str, height: float, data_dir: Path
 ) -> None:
-    """Within a few degrees of the ankle angles that Plug-in Gait computed of the same static trial."""
+    """Within a few degrees of the ankle angles that Plug-in Gait computed of the same
+    static trial.
+    """
     file, marker_set = data_dir / folder / "static.c3d", load_marker_set("plug-in-gait")
     static = complete_static(marker_set.rename_labels(read_recording(file)), marker_set)
     marker_set = resolve_marker_set(marker_set, static)

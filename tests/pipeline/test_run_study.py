@@ -1,4 +1,6 @@
-"""A study or folder is run, and further trials are analysed, from Python as from the command line."""
+"""A study or folder is run, and further trials are analysed, from Python as from the
+command line.
+"""
 
 import pickle
 from dataclasses import replace

@@ -275,7 +275,9 @@ def treadmill(real_study: Callable[[str], Study]) -> TrialEvidence:
     ],
 )
 def test_real_walks_have_pressure_under_the_feet(name: str, data_dir: Path) -> None:
-    """Adults, children, turns, feet across two plates, two feet one after the other on one plate."""
+    """Adults, children, turns, feet across two plates, two feet one after the other on
+    one plate.
+    """
     walks = real_walks(name, data_dir)
     assert walks and [f.line for walk in walks for f in find_pressure_faults(walk)] == []
 

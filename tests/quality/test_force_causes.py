@@ -118,7 +118,9 @@ def test_coefficients_of_zero_change_nothing_and_linear_causes_are_linear() -> N
 
 
 def test_marker_tilt_rotates_gravity_about_the_mass_centre() -> None:
-    """In tilted marker axes, a body at rest on tilted plates under tilted gravity has no residual."""
+    """In tilted marker axes, a body at rest on tilted plates under tilted gravity has no
+    residual.
+    """
     evidence = exact_walk().evidence()
     cause = next(c for c in list_causes([evidence]) if c.kind is ForceFault.MARKERS_TILTED)
     x = np.array([0.07, -0.04])

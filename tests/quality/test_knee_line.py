@@ -60,7 +60,9 @@ def test_opposite_rotation_and_single_knee(sound: Study) -> None:
 
 
 def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:
-    """Landmarks of both legs rotated about the vertical through their mean, lateral ends forward."""
+    """Landmarks of both legs rotated about the vertical through their mean, lateral ends
+    forward.
+    """
     axes = compute_body_axes(p)
     out = dict(p)
     for side, way in (("r", 1.0), ("l", -1.0)):

@@ -216,7 +216,9 @@ def tracked(study: Study) -> Motion:
 
 
 def test_posture_with_single_markers_is_that_of_all_markers(pig: Study) -> None:
-    """From a thigh straight below the pelvis, both legs converged to a posture 33 to 56 deg away."""
+    """From a thigh straight below the pelvis, both legs converged to a posture 33 to 56
+    deg away.
+    """
     whole = tracked(pig)
     reduced = tracked(renamed(pig, {f"{s}{m}": f"{s}{m}x" for s in "RL" for m in ("THI", "TIB")}))
     away = np.degrees(np.sqrt(np.mean((whole.q - reduced.q) ** 2, axis=0)))

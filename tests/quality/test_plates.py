@@ -31,7 +31,9 @@ ERROR, WARNING, INFO = Severity.ERROR, Severity.WARNING, Severity.INFO
 
 
 def negated(axis: int) -> Change:
-    """One force component of both plates negated, with the reader's reversal for the vertical one."""
+    """One force component of both plates negated, with the reader's reversal for the
+    vertical one.
+    """
     sign = np.ones(3)
     sign[axis] = -1.0
     return plates(lambda p: replace(p, force=(-sign if axis == 1 else sign) * p.force))

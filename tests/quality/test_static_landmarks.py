@@ -138,8 +138,8 @@ def test_swapped_landmarks_are_found_on_all_people(
 
 @pytest.mark.slow
 def test_a_landmark_90_mm_off_is_found_and_named(people: People) -> None:
-    """Forty, the same every time: of 1780 draws 10 are missed, heels across an outward foot, which only the
-    foot's own direction would show.
+    """Forty, the same every time: of 1780 draws 10 are missed, heels across an outward foot, which
+    only the foot's own direction would show.
     """
     rng = np.random.default_rng(2)
     for _ in range(40):

@@ -1,4 +1,6 @@
-"""From findings to a verdict: overall, for each walk and leg, one reason a cause, the worst first."""
+"""From findings to a verdict: overall, for each walk and leg, one reason a cause, the
+worst first.
+"""
 
 from dataclasses import replace
 from itertools import permutations

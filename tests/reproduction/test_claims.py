@@ -23,7 +23,9 @@ def _joint(problem: str, errors: float | None = None, **figures: float) -> Chang
 
 
 def _random(errors: dict[str, float] | None = None, **figures: float) -> Change:
-    """Recoveries from random seeds with other figures, and other errors of inertia, mass or centre."""
+    """Recoveries from random seeds with other figures, and other errors of inertia, mass
+    or centre.
+    """
 
     def change(r: InertialRecovery) -> InertialRecovery:
         return replace(r, errors=replace(r.errors, **errors or {}), **figures)

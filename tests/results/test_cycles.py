@@ -86,7 +86,9 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
 
 
 def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> None:
-    """The left leg is not valid in the middle of its stride; the right leg knows nothing of that."""
+    """The left leg is not valid in the middle of its stride; the right leg knows nothing
+    of that.
+    """
     trial = whole.trial("walk")
     reactions = trial.loads.reactions
     stride = {side: cycles[0] for side, cycles in list_strides(trial.events).items()}

@@ -94,7 +94,7 @@ def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
     assert pages[0].replace(one["made"], "") == pages[1].replace(two["made"], "")
 
 
-# ---------------------------------------------------------------------------------------------------- further trials
+# ----------------------------------------------------------------------------------- further trials
 
 
 @pytest.mark.slow
@@ -188,7 +188,7 @@ def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     assert trials(result / "dynamics" / PAGE) == ["walk3", "walk2"]
 
 
-# ------------------------------------------------------------------------------------------------------------- view
+# --------------------------------------------------------------------------------------------- view
 
 
 def test_the_view_of_a_result_has_all_of_its_trials(folder: Path) -> None:

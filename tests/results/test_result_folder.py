@@ -117,8 +117,8 @@ def test_further_trials_join_those_that_are_there(folder: Path) -> None:
 
 
 SUBJECT = (
-    "../../etc <script>alert(1)</script> Zoë 测试 \U0001f9b5 \"><img src=x onerror=alert(1)> '; DROP "
-    "TABLE gait; -- "
+    "../../etc <script>alert(1)</script> Zoë 测试 \U0001f9b5 \"><img src=x onerror=alert(1)> '; "
+    "DROP TABLE gait; -- "
     "{{ 7 * 7 }} {% raw %} ${x} </title></style> [bold red]markup[/] <!--<script> \u05d0\u05d1 --> "
     "\\u003c & ]]>"
 )
@@ -133,7 +133,8 @@ MARKERS = {
 }
 """Markers that the study names otherwise, and so does its marker set."""
 TRIALS = [
-    "../walk", "walk/../../x", "<script>", "con", "walk\n", "", ".", "..", "~", "w" * 81, "walk\x00", "C:walk", "wälk",
+    "../walk", "walk/../../x", "<script>", "con", "walk\n", "", ".", "..", "~", "w" * 81,
+    "walk\x00", "C:walk", "wälk",
 ]  # fmt: skip
 
 

@@ -1,4 +1,6 @@
-"""What a writer computes is what a reader of the folder gets: page, PDF and figures show one set."""
+"""What a writer computes is what a reader of the folder gets: page, PDF and figures show
+one set.
+"""
 
 from dataclasses import replace
 from pathlib import Path

@@ -61,7 +61,9 @@ def of_walk_alone(kept: Path, **options: Any) -> Calibration:
 
 @pytest.fixture(scope="module")
 def known(kept: Path) -> Calibration:
-    """Its nominal model is the truth, but for the digits in which the published subject is printed."""
+    """Its nominal model is the truth, but for the digits in which the published subject
+    is printed.
+    """
     return of_walk_alone(kept)
 
 

@@ -28,9 +28,8 @@ def with_finding(
 ) -> Calibration:
     whole = fake_calibration()
     finding = Finding(
-        code=Code.CLOCKS_DIFFER, severity=severity, topic=topic, where=where, leg=leg, cause="the "
-                                                                                             "forces come late",
-        found="by 60 ms", cure="do",
+        code=Code.CLOCKS_DIFFER, severity=severity, topic=topic, where=where, leg=leg,
+        cause="the forces come late", found="by 60 ms", cure="do",
     )  # fmt: skip
     walks = [t.name for t in whole.trials if t.joint is None]
     return remove_refused_results(
@@ -58,7 +57,8 @@ def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: st
     assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word
     (reason,) = told["reasons"]
     assert reason == {
-        "code": "GC-069", "cause": "the forces come late", "evidence": "by 60 ms", "action": "do", "trial": "walk",
+        "code": "GC-069", "cause": "the forces come late", "evidence": "by 60 ms", "action": "do",
+        "trial": "walk",
         "trials": ["walk"], "leg": "", "topic": "forces", "severity": severity.value,
     }  # fmt: skip
     assert told["warnings"] == ["walk: the forces come late: by 60 ms; do"]

@@ -58,7 +58,8 @@ def test_means_and_deviations_change_and_correlations_stay() -> None:
 def test_the_left_is_the_mirror_image_and_what_is_said_of_a_side_comes_first() -> None:
     prior = said(
         hip_l__pelvis__ant={"mean": 1.0}, hip__pelvis__ant={"mean": 4.0, "deviation": 5.0},
-        hip__pelvis__lat={"mean": 3.0}, knee__thigh__front={"mean": 2.0}, hip_l__thigh__lat={"mean": 8.0},
+        hip__pelvis__lat={"mean": 3.0}, knee__thigh__front={"mean": 2.0},
+        hip_l__thigh__lat={"mean": 8.0},
     )  # fmt: skip
     at = {name: float(prior.mean[k]) for name, k in JP_INDEX.items()}
     assert (at["hip_r.pelvis.ant"], at["hip_l.pelvis.ant"]) == pytest.approx((0.004, 0.001))

@@ -44,7 +44,8 @@ def written(folder: Path, **changes: str) -> TruthTable:
     curves.mkdir()
     q, forces = rng.normal(0, 0.3, (11, len(COORDINATES))), rng.normal(0, 50.0, (11, len(FORCES)))
     texts = {
-        "parameters": "name,unit,value\nhip_r.pelvis.ant,mm,-40.5\nknee_l.thigh.front,deg,3\nthigh_r.mass,kg,8.1\n",
+        "parameters": "name,unit,value\nhip_r.pelvis.ant,mm,-40.5\n"
+        "knee_l.thigh.front,deg,3\nthigh_r.mass,kg,8.1\n",
         "motion": format_motion(TIME, q, q, q),
         "moments": format_moments(TIME, forces, 1200.0),
         "landmarks": format_landmarks(LANDMARKS),

@@ -152,7 +152,9 @@ def test_one_dense_motion_foretells_the_others() -> None:
 
 
 def test_information_does_not_depend_on_gaps() -> None:
-    """A marker lost for half of the trial counts half throughout: no frame is without information."""
+    """A marker lost for half of the trial counts half throughout: no frame is without
+    information.
+    """
     problem = problem_of(MARKERS)
     weight = problem.data.weight.copy()
     weight[:, ::2] = 0.0

@@ -120,7 +120,9 @@ def test_every_step_uphill_is_told() -> None:
 
 
 class _Saddle(_Rosenbrock):
-    """x^2 + 1 with a matrix of the wrong sign: its steps lead uphill and promise less than nothing."""
+    """x^2 + 1 with a matrix of the wrong sign: its steps lead uphill and promise less
+    than nothing.
+    """
 
     def evaluate(self, x: Array) -> Evaluation:
         return Evaluation(float(x @ x) + 1.0, x.copy())

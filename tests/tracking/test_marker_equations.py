@@ -113,7 +113,9 @@ COLUMNS = [np.array([0, 2]), np.array([2, 1, 0])]
 
 
 def trial(rng: np.random.Generator, parameters: int) -> NormalEquations:
-    """Half gradient and matrix of a least-squares problem whose nodes are coupled within the band."""
+    """Half gradient and matrix of a least-squares problem whose nodes are coupled within
+    the band.
+    """
     n = NODES * COORDINATES
     near = np.abs(np.arange(n)[:, None] - np.arange(n)) < WIDTH // 2
     rows = rng.normal(size=(n, n)) * near
@@ -175,7 +177,9 @@ ROUNDING = 1e-12
 def test_halves_and_wholes_are_those_of_the_dense_matrix(
     size: int, width: int, columns: int | None
 ) -> None:
-    """Blocks of the band's width, the last of them smaller or not, for one right side and for many."""
+    """Blocks of the band's width, the last of them smaller or not, for one right side and
+    for many.
+    """
     rng = np.random.default_rng(size)
     band = rng.normal(size=(size, width))
     band[:, 0] = 3 * width

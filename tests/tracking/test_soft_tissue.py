@@ -104,7 +104,9 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
 
 
 def test_what_is_expected_turns_a_cluster_and_deforms_it_in_its_own_axes() -> None:
-    """A turn by half a radian changes no distance between markers; what they do by themselves does."""
+    """A turn by half a radian changes no distance between markers; what they do by
+    themselves does.
+    """
     problem, _, _ = trial_with_tissue(4)
     assert problem.tissue is not None
     group = problem.tissue.groups[0]

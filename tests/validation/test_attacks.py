@@ -1,4 +1,6 @@
-"""`python -m scripts.validation attacks`: its own measures, and the few attacks that run as a test."""
+"""`python -m scripts.validation attacks`: its own measures, and the few attacks that run
+as a test.
+"""
 
 from dataclasses import replace
 from pathlib import Path

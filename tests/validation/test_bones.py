@@ -1,4 +1,6 @@
-"""Member `bones`: what it reads, and that skin is learnt and calibrated as tracked bones have it."""
+"""Member `bones`: what it reads, and that skin is learnt and calibrated as tracked bones
+have it.
+"""
 
 from pathlib import Path
 

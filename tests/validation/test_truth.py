@@ -312,7 +312,9 @@ def test_intervals_of_whole_calibrations_cover_the_truth(
 
 @pytest.mark.slow
 def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
-    """A thigh begins at the hip of the rule that a calibration uses, here another than the default."""
+    """A thigh begins at the hip of the rule that a calibration uses, here another than
+    the default.
+    """
     rule = HipCentre.BELL
     study = Study.load(kept_person(kept, seed=3, perturb=True))
     study = replace(

@@ -18,7 +18,9 @@ WORSE = 1.3
 def test_the_leg_of_a_real_walk_keeps_its_stride_and_agrees_with_the_vendor(
     data_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The other foot stands beside all plates at both ends of this stance, and knows nothing of it."""
+    """The other foot stands beside all plates at both ends of this stance, and knows
+    nothing of it.
+    """
     results("vendors", "--only", "kad")
     said = capsys.readouterr().out
     assert "moments in N·mm/kg, internal" in said

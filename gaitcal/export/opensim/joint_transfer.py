@@ -406,7 +406,8 @@ class Transfer:
             if joint is moving[-1]:
                 below = self.peer.compute_body_pose(bottom, joint.child, q0)
                 standing = pose.actInv(stand[bottom] * below.inverse())
-            # The parent of a subtalar joint, the talus, has no markers: its axis is that in the foot.
+            # The parent of a subtalar joint, the talus, has no markers: its axis is that in the
+            # foot.
             in_parent = not leg.ours.startswith("subtalar")
             our_joint = osim_registration.JOINT_OF[leg.ours]
             segment = our_joint.parent if in_parent else our_joint.child

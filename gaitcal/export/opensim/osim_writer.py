@@ -60,7 +60,7 @@ GROUND = "ground"
 DOCUMENT_VERSION = "40000"
 """Version of the oldest OpenSim 4; later ones read it unchanged."""
 
-# --------------------------------------------------------------------------------------------- joints and segments
+# ------------------------------------------------------------------------------ joints and segments
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,7 +240,7 @@ def _get_range(coordinate: str) -> tuple[float, float]:
 COORDINATE_RANGES = {name: _get_range(name) for name in COORDINATES}
 """Lowest and highest usual value of every coordinate, m or rad."""
 
-# --------------------------------------------------------------------------------------- names, numbers and text
+# -------------------------------------------------------------------------- names, numbers and text
 
 _ESCAPED = frozenset("\\/*+%<>&\"'")
 _EMPTY = "%"
@@ -333,7 +333,7 @@ def write_xml(root: ET.Element, path: Path | str) -> None:
     write_text_atomically(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
 
 
-# ------------------------------------------------------------------------------------------------- the document
+# ------------------------------------------------------------------------------------- the document
 
 
 def write_osim(model: SubjectModel, path: Path | str) -> None:

@@ -277,7 +277,7 @@ th:first-child,td:first-child,.text{text-align:left}thead th{border-bottom:2px s
 img{width:100%;height:auto}figure{margin:0}figcaption,.soft{color:#484848;font-size:13.5px}
 @media print{body{max-width:none;padding:0;font-size:11px}@page{size:A4;margin:14mm}h2{break-after:avoid}
 tr,figure,.warning{break-inside:avoid}.scroll{overflow:visible}th,td{padding:2px 5px}figure img{max-height:245mm}}
-"""
+"""  # noqa: E501
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 Row = Sequence[str]

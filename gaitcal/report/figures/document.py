@@ -49,7 +49,7 @@ MARGIN: Final = 15.0 * mm
 HEADER_COLUMNS: Final = 5
 LEAST_TABLE: Final = 60.0 * mm
 LEAST_SHEET: Final = 150.0 * mm
-"""Height of a sheet of curves that is readable; a comment that leaves less moves to further pages."""
+"""Readable height of a sheet of curves; a comment that leaves less moves to further pages."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -169,8 +169,9 @@ def _build_moment_arm_chart(coordinate: str, table: pd.DataFrame, width: float) 
                 label=f"{hidden} muscles more, which change less", colour=chart.FAINT, width=0.0
             )
         )
+    file_name = "".join(c if c.isascii() and c.isalnum() else "_" for c in coordinate)
     return chart.Chart(
-        name=f"moment_arms_{''.join(c if c.isascii() and c.isalnum() else '_' for c in coordinate)}",
+        name=f"moment_arms_{file_name}",
         title=f"Moment arms about {chart.clean_name(coordinate)}",
         panels=tuple(panels),
         keys=tuple(keys),

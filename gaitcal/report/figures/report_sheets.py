@@ -35,7 +35,7 @@ LEAST: Final = {
     CurveKind.POWER: 1.0,
     CurveKind.FORCE: 2.0,
 }
-"""Smallest range of a vertical axis, in the units of a printed report, so that nothing small looks dramatic."""
+"""Smallest range of a vertical axis, in the units of a printed report: small changes look small."""
 SANS, BOLD = "ReportSans", "ReportSans-Bold"
 
 

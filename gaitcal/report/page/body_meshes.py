@@ -38,8 +38,8 @@ MESHES: dict[str, tuple[Array, Array]] = {
         ("upperleg", (-10.6, -62.3, -10.3), (10.4, 6.2, 10.6)),
     )
 }
-"""The meshes in use and their bounding boxes in their unit; a substitute for a missing mesh fills its
-box.
+"""The meshes in use and their bounding boxes in their unit; a substitute for a missing mesh fills
+its box.
 """
 
 PACKAGE = "example-robot-data"

@@ -28,7 +28,8 @@ EXTRA = "bones"
 _FOLDER = "myo_sim/models/meshes"
 _FEMUR_LENGTH = (0.2, 0.7)  # m: a femur of another length is in another unit, or no femur
 _TYPES = {
-    "Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4",
+    "Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2",
+    "Int32": "i4",
     "UInt32": "u4", "Int64": "i8", "UInt64": "u8",
 }  # fmt: skip
 

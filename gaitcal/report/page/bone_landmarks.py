@@ -3,19 +3,21 @@
 Bones are those of the right side in the axes of OpenSim's models: x forward, y up, z to the right,
 m.
 
-    ball (head of femur or humerus)   sphere through the surface around the most medial point of the upper end, its
-                                      points chosen anew until they no longer change
+    ball (head of femur or humerus)   sphere through the surface around the most medial point of the
+                                      upper end, its points chosen anew until they no longer change
     epicondyles                       the most lateral and the most medial point of the lower end
-    condyles of the femur             circles in the sagittal plane through the hind and lower surface of each condyle,
-                                      which the tibia rolls on: their centres are the geometric
-                                      centre axis (Eckhoff et al. 2005, J Bone Joint Surg Am 87
-                                      Suppl 2)
-    acetabulum                        the place towards which most of the surface of the hip bone is hollow: every
-                                      triangle, carried along its outward normal by the radius of
-                                      the femoral head, votes for it
+    condyles of the femur             circles in the sagittal plane through the hind and lower
+                                      surface of each condyle, which the tibia rolls on: their
+                                      centres are the geometric centre axis (Eckhoff et al. 2005, J
+                                      Bone Joint Surg Am 87 Suppl 2)
+    acetabulum                        the place towards which most of the surface of the hip bone is
+                                      hollow: every triangle, carried along its outward normal by
+                                      the radius of the femoral head, votes for it
     tibial plateau                    mean of the upper end's upward surface
-    malleoli                          the most medial point of the tibia's, the most lateral of the fibula's lower end
-    ASIS, PSIS                        the most forward point above the acetabulum, the hindmost of the hip bone
+    malleoli                          the most medial point of the tibia's, the most lateral of the
+                                      fibula's lower end
+    ASIS, PSIS                        the most forward point above the acetabulum, the hindmost of
+                                      the hip bone
 
 A sphere |p - c|^2 = r^2 is linear in (c, r^2 - c.c) and solved by least squares; so is a circle in
 two coordinates.

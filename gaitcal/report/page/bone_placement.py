@@ -1,8 +1,8 @@
 """Place bones on a subject's landmarks, and compare knee axes with the femoral condyles.
 
-Every bone has an affine map from its frame to that of a segment. With y the direction between the two
-ends of a bone, z to its right across y (`segment_frames.build_frame`), R the axes in the bone and R'
-those in the person, and b, b' the lower ends,
+Every bone has an affine map from its frame to that of a segment. With y the direction between the
+two ends of a bone, z to its right across y (`segment_frames.build_frame`), R the axes in the bone
+and R' those in the person, and b, b' the lower ends,
 
     p' = b' + R' diag(l, l, w) R^T (p - b)
     l = ratio of the lengths, w = ratio of the widths across y

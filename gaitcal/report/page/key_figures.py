@@ -312,7 +312,10 @@ def build_trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     )
     repeats = walk.trial.events.repeats
     phases = ", ".join(dict.fromkeys(name for repeat in repeats for name, _ in repeat.parts))
-    repeat_text = f"{format_count(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
+    repeat_text = (
+        f"{format_count(len(repeats), 'repetition')}, by the height of the pelvis; "
+        f"phases: {phases}."
+    )
     out.append(make_text(repeat_text if repeats else event_text))
     if missing := [SIDE_WORDS[side] for side in SIDES if not list_strides(walk.trial.events)[side]]:
         out.append(make_text(f"No complete stride of the {format_list(missing)} foot."))

@@ -179,12 +179,12 @@ def _explain_study(study: MonteCarloStudy) -> list[Block]:
         make_text(
             f"A Monte Carlo study of trial {format_name(study.case.name)}: this person's model and "
             "markers disturbed at "
-            f"random, {format_number(study.plan.draws, 0)} times for each cause and level, and the motion "
-            "fitted again each "
+            f"random, {format_number(study.plan.draws, 0)} times for each cause and level, and the "
+            "motion fitted again each "
             "time. At a level of 100 % joint positions are off by up to "
             f"{format_number(s.position_mm, 0)} mm, joint axes by "
-            f"up to {format_number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of "
-            "inertia by up to "
+            f"up to {format_number(s.orientation_deg, 0)} degrees, masses, mass centres and "
+            "moments of inertia by up to "
             f"{format_number(s.inertial_percent, 0)} %, and markers by waves of up to "
             f"{format_number(s.noise_mm, 0)} mm. Errors are "
             "RMS over the trial, in percent of body weight times height (%BW·H) and in N·m/kg."
@@ -205,8 +205,8 @@ def _rank_sources(study: MonteCarloStudy, marker_rms: float | None) -> list[Bloc
     meaning = "Each source by itself, at the highest level of the study."
     if marker_rms is not None:
         meaning = (
-            f"The calibrated model meets the markers of pelvis and legs to {format_number(marker_rms)} "
-            "mm. Joints and marker "
+            "The calibrated model meets the markers of pelvis and legs to "
+            f"{format_number(marker_rms)} mm. Joints and marker "
             "noise are given at the level at which each of them alone would cause that error. "
             "Masses and inertia have no effect on marker errors and are given at the highest level "
             "of the study."

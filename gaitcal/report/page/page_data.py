@@ -264,11 +264,10 @@ def format_verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
     text = f"{judgement.value.capitalize()}. {verdict['sentence']}"
     if verdict["reasons"]:
         worst, *others = verdict["reasons"]
-        where = (
-            f" ({', '.join(plain_data.replace_control_characters(name) for name in worst['trials'])})"
-            if worst["trials"]
-            else ""
-        )
+        where = ""
+        if worst["trials"]:
+            trials = [plain_data.replace_control_characters(name) for name in worst["trials"]]
+            where = f" ({', '.join(trials)})"
         text += f" {'Worst' if others else 'Because'}: {worst['cause']}{where}."
     return {
         "tone": key_figures.TONES[judgement],

@@ -28,10 +28,11 @@ from gaitcal.results.shown_labels import TRIAL_CURVES, UNIT_WORDS
 from gaitcal.results.summary import combine_judgements
 
 SCRIPTS = (
-    "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
-    "stage.js", "chosen.js", "state.js", "timeline.js", "controls.js", "keys.js", "switches.js", "counting.js",
-    "statistics.js", "sheet.js", "convention.js", "strides.js", "traces.js", "plot.js", "panel.js", "peaks.js",
-    "curves.js", "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "events.js",
+    "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js",
+    "layers.js", "camera.js", "stage.js", "chosen.js", "state.js", "timeline.js", "controls.js",
+    "keys.js", "switches.js", "counting.js", "statistics.js", "sheet.js", "convention.js",
+    "strides.js", "traces.js", "plot.js", "panel.js", "peaks.js", "curves.js", "blocks.js",
+    "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "events.js",
     "comments.js", "print.js", "page.js",
 )  # fmt: skip
 """In the order in which they run: the body in 3-D; what is shown when; curves; tables; all

@@ -90,6 +90,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
     for trial in calibration.study.trials:
         recording = trial.recording
         visible = np.isfinite(recording.markers).all(axis=2)
+        visible_percent = 100.0 * float(visible.mean()) if visible.size else 0.0
         rows.append(
             [
                 plain_data.make_cell(plain_data.format_name(trial.name)),
@@ -99,7 +100,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
                 plain_data.format_number(len(recording.time), 0),
                 f"{plain_data.format_number(recording.rate, 0)} Hz",
                 str(len(recording.labels)),
-                f"{plain_data.format_number(100.0 * float(visible.mean()) if visible.size else 0.0)} %",
+                f"{plain_data.format_number(visible_percent)} %",
                 str(len(recording.plates) or "none"),
             ]
         )
@@ -286,8 +287,9 @@ def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
         f"{describe_role(trial.role, trial.joint).capitalize()}, from the file "
         f"{plain_data.format_name(_get_file_name(recording.source))}: "
         f"{plain_data.format_number(float(time[-1] - time[0]), 2)} s, "
-        f"{plain_data.format_number(len(time), 0)} frames at {plain_data.format_number(recording.rate, 0)} Hz, "
-        f"{len(recording.labels)} markers, {plates}."
+        f"{plain_data.format_number(len(time), 0)} frames at "
+        f"{plain_data.format_number(recording.rate, 0)} Hz, {len(recording.labels)} markers, "
+        f"{plates}."
     )
     notes = [note.removeprefix(f"{trial.name}: ") for note in trial.notes]
     return [

@@ -45,7 +45,8 @@ have.
 MARKER_RANGE_M = 20.0
 
 _DAMAGE = (
-    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, EOFError, SyntaxError,
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError,
+    EOFError, SyntaxError,
     MemoryError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What NumPy, zipfile and zlib raise on files that are not what they seem."""
@@ -53,7 +54,8 @@ _BODY = "garments"  # What files of this version call the body meshes
 _LANDMARKS = "landmarks/"
 EARLY = 0.005  # s: a later first frame is reported as not the begin of the recording
 _JOINT_ARRAYS = (
-    "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
+    "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread",
+    "axis_spread",
 )  # fmt: skip
 
 

@@ -167,7 +167,8 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
         right.append(make_text(f"{note}; those with little weight come last.", "soft"))
     out: list[Block] = [
         make_heading(
-            f"Trial {format_name(trial.name)}, {describe_role(trial.role, trial.joint)}: marker errors"
+            f"Trial {format_name(trial.name)}, {describe_role(trial.role, trial.joint)}: marker "
+            "errors"
         )
     ]
     if trial.joint is not None:
@@ -261,8 +262,8 @@ JUDGEMENTS = (
     "concerns every walk."
 )
 RESIDUALS = (
-    "The measured ground forces should explain the whole motion. The pelvis residuals are the force "
-    "and moment that the "
+    "The measured ground forces should explain the whole motion. The pelvis residuals are the "
+    "force and moment that the "
     "model needs in addition at its pelvis to follow the measured motion. They contain the errors "
     "of motion, masses and "
     "force plates. The limit of their RMS follows from these errors, from the plate signals above "
@@ -323,8 +324,8 @@ def build_trust_blocks(calibration: result.Calibration) -> list[Block]:
     caption = (
         "Parameters of each joint, how far it moved in the trial that moves it most, and the "
         "largest standard error of "
-        f"those that were fitted. About {format_number(parameter_labels.ENOUGH_MOTION_DEG, 0)} deg of "
-        "motion are needed."
+        f"those that were fitted. About {format_number(parameter_labels.ENOUGH_MOTION_DEG, 0)} deg "
+        "of motion are needed."
     )
     where = (
         "Which they are, and every value with its error: preset Joints. What was assumed: preset "
@@ -438,7 +439,10 @@ def _build_error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
             peaks.setdefault(peak.base, []).append(peak)
     out = []
     if first := peaks.get(KNEE_ADDUCTION):
-        title = f"Expected error of the peak knee adduction moment, trial {format_name(walk.trial.name)}"
+        title = (
+            "Expected error of the peak knee adduction moment, trial "
+            f"{format_name(walk.trial.name)}"
+        )
         out += [make_heading(title), *pair_blocks([[_build_peak_table(peak)] for peak in first])]
     others: list[Block] = []
     for base, found in peaks.items():

@@ -1,11 +1,15 @@
 """What MkDocs calls while it builds: places in pages where a line `{{ name: word }}` stands for
 what the program tells.
 
-    {{ command: calibrate }}    usage and options            {{ table: subject }}       keys of a TOML table
-    {{ files: calibration }}    files of a kind of folder    {{ columns: people }}      columns of a table
-    {{ marker-sets }}           the built-in sets            {{ findings }}             codes and their titles
+    {{ command: calibrate }}    usage and options
+    {{ table: subject }}        keys of a TOML table
+    {{ files: calibration }}    files of a kind of folder
+    {{ columns: people }}       columns of a table
+    {{ marker-sets }}           the built-in sets
+    {{ findings }}              codes and their titles
     {{ examples }}              recordings to fetch
-    {{ everything }}            what is explained where      {{ python: study }}        public names of a group
+    {{ everything }}            what is explained where
+    {{ python: study }}         public names of a group
 
 A page for every code of a finding is made as well (`reference/findings/GC-001.md`).
 """

@@ -11,11 +11,12 @@ would. Without options each is made on one study, the studies taking turns; with
 or `--base` on every study that it is meant for. It ends as one of
 
 refused     an error stops the run
-named       a new message names the cause: it holds the words that the table lists, marker, trial or plate among them
-harmless    no new message, and every leg torque, leg angle and hip, knee and ankle centre lies within the error bar
-            of its own run around the clean run: the RMS over frames of |difference| / max(1.96
-            standard errors, floor) is at most 1; floors: 0.2 % of body weight times height, 1 deg,
-            5 mm
+named       a new message names the cause: it holds the words that the table lists, marker, trial or
+            plate among them
+harmless    no new message, and every leg torque, leg angle and hip, knee and ankle centre lies
+            within the error bar of its own run around the clean run: the RMS over frames of
+            |difference| / max(1.96 standard errors, floor) is at most 1; floors: 0.2 % of body
+            weight times height, 1 deg, 5 mm
 alarmed     something new is said, but not the cause
 silent      nothing new is said, and a result moved by more than its own error bar
 crash       an exception that is no error of gaitcal's

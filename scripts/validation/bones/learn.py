@@ -328,7 +328,8 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
             )
             yield (
                 "  "
-                f"{d.name:20}{cells}{1e3 * deviation[:3].mean():7.1f}{np.sqrt((z**2).mean()):7.2f}{with_mean:8.1f}"
+                f"{d.name:20}{cells}{1e3 * deviation[:3].mean():7.1f}"
+                f"{np.sqrt((z**2).mean()):7.2f}{with_mean:8.1f}"
                 f"{alone:9.1f}"
             )
         yield f"  {'sum':78}{sums[0]:8.1f}{sums[1]:9.1f}"

@@ -7,9 +7,10 @@ Each case is a folder of recordings without a study file: as the laboratory left
 another one would have written it (`clinics/variants.py`). `gaitcal calibrate FOLDER` runs on it in
 a process of its own. It ends as one of
 
-torques     exit code 0 or a verdict that says no, and a leg with valid torques wherever forces were recorded; the same
-            as of the folder as it was, within their error bars (RMS over frames of |difference| /
-            max(1.96 standard errors, floor), median over the legs' coordinates, at most 1)
+torques     exit code 0 or a verdict that says no, and a leg with valid torques wherever forces were
+            recorded; the same as of the folder as it was, within their error bars (RMS over frames
+            of |difference| / max(1.96 standard errors, floor), median over the legs' coordinates,
+            at most 1)
 asked       a clear line, no torques, where more cannot be said
 refused     a clear line, no torques, though there is enough to say more
 wrong       other torques than of the folder as it was, and nothing said that is not said there

@@ -393,7 +393,10 @@ def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:
             found.append(case)
             if chosen.verbose:
                 size = "" if case.ratio is None else f"size x {case.ratio:.2f}"
-                cells = f"{case.outcome.value:12}{case.fault.row:28}{case.fault.words:26}{case.where:40}"
+                cells = (
+                    f"{case.outcome.value:12}{case.fault.row:28}"
+                    f"{case.fault.words:26}{case.where:40}"
+                )
                 say(f"{cells}{size} [{case.told}]")
     print_table(found)
     return everybody, found

@@ -3,18 +3,21 @@ people's skin.
 
     people [--parts hips,halves,...] [--only NAME,...] [--study FILE ...] [--set key=value ...]
 
-hips      how far calibration moves the joints of real people from their nominal places, and the population's mean and
-          scatter; fitted hips beside those of 29 people in CT. A population may scatter, but not
-          move to one side
-halves    hips by isolated trials alone against gait alone, as told and with a wide prior on hips (others may agree for
-          they share their prior); of people with both
-pairs     straight against turn, first walks and strides against last, walk against walk, each calibrated by itself: how
-          many differences of joint parameters are inside bars of 68 and 95 %
-knees     where the marker on the knee turns about in the shank, and how far calibration moves the knee's axis
-skin      hips of people simulated by OpenSim (`opensim_truth`), whose skin moves as `--kinds` says (`truth/skin.py`),
-          by gait, by six isolated trials, and by both; needs the extra `peers` once, to make the
-          trials in `--cache`
-drawn     the same people with a prior of which they are a draw (`people/simulated.py`): all joints of the legs
+hips      how far calibration moves the joints of real people from their nominal places, and the
+          population's mean and scatter; fitted hips beside those of 29 people in CT. A population
+          may scatter, but not move to one side
+halves    hips by isolated trials alone against gait alone, as told and with a wide prior on hips
+          (others may agree for they share their prior); of people with both
+pairs     straight against turn, first walks and strides against last, walk against walk, each
+          calibrated by itself: how many differences of joint parameters are inside bars of 68 and
+          95 %
+knees     where the marker on the knee turns about in the shank, and how far calibration moves the
+          knee's axis
+skin      hips of people simulated by OpenSim (`opensim_truth`), whose skin moves as `--kinds` says
+          (`truth/skin.py`), by gait, by six isolated trials, and by both; needs the extra `peers`
+          once, to make the trials in `--cache`
+drawn     the same people with a prior of which they are a draw (`people/simulated.py`): all joints
+          of the legs
 
 `GAITCAL_DATA` names the folder of recordings; `--study` adds a person by a study file. Settings are
 gaitcal's defaults but for `--set`, as `[calibration]` has them. All parts fit the joints alone.
@@ -179,7 +182,10 @@ def hip_lines(fits: Sequence[Fit]) -> Iterator[str]:
             )
         nominal, apart, error = (1e3 * x for x in fit.hips_apart())
         asis = 1e3 * fit.asis_m
-        yield f"{fit.name:12}{cells}{nominal:8.0f}{apart:8.0f}{error:6.1f}{asis:7.0f}{apart / asis:7.2f}"
+        yield (
+            f"{fit.name:12}{cells}{nominal:8.0f}{apart:8.0f}"
+            f"{error:6.1f}{asis:7.0f}{apart / asis:7.2f}"
+        )
 
 
 def groups(fits: Sequence[Fit]) -> dict[str, list[Fit]]:
@@ -199,7 +205,9 @@ def moves(fits: Sequence[Fit]) -> Array:
 
 
 def population_lines(fits: Sequence[Fit]) -> Iterator[str]:
-    """Mean, SD and RMS of each parameter's movement, over all legs; and of hips the RMS distance."""
+    """Mean, SD and RMS of each parameter's movement, over all legs; and of hips the RMS
+    distance.
+    """
     errors = np.array([UNIT * fit.leg_errors(side) for fit in fits for side in SIDES])
     yield (
         f"{'movement, mm or deg':24}"
@@ -359,7 +367,8 @@ def image_lines(fits: Sequence[Fit], images: Imaged) -> Iterator[str]:
         outside += [f"hip_{side}" for side, _, skin in distances(fit, images) if skin > WITHIN_95]
         yield (
             "  "
-            f"{fit.name:12}{'   '.join(far):32}{'outside: ' + ', '.join(outside) if outside else ''}"
+            f"{fit.name:12}{'   '.join(far):32}"
+            f"{'outside: ' + ', '.join(outside) if outside else ''}"
         )
 
 

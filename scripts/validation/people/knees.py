@@ -73,7 +73,9 @@ def circle(flexion: Array, path: Array) -> tuple[Array, float]:
 
 
 def path_of(trial: MovingTrial, model: SubjectModel, side: str) -> tuple[Array, Array]:
-    """(nf,) rad and (nf, 2) mm of the frames that show it; empty where nobody wears such markers."""
+    """(nf,) rad and (nf, 2) mm of the frames that show it; empty where nobody wears such
+    markers.
+    """
     place, labels = model.markers, trial.recording.labels
     segment, landmark = model.landmarks[f"knee_lat_{side}"]
     near = np.linalg.norm(place.local - landmark, axis=1) < 1e-3 * AT_LANDMARK_MM
@@ -138,4 +140,7 @@ def lines(found: Sequence[Knee]) -> Iterator[str]:
     for k in found:
         moved, centre = ("".join(f"{x:7.1f}" for x in pair) for pair in (k.moved, k.centre))
         told = f"{k.fitted_mm:9.1f} ({k.error_mm:4.1f})"
-        yield f"{k.name + ', ' + k.side:26}{k.bent_deg:6.0f}{moved}{centre}{k.misfit_mm:6.1f}{told:>16}"
+        yield (
+            f"{k.name + ', ' + k.side:26}{k.bent_deg:6.0f}"
+            f"{moved}{centre}{k.misfit_mm:6.1f}{told:>16}"
+        )

@@ -99,7 +99,9 @@ def true_parameters(made: IsolatedPerson, study: Study) -> tuple[dict[str, float
 def prior_about_truth(
     made: IsolatedPerson, study: Study, rng: np.random.Generator
 ) -> tuple[Study, Array]:
-    """A study of a person with a prior of which the person is a draw; and the draw, as `JP_NAMES`."""
+    """A study of a person with a prior of which the person is a draw; and the draw, as
+    `JP_NAMES`.
+    """
     truth, nominal = true_parameters(made, study)
     at = np.array([JP_INDEX[name] for name in truth])
     draw = rng.multivariate_normal(0 * ANATOMY.mean, ANATOMY.covariance)
@@ -120,7 +122,10 @@ def lines(rows: Rows, out: dict[str, float], label: str = "") -> Iterator[str]:
     """How large errors are, and how many the bars hold; figures into `out`, whose names begin with
     `label`.
     """
-    yield f"{'joint parameters, RMS':44}{'n':>6}{'prior':>9}{'fitted':>9}{'SE':>7}{'z':>7}{'in 68 %':>9}{'in 95 %':>9}"
+    yield (
+        f"{'joint parameters, RMS':44}{'n':>6}{'prior':>9}{'fitted':>9}"
+        f"{'SE':>7}{'z':>7}{'in 68 %':>9}{'in 95 %':>9}"
+    )
     for (words, group), fits in sorted(rows.items()):
         prior, error, se = np.concatenate(fits).T
         name, shares, z = f"{label}{words}: {group}", bars(error, se).shares, rms(error / se)

@@ -4,15 +4,19 @@
     [--kinds none,linear,...]
         [--set key=value ...]
 
-gait        people of `opensim_truth`, walk and static trial: joint centres, torques against OpenSim's own
-isolated    the same people's six isolated trials, made by OpenSim once (extra `peers`): joint centres and axes, beside
-            SCoRE and SARA
-functional  the same people's walk alone, and with a trial of each hip that is isolated, or is any motion: hip centres
-synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
-recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know` says what is known
-published   the published subject with the published noise, `--seeds` draws of it (`truth/made_up.py`): how many
-            intervals of joint parameters, coordinates, torques, powers and moment vectors hold the
-            truth
+gait        people of `opensim_truth`, walk and static trial: joint centres, torques against
+            OpenSim's own
+isolated    the same people's six isolated trials, made by OpenSim once (extra `peers`): joint
+            centres and axes, beside SCoRE and SARA
+functional  the same people's walk alone, and with a trial of each hip that is isolated, or is any
+            motion: hip centres
+synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb`
+            writes them
+recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know`
+            says what is known
+published   the published subject with the published noise, `--seeds` draws of it
+            (`truth/made_up.py`): how many intervals of joint parameters, coordinates, torques,
+            powers and moment vectors hold the truth
 
 Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published
 waves, by skin that follows the joints or its own time. `before` is the nominal model, `peer` SCoRE
@@ -32,12 +36,12 @@ SCoRE and SARA find joint centres and axes from two clusters of markers alone, t
 (R_i, p_i) and (S_i, q_i) are the poses of the two segments in frame i; c and d a point's
 coordinates in them.
 
-    SCoRE   minimises sum |R_i c + p_i - S_i d - q_i|^2 over (c, d): the point that both segments carry most alike
-            (Ehrig, Taylor, Duda and Heller, J Biomech 39:2798-2809, 2006)
-    SARA    where both segments turn about one axis, these equations (R_i  -S_i) (c; d) = q_i - p_i do not see (n; m),
-            that axis in either: the right singular vector of the least singular value. The
-            least-norm solution across it is a point of the axis (Ehrig, Taylor, Duda and Heller, J
-            Biomech 40:2150-2157, 2007)
+    SCoRE   minimises sum |R_i c + p_i - S_i d - q_i|^2 over (c, d): the point that both
+            segments carry most alike (Ehrig, Taylor, Duda and Heller, J Biomech 39:2798-2809, 2006)
+    SARA    where both segments turn about one axis, these equations (R_i  -S_i) (c; d) = q_i - p_i
+            do not see (n; m), that axis in either: the right singular vector of the least singular
+            value. The least-norm solution across it is a point of the axis (Ehrig, Taylor, Duda and
+            Heller, J Biomech 40:2150-2157, 2007)
 """
 
 from __future__ import annotations
@@ -187,7 +191,9 @@ def compare_gait(
 
 
 def whole_turn(before: Array, after: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and origin (3,) by which all markers (nf, nm, 3) of a recording were turned."""
+    """Rotation (3, 3) and origin (3,) by which all markers (nf, nm, 3) of a recording
+    were turned.
+    """
     pairs = np.isfinite(before).all(axis=2) & np.isfinite(after).all(axis=2)
     if pairs.sum() < 3:
         return np.eye(3), np.zeros(3)

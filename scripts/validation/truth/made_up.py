@@ -352,7 +352,9 @@ def coverage(z: np.ndarray) -> str:
 
 
 def median_errors(rows: list[pd.DataFrame]) -> tuple[float, float]:
-    """RMS error of the nominal and of the fitted values of each person, and its median over them."""
+    """RMS error of the nominal and of the fitted values of each person, and its median
+    over them.
+    """
     before, after = np.median(
         [[rms(r[when]) for when in ("before", "after")] for r in rows], axis=0
     )

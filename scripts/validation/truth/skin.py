@@ -13,11 +13,13 @@ random vector w (5 deg a component) through its centroid r. All directions belon
 
     linear     f = g = u, the joint's flexion from the static pose / 60 deg
     quadratic  f = g = u^2
-    random     f, g independent smooth Gaussian processes (RMS frequency 1 Hz, SD 0.5: the RMS of u in the hip's trial),
-               new in every trial, one of its own for each cluster and joint, and marker and joint
-    bursts     f = g = decaying waves of 5 to 10 Hz (memory 0.15 s), begun about once a second, new in every trial
-    sinusoids  no skin: as published, A sin(w t + p) for each coordinate of every marker and trial; A up to e, w up to
-               25 rad/s, p random
+    random     f, g independent smooth Gaussian processes (RMS frequency 1 Hz, SD 0.5: the RMS of u
+               in the hip's trial), new in every trial, one of its own for each cluster and joint,
+               and marker and joint
+    bursts     f = g = decaying waves of 5 to 10 Hz (memory 0.15 s), begun about once a second, new
+               in every trial
+    sinusoids  no skin: as published, A sin(w t + p) for each coordinate of every marker and trial;
+               A up to e, w up to 25 rad/s, p random
     mixture    half of each of the five
 
 People's skin is sized by what it does in a *task* (walk, isolated trial of a joint), whichever
@@ -253,7 +255,9 @@ def task_angles(clusters: Mapping[str, Cluster]) -> dict[str, Array]:
 
 
 def draw_law(rng: np.random.Generator, cluster: Cluster, sizes: Mapping[str, float]) -> Law:
-    """The answer of a segment's markers, the same in every trial that draws it in the same order."""
+    """The answer of a segment's markers, the same in every trial that draws it in the
+    same order.
+    """
     drawn = {joint: rng.normal(size=3) for joint in JOINTS}
     turn = rng.normal(size=3) * TURN
     single = np.array(

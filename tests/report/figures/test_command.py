@@ -287,7 +287,8 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     paths = {}
     for k in range(12):
         key = f"m{k}", "knee_angle_r"
-        pair = [MusclePath(muscle=key[0], coordinate=key[1], values=np.radians(deg), length=deg, arm=a * (1 + deg))
+        pair = [MusclePath(muscle=key[0], coordinate=key[1], values=np.radians(deg), length=deg,
+            arm=a * (1 + deg))
                 for a in (1e-3, 1e-3 * (1 + 0.1 * k))]  # fmt: skip
         paths[key] = pair
     before, after = ({key: pair[i] for key, pair in paths.items()} for i in (0, 1))

@@ -78,7 +78,9 @@ def test_a_stretch_beyond_the_band_is_marked_and_only_that(page: str) -> None:
 
 
 def test_moments_are_by_the_mass_of_each_session() -> None:
-    """A child that grew by half: the same moments in N·m are less by mass, and the curve says so."""
+    """A child that grew by half: the same moments in N·m are less by mass, and the curve
+    says so.
+    """
     a, b = made_session("before"), made_session("after", seed=0)
     heavy = replace(b.model, subject=replace(b.model.subject, mass=1.5 * b.model.subject.mass))
     pages = [

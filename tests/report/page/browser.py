@@ -18,9 +18,10 @@ from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (
-    "--headless=new", "--remote-debugging-pipe", "--no-first-run", "--no-sandbox", "--disable-dev-shm-usage",
-    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-extensions",
-    "--disable-background-networking", "--mute-audio", "--hide-scrollbars", "--force-device-scale-factor=1",
+    "--headless=new", "--remote-debugging-pipe", "--no-first-run", "--no-sandbox",
+    "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--disable-extensions", "--disable-background-networking",
+    "--mute-audio", "--hide-scrollbars", "--force-device-scale-factor=1",
 )  # fmt: skip
 TIMEOUT = 90.0
 """s until an answer, or a page whose figure stands: software rendering on a busy machine is slow,
@@ -129,7 +130,8 @@ class Page:
         self.shown = (url, width, height, phone)
 
     def size(self, width: int, height: int, phone: bool = False) -> None:
-        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=2 if phone else 1,
+        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height,
+            deviceScaleFactor=2 if phone else 1,
                   mobile=phone)  # fmt: skip
 
     def run(self, script: str) -> Any:

@@ -57,8 +57,8 @@ def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 CHOSEN = (
-    "result", "trial", "speed", "window", "preset", "axis", "unit", "signs", "acting", "nominal", "norm", "errors",
-    "truth", "spread", "off", "joint", "second", "layers",
+    "result", "trial", "speed", "window", "preset", "axis", "unit", "signs", "acting", "nominal",
+    "norm", "errors", "truth", "spread", "off", "joint", "second", "layers",
 )  # fmt: skip
 """What a visitor chooses on a page."""
 AT_OPENING = f"""if (window.gaitcal?.stage)
@@ -114,7 +114,9 @@ def visit(_browser: Page, _left_blank: None) -> Iterator[Visit]:
 
 @pytest.fixture
 def media(_browser: Page) -> Iterator[Callable[..., None]]:
-    """Media features of the browser (`prefers_color_scheme="dark"`), as they were again afterwards."""
+    """Media features of the browser (`prefers_color_scheme="dark"`), as they were again
+    afterwards.
+    """
 
     def put(**features: str) -> None:
         named = [

@@ -44,7 +44,8 @@ def page_data(scene: Scene, trials: list[dict[str, Any]], **more: Any) -> dict[s
     return {
         "format": FORMAT, "program": "gaitcal", "made": "22 November 2026",
         "person": {"name": scene.subject, "mass": scene.mass, "height": scene.height, **person},
-        "verdict": {"judgement": "trustworthy", "sentence": "Nothing speaks against it.", "reasons": []}, "lines": [],
+        "verdict": {"judgement": "trustworthy", "sentence": "Nothing speaks against it.",
+            "reasons": []}, "lines": [],
         "measures": [], "bands": [], "sections": {}, "trials": trials,
     } | more  # fmt: skip
 
@@ -55,14 +56,17 @@ def trial_data(
     """Of a trial, with the curves packed."""
     time = trial.time - trial.time[0]
     return {
-        "name": trial.name, "role": "walking", "joint": None, "activity": "gait", "repeats": False, "verdict": None,
-        "start": 0.0, "duration": float(time[-1]), "frames": len(time), "every": 1, "time": pack_floats(time),
-        **pack_curves(curves, 1), "events": [], "strides": strides, "measures": [], "line": 0.0, "relative": False,
+        "name": trial.name, "role": "walking", "joint": None, "activity": "gait", "repeats": False,
+        "verdict": None,
+        "start": 0.0, "duration": float(time[-1]), "frames": len(time), "every": 1,
+        "time": pack_floats(time),
+        **pack_curves(curves, 1), "events": [], "strides": strides, "measures": [], "line": 0.0,
+        "relative": False,
         "sections": {},
     } | more  # fmt: skip
 
 
-# -------------------------------------------------------------------------------------------------------------- plain
+# -------------------------------------------------------------------------------------------- plain
 
 EVENTS = {
     "r": [("foot strike", 0.05), ("foot off", 0.65), ("foot strike", 1.0)],
@@ -120,14 +124,17 @@ def plain_data(scene: Scene) -> dict[str, Any]:
     return page_data(scene, trials)
 
 
-# ------------------------------------------------------------------------------------------------------------ strides
+# ------------------------------------------------------------------------------------------ strides
 
 UNITS = {"angle": "deg", "moment": "N m", "power": "W", "force": "N"}
 SIZE = {"angle": 20.0, "moment": 40.0, "power": 80.0, "force": 300.0}
 CURVES = (
-    *((base, kind, True) for base in ("hip_flexion", "knee_angle", "knee_adduction") for kind in ("angle", "moment")),
-    ("hip", "power", True), ("ankle_angle", "angle", True), ("ground_reaction_vertical", "force", True),
-    ("pelvis_tilt", "angle", False), ("pelvis_list", "angle", False), ("lumbar_bending", "moment", False),
+    *((base, kind, True) for base in ("hip_flexion", "knee_angle", "knee_adduction")
+        for kind in ("angle", "moment")),
+    ("hip", "power", True), ("ankle_angle", "angle", True),
+    ("ground_reaction_vertical", "force", True),
+    ("pelvis_tilt", "angle", False), ("pelvis_list", "angle", False),
+    ("lumbar_bending", "moment", False),
 )  # fmt: skip
 """Base, kind, and whether each leg has one."""
 VARIABLE = {"angle": "", "moment": "_moment", "power": "_power", "force": ""}
@@ -250,7 +257,7 @@ def _rows(name: str, stride: dict[str, Any], curve: Curve, time: np.ndarray) -> 
     return pd.DataFrame(columns | {"turn": 40.0 if stride["turns"] else 0.0})
 
 
-# --------------------------------------------------------------------------------------------------------- everything
+# --------------------------------------------------------------------------------------- everything
 
 REFUSED: dict[str, tuple[str, ...]] = {"walk 1": (), "walk 2": ("l",), HOSTILE: ()}
 """Trial -> legs that the verdict refuses."""
@@ -269,7 +276,8 @@ def everything_page(**changes: Any) -> str:
         {**explain_code(Code.PRESSURE_LEAVES_FOOT), "severity": "error",
          "cause": "plates and feet do not agree", "evidence": f"by 80 N {HOSTILE}",
          "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
-        {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [], "leg": ""},
+        {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [],
+            "leg": ""},
     ]  # fmt: skip
     measures = [
         {
@@ -440,7 +448,8 @@ def every_block() -> list[dict[str, Any]]:
         _intervals(),
         {"kind": "fold", "title": "Monte Carlo", "blocks": [_heading("Spread", 4), _intervals()]},
         _heading("Pair"),
-        {"kind": "pair", **{side: [{"kind": "text", "text": side}, _table()] for side in ("left", "right")}},
+        {"kind": "pair", **{side: [{"kind": "text", "text": side}, _table()]
+            for side in ("left", "right")}},
         {"kind": "curves", "kinds": ["residual_force", "residual_moment", "marker_error"]},
         {"kind": "of a later version"},
     ]  # fmt: skip

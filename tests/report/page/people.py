@@ -1,4 +1,6 @@
-"""Scenes to look at without solving anything: the built-in subject walking, and variations of it."""
+"""Scenes to look at without solving anything: the built-in subject walking, and
+variations of it.
+"""
 
 from dataclasses import replace
 
@@ -63,7 +65,9 @@ def standard_errors() -> dict[str, float]:
 def walking_scene(
     labels: tuple[str, ...] | None = None, subject: str = "Built-in subject"
 ) -> Scene:
-    """One gait cycle, noisy markers with a gap, two plates, forearms without markers on the left."""
+    """One gait cycle, noisy markers with a gap, two plates, forearms without markers on
+    the left.
+    """
     model = subject_model(subject)
     if labels is not None:
         model = replace(model, markers=replace(model.markers, labels=labels))
@@ -106,7 +110,8 @@ def recorded_walk(
         placed.labels, placed.segments, placed.weight, np.linalg.norm(measured - seen, axis=2)
     )
     motion = Motion(
-        name=name, coordinates=COORDINATES, basis=true.basis, coefficients=true.coefficients, errors=errors,
+        name=name, coordinates=COORDINATES, basis=true.basis, coefficients=true.coefficients,
+        errors=errors,
         converged=True,
     )  # fmt: skip
     return motion, recording, reactions

@@ -78,7 +78,8 @@ def vtp(
         f'byte_order="LittleEndian"{zipped}><PolyData><Piece>'
         f"<PointData>{array('Normals', 'Float32', points.astype('<f4'))}</PointData>"
         f"<Points>{array('Points', 'Float64', points.astype('<f8'))}</Points>"
-        f"<Polys>{array('connectivity', 'Int32', corners.astype('<i4'))}{array('offsets', 'Int32', ends.astype('<i4'))}"
+        f"<Polys>{array('connectivity', 'Int32', corners.astype('<i4'))}"
+        f"{array('offsets', 'Int32', ends.astype('<i4'))}"
         "</Polys></Piece></PolyData></VTKFile>"
     ).encode()
 
@@ -292,7 +293,9 @@ def test_left_is_the_mirror_image_of_right(bones: Landmarked, person) -> None:
 
 @pytest.mark.parametrize("without", ["nothing", "knee_med", "knee"])
 def test_no_fitted_knee_axis_moves_a_bone(without: str, bones: Landmarked) -> None:
-    """What makes the picture evidence: the bones would stand where they do whatever the knee's fit."""
+    """What makes the picture evidence: the bones would stand where they do whatever the
+    knee's fit.
+    """
     model = published_model(static_only=True)
     model = replace(
         model, landmarks={k: v for k, v in model.landmarks.items() if not k.startswith(without)}

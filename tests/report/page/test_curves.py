@@ -148,7 +148,9 @@ def test_conventions_are_those_of_the_package(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
-    """Pointing at a percent of a curve shows the body at that frame, and the cursor stands there."""
+    """Pointing at a percent of a curve shows the body at that frame, and the cursor
+    stands there.
+    """
     scene, _, _ = walked
     time = scene.trials[0].time - scene.trials[0].time[0]
     at = panel("knee_angle", "angle")

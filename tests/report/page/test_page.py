@@ -128,7 +128,7 @@ def test_an_absurd_marker_is_left_out_and_spares_the_others() -> None:
     assert packed["step"] < PACKED
 
 
-# ------------------------------------------------------------------------------------------------------- body meshes
+# -------------------------------------------------------------------------------------- body meshes
 
 
 def test_meshes_that_are_missing_or_in_another_unit_are_replaced(

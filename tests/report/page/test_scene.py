@@ -164,7 +164,8 @@ def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
 def test_standard_errors_become_clouds_and_cones_and_one_that_is_no_number_draws_nothing() -> None:
     model = subject_model()
     errors = {
-        "hip_r.pelvis.ant": 0.003, "hip_r.pelvis.sup": 0.004, "knee_r.thigh.front": 0.02, "knee_r.thigh.trans": 0.03,
+        "hip_r.pelvis.ant": 0.003, "hip_r.pelvis.sup": 0.004, "knee_r.thigh.front": 0.02,
+        "knee_r.thigh.trans": 0.03,
     }  # fmt: skip
     marks = {
         (m.joint, m.segment): m for m in build_joint_marks(model.nominal, model.nominal, errors)

@@ -79,7 +79,8 @@ def test_the_page_comes_with_its_policy(server: ViewServer) -> None:
 
 
 ELSEWHERE = (
-    "/", "", "/scene.npz", "/../../etc/passwd", "/%2e%2e/", "/static/", "/?x", "/index.html", "/view.html", "/%C3%A9",
+    "/", "", "/scene.npz", "/../../etc/passwd", "/%2e%2e/", "/static/", "/?x", "/index.html",
+    "/view.html", "/%C3%A9",
 )  # fmt: skip
 
 

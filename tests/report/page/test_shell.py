@@ -23,7 +23,7 @@ def state(page: Page, field: str) -> Any:
     return page.run(f"(v => v instanceof Set ? [...v].sort() : v)(gaitcal.state.{field})")
 
 
-# ------------------------------------------------------------------------------------------------------------ presets
+# ------------------------------------------------------------------------------------------ presets
 
 
 def test_a_preset_has_its_layers_and_is_a_tab(visit: Visit, shown: Path) -> None:
@@ -86,7 +86,7 @@ def test_a_bare_scene_is_the_body_alone(visit: Visit, html: Path) -> None:
     assert page.console == []
 
 
-# -------------------------------------------------------------------------------------------------- clock and timeline
+# ------------------------------------------------------------------------------- clock and timeline
 
 
 def test_the_timeline_says_what_each_leg_does(visit: Visit, shown: Path) -> None:
@@ -162,7 +162,8 @@ def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     assert state(page, "window") is None
     for key, field, value in (
         ("p", "axis", "time"), ("n", "nominal", True), ("b", "norm", False), ("e", "errors", False),
-        ("t", "truth", False), ("3", "preset", "joints"), ("j", "joint", "hip_r"), ("Escape", "joint", None),
+        ("t", "truth", False), ("3", "preset", "joints"), ("j", "joint", "hip_r"),
+        ("Escape", "joint", None),
         ("+", "speed", 2), ("-", "speed", 1), (" ", "playing", True), (" ", "playing", False),
     ):  # fmt: skip
         page.press(key)
@@ -185,7 +186,7 @@ def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     assert page.console == []
 
 
-# ------------------------------------------------------------------------------------------------------------- joints
+# ------------------------------------------------------------------------------------------- joints
 
 
 def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: Path) -> None:
@@ -237,7 +238,7 @@ def chosen(page: Page, control: str, value: str) -> None:
     page.run(f"{change}(document.getElementById('{control}'))")
 
 
-# ------------------------------------------------------------------------------------------------------------ address
+# ------------------------------------------------------------------------------------------ address
 
 
 def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Path) -> None:
@@ -254,8 +255,10 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     page = visit(f"{shown.as_uri()}?b{said}")
     assert not page.run("gaitcal.state.playing")
     for field, value in (
-        ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"), ("acting", "external"),
-        ("nominal", True), ("norm", False), ("errors", False), ("truth", True), ("spread", "mean"), ("seconds", 0.25),
+        ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"),
+        ("acting", "external"),
+        ("nominal", True), ("norm", False), ("errors", False), ("truth", True), ("spread", "mean"),
+        ("seconds", 0.25),
         ("window", [0.1, 0.5]), ("speed", 0.5), ("joint", "ankle_l"), ("off", ["0/r/1"]),
         ("layers", ["body", "fitted", "nominal", "uncertainty"]),
     ):  # fmt: skip
@@ -270,8 +273,10 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
 @pytest.mark.parametrize(
     "said",
     [
-        "%", "=&=&", "preset=__proto__&axis=constructor&trial=-1&t=NaN", "t=1e999&window=5,9&joint=%00",
-        "off=0/0/0,../..&layers=x&speed=1e9", "trial=1.5&window=a,b&t=-3", "&".join(["preset=fit"] * 5000),
+        "%", "=&=&", "preset=__proto__&axis=constructor&trial=-1&t=NaN",
+        "t=1e999&window=5,9&joint=%00",
+        "off=0/0/0,../..&layers=x&speed=1e9", "trial=1.5&window=a,b&t=-3",
+        "&".join(["preset=fit"] * 5000),
     ],
 )  # fmt: skip
 def test_an_address_of_any_text_opens_the_page(visit: Visit, shown: Path, said: str) -> None:
@@ -287,7 +292,7 @@ def test_a_change_of_the_address_is_followed(visit: Visit, shown: Path) -> None:
     page.until("gaitcal.state.joint === 'knee_l'")
 
 
-# ------------------------------------------------------------------------------------------- ---------------- switches
+# ----------------------------------------------------------------------------------------- switches
 
 
 def test_switches_choose_and_those_without_a_meaning_are_not_there(
@@ -302,7 +307,8 @@ def test_switches_choose_and_those_without_a_meaning_are_not_there(
         "no norm, truth"
     )
     for field, value in (
-        ("axis", "time"), ("unit", "%BWH"), ("signs", "clinical"), ("acting", "external"), ("spread", "mean"),
+        ("axis", "time"), ("unit", "%BWH"), ("signs", "clinical"), ("acting", "external"),
+        ("spread", "mean"),
     ):  # fmt: skip
         chosen(page, f"switch-{field}", value)
         assert state(page, field) == value
@@ -318,7 +324,7 @@ def test_switches_choose_and_those_without_a_meaning_are_not_there(
     assert page.run(f"{controls}.every(c => c.labels.length === 1)")
 
 
-# ------------------------------------------------------------------------------------------- names, phones, long walks
+# ------------------------------------------------------------------------ names, phones, long walks
 
 
 @pytest.mark.parametrize("width, height", [(390, 844), (320, 568), (844, 390)])

@@ -284,15 +284,18 @@ TRUE, FITTED, NOMINAL = 60.0, 58.0, 59.0
 def with_truth(calibration: Calibration) -> Calibration:
     wave, all_frames = np.sin(np.linspace(0.0, 6.0, FRAMES)), np.ones(FRAMES, dtype=bool)
     curve = CurveTruth(
-        name="hip_flexion_r", truth=wave, fitted=wave + 2.0, nominal=wave - 1.0, error_bar=2.0 * all_frames,
+        name="hip_flexion_r", truth=wave, fitted=wave + 2.0, nominal=wave - 1.0,
+        error_bar=2.0 * all_frames,
         counts=all_frames,
     )  # fmt: skip
     hip = ParameterTruth(
-        name="hip_r.pelvis.ant", kind="joint position", unit="mm", truth=TRUE, nominal=NOMINAL, fitted=FITTED,
+        name="hip_r.pelvis.ant", kind="joint position", unit="mm", truth=TRUE, nominal=NOMINAL,
+        fitted=FITTED,
         error_bar=2.0, status="fitted",
     )  # fmt: skip
     centre = FeatureTruth(
-        joint="hip_r", part="centre", label="Hip centre in the pelvis", unit="mm", nominal=5.0, fitted=2.0,
+        joint="hip_r", part="centre", label="Hip centre in the pelvis", unit="mm", nominal=5.0,
+        fitted=2.0,
         within=(True, True, False),
     )  # fmt: skip
     curves = CurveTruths(np.arange(FRAMES) / 100.0, {curve.name: curve}, {curve.name: curve})
