@@ -35,7 +35,7 @@ from gaitcal.calibration.joint_estimate import (
     Tasks,
     estimate_joints,
     select_movable_parameters,
-    select_passed_parameters,
+    select_parameters_in_linkage,
 )
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
@@ -203,9 +203,9 @@ class FittedPhase:
     errors: ErrorSources
     summary: Phase
     frozen: tuple[str, ...] = ()
-    """Joint parameters that were to be fitted and that these trials cannot see."""
+    """Joint parameters that were to be fitted and are not observable from these trials."""
     turned: identifiability.RangesOfMotion = field(default_factory=dict)
-    """How far isolated trials move their joints."""
+    """Ranges of motion of the joints in functional (single-joint) trials."""
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -347,24 +347,25 @@ def plan_simultaneous_phases(
     """
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
-    wanted = {
-        name
-        for t in used
-        for name in (of_gait if t.joint is None else list_isolated_parameters(t.joint))
-    }
-    order = [name for joint in ISOLATED_JOINTS for name in list_isolated_parameters(joint)]
+    wanted = set[str]()
+    for trial in used:
+        wanted |= of_gait if trial.joint is None else set(list_isolated_parameters(trial.joint))
+    order = list[str]()
+    for joint in ISOLATED_JOINTS:
+        order += list_isolated_parameters(joint)
     phase = _make_phase("all joints", used, tuple(name for name in order if name in wanted))
     return [phase] if phase.free else []
 
 
 def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
-    """Make a phase of some trials, with those of the wanted parameters that they pass."""
+    """Make a phase of some trials, with those of the wanted parameters in their linkages."""
     kinds = dict.fromkeys(t.kind for t in trials)
     tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
     recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
-    free = select_passed_parameters(
-        [problem for problems in tasks.values() for problem in problems], wanted
-    )
+    problems = list[MotionProblem]()
+    for problems_of_task in tasks.values():
+        problems += problems_of_task
+    free = select_parameters_in_linkage(problems, wanted)
     return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
 
 
@@ -485,7 +486,7 @@ def _describe_tissue(
 ) -> tuple[str, ...]:
     """Describe the found soft tissue, and how far repeated trials repeat their errors."""
     named = {
-        "isolated trials" if kind in ISOLATED_JOINTS else kind: scale
+        "functional (single-joint) trials" if kind in ISOLATED_JOINTS else kind: scale
         for kind, scale in scales.items()
     }
     sizes = ", ".join(
@@ -509,8 +510,8 @@ def _describe_tissue(
     ]
     if estimate.birge_ratio > 1.05:
         out.append(
-            f"isolated trials and gait disagree: error bars are {estimate.birge_ratio:.1f} times those "
-            "of noise alone"
+            "functional (single-joint) trials and gait disagree: error bars are "
+            f"{estimate.birge_ratio:.1f} times those of noise alone"
         )
     return tuple(out)
 

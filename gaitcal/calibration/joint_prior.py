@@ -109,9 +109,8 @@ class _Row:
     @property
     def by_side(self) -> tuple[list[int], ...]:
         """Indices of its parameters, for each side."""
-        return tuple(
-            [JP_INDEX[SIDES_OF[name][side]] for name in self.parameters] for side in (0, 1)
-        )
+        of_names = [SIDES_OF[name] for name in self.parameters]
+        return tuple([JP_INDEX[sides[side]] for sides in of_names] for side in (0, 1))
 
 
 def _make_rows(
@@ -169,8 +168,8 @@ OTHER_DEVIATIONS = np.where(
 )  # (98,) mm, deg
 
 
-def _find_first_views() -> IntArray:
-    """Find the first view of each joint parameter."""
+def _find_shared_parameters() -> IntArray:
+    """Find the parameter whose error each joint parameter shares."""
     out = np.arange(len(JP_NAMES))
     for row in TABLE:
         for indices in row.by_side:
@@ -178,27 +177,27 @@ def _find_first_views() -> IntArray:
     return out
 
 
-FIRST_VIEW = _find_first_views()
-"""(98,) of every joint parameter, the parent's of the same direction of the same bone end; itself
-where none is.
+SHARED_PARAMETER_INDEX = _find_shared_parameters()
+"""(98,) index of the parameter with the same joint centre error: that of the same direction in the
+parent segment; of all others their index.
 """
 
 
-def make_view_covariance(deviation: Array) -> Array:
-    """Make the covariance of errors of bone ends that are the same in both adjacent segments.
+def make_shared_centre_covariance(deviation: Array) -> Array:
+    """Make the covariance of joint centre errors that both adjacent segments share.
 
     Parameters
     ----------
     deviation : (98,) array
-        Standard deviations, m and rad; those of first views count.
+        Standard deviations, m and rad; of a shared error that of the parent segment is used.
 
     Returns
     -------
     (98, 98) array
         m^2, m rad and rad^2.
     """
-    size = deviation[FIRST_VIEW]
-    return np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
+    size = deviation[SHARED_PARAMETER_INDEX]
+    return np.outer(size, size) * (SHARED_PARAMETER_INDEX[:, None] == SHARED_PARAMETER_INDEX)
 
 
 def _make_anatomy_prior() -> JointPrior:
@@ -210,7 +209,9 @@ def _make_anatomy_prior() -> JointPrior:
             mirrored = np.array([JOINT_PARAMETERS[k].mirrored for k in indices])
             mean[indices] = row.mean * np.where(mirrored & (side == 1), -1.0, 1.0)
             deviation[indices], difference[indices[1:]] = row.deviation, row.segment_difference
-    covariance = make_view_covariance(JP_TO_SI * deviation) + np.diag((JP_TO_SI * difference) ** 2)
+    covariance = make_shared_centre_covariance(JP_TO_SI * deviation) + np.diag(
+        (JP_TO_SI * difference) ** 2
+    )
     return JointPrior(names=JP_NAMES, mean=JP_TO_SI * mean, covariance=covariance)
 
 
