@@ -312,15 +312,12 @@ def plan_sequential_phases(
     list of JointPhase
         Phases with free parameters.
     """
-    phases = [
-        _make_phase(
-            f"joint:{joint}",
-            [t for t in trials if t.joint == joint],
-            list_isolated_parameters(joint),
-        )
-        for joint in ISOLATED_JOINTS
-        if joint[-1] in gait
-    ]
+    phases = []
+    for joint in ISOLATED_JOINTS:
+        if joint[-1] not in gait:
+            continue
+        of_joint = [trial for trial in trials if trial.joint == joint]
+        phases.append(_make_phase(f"joint:{joint}", of_joint, list_isolated_parameters(joint)))
     free = tuple(name for names in gait.values() for name in names)
     phases.append(
         _make_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free)
@@ -359,14 +356,16 @@ def plan_simultaneous_phases(
 
 def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
     """Make a phase of some trials, with those of the wanted parameters in their linkages."""
-    kinds = dict.fromkeys(t.kind for t in trials)
-    tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
-    recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
-    problems = list[MotionProblem]()
-    for problems_of_task in tasks.values():
-        problems += problems_of_task
+    tasks = dict[str, tuple[MotionProblem, ...]]()
+    recordings, problems = list[str](), list[MotionProblem]()
+    # Trials in the order of their kinds, each where its first trial is.
+    for kind in dict.fromkeys(trial.kind for trial in trials):
+        of_kind = [trial for trial in trials if trial.kind == kind]
+        tasks[kind] = tuple(trial.fitted for trial in of_kind)
+        recordings += [trial.name for trial in of_kind]
+        problems += tasks[kind]
     free = select_parameters_in_linkage(problems, wanted)
-    return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
+    return JointPhase(name=name, tasks=tasks, free=free, recordings=tuple(recordings))
 
 
 def calibrate_in_phases(

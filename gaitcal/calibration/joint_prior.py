@@ -13,8 +13,8 @@ error of a landmark or regression is the same in both. In each direction
 
 The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the
 error of the centre under the parent's name and the difference under the child's. Markers that are
-attached again move the centre in both segments alike (`make_view_covariance`), and do not change the
-second cause.
+attached again move the centre in both segments alike (`make_shared_centre_covariance`), and do not
+change the second cause.
 
 `TABLE` has mean, d and a; their sources:
 
@@ -109,8 +109,12 @@ class _Row:
     @property
     def by_side(self) -> tuple[list[int], ...]:
         """Indices of its parameters, for each side."""
-        of_names = [SIDES_OF[name] for name in self.parameters]
-        return tuple([JP_INDEX[sides[side]] for sides in of_names] for side in (0, 1))
+        right, left = list[int](), list[int]()
+        for name in self.parameters:
+            right_name, left_name = SIDES_OF[name]
+            right.append(JP_INDEX[right_name])
+            left.append(JP_INDEX[left_name])
+        return right, left
 
 
 def _make_rows(
@@ -280,9 +284,9 @@ def make_study_prior(
     """Make the prior of all joint parameters by anatomy, study file and cohort.
 
     A study file gives mean and standard deviation of a parameter, and correlations stay those of
-    anatomy. Rows and columns of P0 are scaled. Two views of one bone end with deviations d and e
-    and correlation c may then differ by (d^2 + e^2 - 2 c d e)^1/2. A name without a side is for
-    both, the left as the mirror image of the right. A name with a side takes precedence.
+    anatomy. Rows and columns of P0 are scaled. Both parameters of a shared centre, with deviations
+    d and e and correlation c, may then differ by (d^2 + e^2 - 2 c d e)^1/2. A name without a side
+    is for both, the left as the mirror image of the right. A name with a side takes precedence.
 
     Parameters
     ----------

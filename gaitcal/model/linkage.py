@@ -219,9 +219,14 @@ def get_segment(segment: str) -> Segment:
 MARKED_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if get_segment(s).markers)
 """Those on which markers can sit."""
 LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis and legs
-LEGS: dict[str, tuple[str, ...]] = {
-    side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES
-}
+
+
+def _list_leg_segments(side: str) -> tuple[str, ...]:
+    """List the segments of the leg of a side."""
+    return tuple(segment for segment in LOWER_BODY if segment.endswith(f"_{side}"))
+
+
+LEGS: dict[str, tuple[str, ...]] = {side: _list_leg_segments(side) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
 LEG_JOINTS: tuple[str, ...] = tuple(
     row[0] for row in _LEG

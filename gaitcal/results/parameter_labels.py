@@ -175,7 +175,8 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (
-                f"; about {ENOUGH_MOTION_DEG:.0f}° are needed. Add a functional (single-joint) trial of this joint."
+                f"; about {ENOUGH_MOTION_DEG:.0f}° are needed. Add a functional (single-joint) "
+                "trial of this joint."
                 if moved < ENOUGH_MOTION_DEG
                 else ", but its parameters are not observable from these movements."
             )
