@@ -195,7 +195,8 @@ def test_an_unseen_parameter_that_a_cohort_moves_is_shown(whole: Calibration) ->
 
 
 @pytest.mark.parametrize(
-    ("share", "advice"), [(0.01, "are needed. Add a functional (single-joint) trial"), (1.0, "not observable from")]
+    ("share", "advice"),
+    [(0.01, "are needed. Add a functional (single-joint) trial"), (1.0, "not observable from")],
 )
 def test_what_would_show_an_unseen_parameter(whole: Calibration, share: float, advice: str) -> None:
     """The subtalar joint moves by some 34 degrees, or by a hundredth of that."""
