@@ -237,13 +237,13 @@ _SIDE = re.compile(
 last after a small letter or digit."""
 
 
-def side_named(label: str) -> str:
+def find_side(label: str) -> str:
     """Find the side in a label: `r`, `l`, or empty."""
     found = _SIDE.search(label)
     return found.group(0)[0].lower() if found else ""
 
 
-def alike(name: str, allowed: Iterable[str]) -> list[str]:
+def find_similar_names(name: str, allowed: Iterable[str]) -> list[str]:
     """Find the allowed name that `name` may be a misspelling of; never one of the other side.
 
     A name that differs only by capitals, blanks, dots, dashes and underscores is preferred:
@@ -261,9 +261,9 @@ def alike(name: str, allowed: Iterable[str]) -> list[str]:
     list of str
         One name, or none.
     """
-    side = side_named(name)
-    there = [other for other in allowed if not side or side_named(other) in ("", side)]
-    there = [other for other in there if not other_side(name, other)]
+    side = find_side(name)
+    there = [other for other in allowed if not side or find_side(other) in ("", side)]
+    there = [other for other in there if not differ_by_side(name, other)]
     same = [other for other in there if other != name and _plain(other) == _plain(name)]
     return [
         *same,
@@ -276,7 +276,7 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s._-]+", "", name).casefold() or name
 
 
-def other_side(name: str, other: str) -> bool:
+def differ_by_side(name: str, other: str) -> bool:
     """Return whether two names differ only by r and l in one position, or by right and left."""
     a, b = name.lower(), other.lower()
     if len(a) == len(b):
@@ -285,9 +285,9 @@ def other_side(name: str, other: str) -> bool:
     return a.replace("right", "left") == b.replace("right", "left")
 
 
-def nearest(name: str, allowed: Iterable[str]) -> str:
+def suggest_name(name: str, allowed: Iterable[str]) -> str:
     """Suggest a similar name, for the end of a message: `; did you mean 'X'?`, or empty."""
-    return "".join(f"; did you mean '{close}'?" for close in alike(name, allowed))
+    return "".join(f"; did you mean '{close}'?" for close in find_similar_names(name, allowed))
 
 
 STUDY = "study"  # `Finding.where` of a finding that belongs to no single trial
@@ -348,7 +348,7 @@ class Finding:
         return f"{': '.join(parts)}: {self.evidence}" + (f"; {self.cure}" if self.cure else "")
 
     @classmethod
-    def of_fault(cls, fault: InputError, where: str, source: str, topic: str) -> "Finding":
+    def from_error(cls, fault: InputError, where: str, source: str, topic: str) -> "Finding":
         """Make a finding of an InputError, whose text already contains what is allowed."""
         text = str(fault).removeprefix(f"{source}: ")
         return cls(
@@ -361,13 +361,13 @@ class Finding:
         )
 
 
-def listed(names: list[str], most: int = 6) -> str:
+def join_names(names: list[str], most: int = 6) -> str:
     """Join the first names of a list, with the number of those left out."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
-def note_of(finding: Finding) -> str:
+def format_note(finding: Finding) -> str:
     """Format a finding as a note of a result, which begins with the name of its trial."""
     place = "" if finding.where in (STUDY, "") else f"{finding.where}: "
     return f"{place}{finding.evidence}" + (f"; {finding.cure}" if finding.cure else "")

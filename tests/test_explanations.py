@@ -103,7 +103,7 @@ def test_an_unknown_code_is_one_clear_line() -> None:
 
 def test_a_fault_that_is_told_as_a_finding_keeps_its_code() -> None:
     fault = InputError("no such file", source="walk.c3d", code=Code.NO_FILE)
-    assert Finding.of_fault(fault, "walk", "walk.c3d", "reading").code is Code.NO_FILE
+    assert Finding.from_error(fault, "walk", "walk.c3d", "reading").code is Code.NO_FILE
 
 
 def test_the_page_of_a_result_holds_the_page_of_each_reason() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import cross
-from gaitcal.errors import alike, nearest, side_named
+from gaitcal.errors import find_side, find_similar_names, suggest_name
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_cross_is_that_of_numpy(left: tuple[int, ...], right: tuple[int, ...]) -
     ],
 )
 def test_the_side_that_a_label_names(label: str, side: str) -> None:
-    assert side_named(label) == side
+    assert find_side(label) == side
 
 
 @pytest.mark.parametrize(
@@ -69,5 +69,5 @@ def test_the_side_that_a_label_names(label: str, side: str) -> None:
     ],
 )
 def test_what_is_offered(name: str, allowed: list[str], offered: list[str]) -> None:
-    assert alike(name, allowed) == offered
-    assert nearest(name, allowed) == (f"; did you mean '{offered[0]}'?" if offered else "")
+    assert find_similar_names(name, allowed) == offered
+    assert suggest_name(name, allowed) == (f"; did you mean '{offered[0]}'?" if offered else "")

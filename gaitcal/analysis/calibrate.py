@@ -56,7 +56,7 @@ from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import factor_inertial_covariance
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.measurement_errors import PlateErrors
-from gaitcal.errors import Finding, Severity, listed, note_of
+from gaitcal.errors import Finding, Severity, format_note, join_names
 from gaitcal.model.anthropometry import estimate_table_error
 from gaitcal.model.parameters import (
     InertialSet,
@@ -157,7 +157,7 @@ def calibrate_preprocessed(
     refused = find_impossible_functional_trials(session)
     if refused:
         # The joints are fitted again, to the other trials.
-        progress(f"once more without {listed(list(refused))}")
+        progress(f"once more without {join_names(list(refused))}")
         remaining = tuple(t for t in prepared.trials if t.name not in refused)
         findings = (*prepared.findings, *refused.values())
         prepared = replace(prepared, trials=remaining, findings=findings)
@@ -328,7 +328,7 @@ def _collect_notes(
             else fit_findings.note_trials_without_masses(session)
         ),
         *(note for t in results for note in t.notes),
-        *(note_of(finding) for finding in after_fit if finding.severity is Severity.INFO),
+        *(format_note(finding) for finding in after_fit if finding.severity is Severity.INFO),
     )
 
 

@@ -23,7 +23,7 @@ from gaitcal.analysis.result import HeldOut
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.calibration import joint_phases, joint_prior, soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import JointSettings
-from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.errors import STUDY, Code, Finding, Severity, join_names
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.linkage import LOWER_BODY
@@ -368,7 +368,7 @@ def _report_outliers(name: str, tracking: RobustTracking) -> list[Finding]:
     ]
     share = 100 * outliers.sum() / max(int(observed.sum()), 1)
     when = format_spans(problem.basis.time, find_runs(np.logical_or.reduce(outliers, axis=0)))
-    names = f", most in {listed(often)}" if often else ""
+    names = f", most in {join_names(often)}" if often else ""
     return [
         Finding(
             severity=Severity.INFO,

@@ -21,7 +21,7 @@ from gaitcal.dynamics.expected_residual import (
 )
 from gaitcal.dynamics.ground_reactions import GroundReactions, get_leg
 from gaitcal.dynamics.joint_kinetics import JointKinetics
-from gaitcal.errors import Code, Finding, InputError, Severity, nearest, note_of
+from gaitcal.errors import Code, Finding, InputError, Severity, format_note, suggest_name
 from gaitcal.gait import cycles, spatiotemporal
 from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.strides import FootAxes
@@ -238,7 +238,7 @@ class TrialResult(Displayed):
             *(self.bandwidth.notes if self.bandwidth else ()),
             *(self.loads.reactions.notes if self.loads else ()),
         )
-        remarks = (note_of(f) for f in self.findings if f.severity is Severity.INFO)
+        remarks = (format_note(f) for f in self.findings if f.severity is Severity.INFO)
         return (*(f"{self.name}: {note}" for note in notes), *remarks)
 
     @property
@@ -273,8 +273,7 @@ class TrialResult(Displayed):
                     cause="only the swing has torques, no stance"
                     if has_swing
                     else "no torque is valid",
-                    found="in no frame is the foot on the ground wholly on a plate that it alone "
-                    "loads",
+                    found="in no frame is the foot wholly on force plates that carry no other foot",
                     cure="use a trial in which the feet step on plates, or leave out the forces",
                     code=Code.NO_STANCE,
                 )
@@ -457,7 +456,7 @@ class Calibration(Displayed):
             if trial.name == name:
                 return trial
         known = [trial.name for trial in self.trials]
-        message = f"found '{name}'; allowed: {', '.join(known)}{nearest(name, known)}"
+        message = f"found '{name}'; allowed: {', '.join(known)}{suggest_name(name, known)}"
         raise InputError(message, field="trial", code=Code.ARGUMENT)
 
 

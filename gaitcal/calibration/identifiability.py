@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL
-from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.errors import STUDY, Code, Finding, Severity, join_names
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.tracking import motion, rigid, trial_problem
@@ -319,7 +319,7 @@ def report_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
                 _make_finding(
                     Code.JOINT_AT_BOUND,
                     f"{joint} is further from its position in the static trial than in people",
-                    f"{listed(of_joint)} on the bound of how far it may move, or beyond",
+                    f"{join_names(of_joint)} on the bound of how far it may move, or beyond",
                     "look at the landmarks of the static trial, and whether the trials are of this "
                     "person and joint",
                     joint[-1] if leg else "",
@@ -329,7 +329,7 @@ def report_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
     if many:
         found = (
             f"{len(legs)} joint parameters are on the bound of how far they may move, or beyond: "
-            f"{listed(legs)}"
+            f"{join_names(legs)}"
         )
         cause = "the static trial does not show the body of the moving trials"
         cure = "is it of another person, or of another day, with the markers in other places?"

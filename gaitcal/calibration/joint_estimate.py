@@ -202,7 +202,7 @@ class JointSearch:
             given.
         """
         self.settings = settings or JointSettings()
-        self.free = select_passed_parameters(problems, free)
+        self.free = select_parameters_in_linkage(problems, free)
         index = [JP_INDEX[name] for name in self.free]
         self.present = parameters.joint[index]
         self.middle = (nominal or parameters).joint[index]
@@ -286,10 +286,10 @@ class JointSearch:
         )
 
 
-def select_passed_parameters(
+def select_parameters_in_linkage(
     problems: Sequence[MotionProblem], names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Select the joint parameters that the linkage of some trial passes."""
+    """Select the parameters whose joint is in the linkage of some trial."""
     found = {name for problem in problems for name in problem.with_free(tuple(names)).chain.free}
     return tuple(name for name in names if name in found)
 
@@ -398,7 +398,7 @@ def estimate_joints(
         expected=expected,
         kinds=kinds,
     )
-    weighed = _weigh(search, noise, equal=settings.equal_weights)
+    weighed = _set_trial_weights(search, noise, equal=settings.equal_weights)
     repeated: dict[str, float] = {}
     if len(kinds) > len(tasks):
         state = search.run_to_tolerance(NOISE_TOLERANCE)
@@ -413,7 +413,7 @@ def estimate_joints(
             nu * float(np.sqrt(repeated.get(kind, 1.0)))
             for nu, kind in zip(noise, kinds, strict=True)
         ]
-        weighed = _weigh(search, noise, equal=settings.equal_weights)
+        weighed = _set_trial_weights(search, noise, equal=settings.equal_weights)
     fit = search.run()
     arrow = Arrow(fit.state.kinds, _get_prior_precision(search), NULL if prior is None else None)
     birge_ratio = (
@@ -424,10 +424,12 @@ def estimate_joints(
     parts = [trial.hessian / nu**2 for trial, nu in zip(fit.state.trials, weighed, strict=True)]
     scores = compute_scores([p.name for p in problems], unknowns, parts, columns, sizes)
     known = known or make_nominal_errors(free, prior)
-    opened = [
-        [key for problem in task for key in problem.with_free(free).unknowns]
-        for task in tasks.values()
-    ]
+    opened = list[list[str]]()
+    for task in tasks.values():
+        unknowns_of_task = list[str]()
+        for problem in task:
+            unknowns_of_task += problem.with_free(free).unknowns
+        opened.append(unknowns_of_task)
     of_kinds = split_by_kind(tissue, opened)
     tissue_keys = [key for of_kind in of_kinds for key in of_kind.keys]
     known = ErrorSources(
@@ -466,8 +468,8 @@ def _get_prior_precision(search: JointSearch) -> Array:
     return np.asarray(search.problem.prior.T @ search.problem.prior, float)
 
 
-def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
-    """Weigh the trials by their noise; return the noise (m) that each one counts by."""
+def _set_trial_weights(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
+    """Weight the trials by their noise; return the noise (m) used for each."""
     weighed = [float(np.sqrt(np.mean(np.square(noise))))] * len(noise) if equal else list(noise)
     search.problem.weigh([1.0 / nu**2 for nu in weighed])
     return weighed
@@ -517,7 +519,7 @@ def estimate_noise(
         problems, nominal, movable, starts, BY_EVIDENCE, tissue=tissue, expected=about
     )
     for _ in range(ROUNDS):
-        _weigh(search, noise, equal=False)
+        _set_trial_weights(search, noise, equal=False)
         state = search.run_to_tolerance(NOISE_TOLERANCE)
         effective = Arrow(state.kinds, _get_prior_precision(search)).count_effective_parameters()
         moved, at = search.problem.place_tissue(state), search.problem.get_parameters(state.p)

@@ -37,7 +37,7 @@ from gaitcal.calibration.joint_estimate import (
     Tasks,
     estimate_joints,
     select_movable_parameters,
-    select_passed_parameters,
+    select_parameters_in_linkage,
 )
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
@@ -205,9 +205,9 @@ class FittedPhase:
     errors: ErrorSources
     summary: Phase
     frozen: tuple[str, ...] = ()
-    """Joint parameters that were to be fitted and that these trials cannot see."""
+    """Joint parameters that were to be fitted and are not observable from these trials."""
     turned: identifiability.RangesOfMotion = field(default_factory=dict)
-    """How far isolated trials move their joints."""
+    """Ranges of motion of the joints in functional (single-joint) trials."""
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -314,15 +314,12 @@ def plan_sequential_phases(
     list of JointPhase
         Phases with free parameters.
     """
-    phases = [
-        _make_phase(
-            f"joint:{joint}",
-            [t for t in trials if t.joint == joint],
-            list_isolated_parameters(joint),
-        )
-        for joint in ISOLATED_JOINTS
-        if joint[-1] in gait
-    ]
+    phases = []
+    for joint in ISOLATED_JOINTS:
+        if joint[-1] not in gait:
+            continue
+        of_joint = [trial for trial in trials if trial.joint == joint]
+        phases.append(_make_phase(f"joint:{joint}", of_joint, list_isolated_parameters(joint)))
     free = tuple(name for names in gait.values() for name in names)
     phases.append(
         _make_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free)
@@ -349,25 +346,28 @@ def plan_simultaneous_phases(
     """
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
-    wanted = {
-        name
-        for t in used
-        for name in (of_gait if t.joint is None else list_isolated_parameters(t.joint))
-    }
-    order = [name for joint in ISOLATED_JOINTS for name in list_isolated_parameters(joint)]
+    wanted = set[str]()
+    for trial in used:
+        wanted |= of_gait if trial.joint is None else set(list_isolated_parameters(trial.joint))
+    order = list[str]()
+    for joint in ISOLATED_JOINTS:
+        order += list_isolated_parameters(joint)
     phase = _make_phase("all joints", used, tuple(name for name in order if name in wanted))
     return [phase] if phase.free else []
 
 
 def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
-    """Make a phase of some trials, with those of the wanted parameters that they pass."""
-    kinds = dict.fromkeys(t.kind for t in trials)
-    tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
-    recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
-    free = select_passed_parameters(
-        [problem for problems in tasks.values() for problem in problems], wanted
-    )
-    return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
+    """Make a phase of some trials, with those of the wanted parameters in their linkages."""
+    tasks = dict[str, tuple[MotionProblem, ...]]()
+    recordings, problems = list[str](), list[MotionProblem]()
+    # Trials in the order of their kinds, each where its first trial is.
+    for kind in dict.fromkeys(trial.kind for trial in trials):
+        of_kind = [trial for trial in trials if trial.kind == kind]
+        tasks[kind] = tuple(trial.fitted for trial in of_kind)
+        recordings += [trial.name for trial in of_kind]
+        problems += tasks[kind]
+    free = select_parameters_in_linkage(problems, wanted)
+    return JointPhase(name=name, tasks=tasks, free=free, recordings=tuple(recordings))
 
 
 def calibrate_in_phases(
@@ -487,7 +487,7 @@ def _describe_tissue(
 ) -> tuple[str, ...]:
     """Describe the found soft tissue, and how far repeated trials repeat their errors."""
     named = {
-        "isolated trials" if kind in ISOLATED_JOINTS else kind: scale
+        "functional (single-joint) trials" if kind in ISOLATED_JOINTS else kind: scale
         for kind, scale in scales.items()
     }
     sizes = ", ".join(
@@ -511,8 +511,8 @@ def _describe_tissue(
     ]
     if estimate.birge_ratio > 1.05:
         out.append(
-            f"isolated trials and gait disagree: error bars are {estimate.birge_ratio:.1f} times "
-            "those of noise alone"
+            "functional (single-joint) trials and gait disagree: error bars are "
+            f"{estimate.birge_ratio:.1f} times those of noise alone"
         )
     return tuple(out)
 

@@ -13,8 +13,8 @@ error of a landmark or regression is the same in both. In each direction
 
 The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the
 error of the centre under the parent's name and the difference under the child's. Markers that are
-attached again move the centre in both segments alike (`make_view_covariance`), and do not change
-the second cause.
+attached again move the centre in both segments alike (`make_shared_centre_covariance`), and do not
+change the second cause.
 
 `TABLE` has mean, d and a; their sources:
 
@@ -109,9 +109,12 @@ class _Row:
     @property
     def by_side(self) -> tuple[list[int], ...]:
         """Indices of its parameters, for each side."""
-        return tuple(
-            [JP_INDEX[SIDES_OF[name][side]] for name in self.parameters] for side in (0, 1)
-        )
+        right, left = list[int](), list[int]()
+        for name in self.parameters:
+            right_name, left_name = SIDES_OF[name]
+            right.append(JP_INDEX[right_name])
+            left.append(JP_INDEX[left_name])
+        return right, left
 
 
 def _make_rows(
@@ -169,8 +172,8 @@ OTHER_DEVIATIONS = np.where(
 )  # (98,) mm, deg
 
 
-def _find_first_views() -> IntArray:
-    """Find the first view of each joint parameter."""
+def _find_shared_parameters() -> IntArray:
+    """Find the parameter whose error each joint parameter shares."""
     out = np.arange(len(JP_NAMES))
     for row in TABLE:
         for indices in row.by_side:
@@ -178,27 +181,27 @@ def _find_first_views() -> IntArray:
     return out
 
 
-FIRST_VIEW = _find_first_views()
-"""(98,) of every joint parameter, the parent's of the same direction of the same bone end; itself
-where none is.
+SHARED_PARAMETER_INDEX = _find_shared_parameters()
+"""(98,) index of the parameter with the same joint centre error: that of the same direction in the
+parent segment; of all others their index.
 """
 
 
-def make_view_covariance(deviation: Array) -> Array:
-    """Make the covariance of errors of bone ends that are the same in both adjacent segments.
+def make_shared_centre_covariance(deviation: Array) -> Array:
+    """Make the covariance of joint centre errors that both adjacent segments share.
 
     Parameters
     ----------
     deviation : (98,) array
-        Standard deviations, m and rad; those of first views count.
+        Standard deviations, m and rad; of a shared error that of the parent segment is used.
 
     Returns
     -------
     (98, 98) array
         m^2, m rad and rad^2.
     """
-    size = deviation[FIRST_VIEW]
-    return np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
+    size = deviation[SHARED_PARAMETER_INDEX]
+    return np.outer(size, size) * (SHARED_PARAMETER_INDEX[:, None] == SHARED_PARAMETER_INDEX)
 
 
 def _make_anatomy_prior() -> JointPrior:
@@ -210,7 +213,9 @@ def _make_anatomy_prior() -> JointPrior:
             mirrored = np.array([JOINT_PARAMETERS[k].mirrored for k in indices])
             mean[indices] = row.mean * np.where(mirrored & (side == 1), -1.0, 1.0)
             deviation[indices], difference[indices[1:]] = row.deviation, row.segment_difference
-    covariance = make_view_covariance(JP_TO_SI * deviation) + np.diag((JP_TO_SI * difference) ** 2)
+    covariance = make_shared_centre_covariance(JP_TO_SI * deviation) + np.diag(
+        (JP_TO_SI * difference) ** 2
+    )
     return JointPrior(names=JP_NAMES, mean=JP_TO_SI * mean, covariance=covariance)
 
 
@@ -279,9 +284,9 @@ def make_study_prior(
     """Make the prior of all joint parameters by anatomy, study file and cohort.
 
     A study file gives mean and standard deviation of a parameter, and correlations stay those of
-    anatomy. Rows and columns of P0 are scaled. Two views of one bone end with deviations d and e
-    and correlation c may then differ by (d^2 + e^2 - 2 c d e)^1/2. A name without a side is for
-    both, the left as the mirror image of the right. A name with a side takes precedence.
+    anatomy. Rows and columns of P0 are scaled. Both parameters of a shared centre, with deviations
+    d and e and correlation c, may then differ by (d^2 + e^2 - 2 c d e)^1/2. A name without a side
+    is for both, the left as the mirror image of the right. A name with a side takes precedence.
 
     Parameters
     ----------

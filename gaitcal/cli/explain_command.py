@@ -12,7 +12,7 @@ from rich.text import Text
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.cli.study_folder import PLAIN_WIDTH
-from gaitcal.errors import Code, UsageError, nearest
+from gaitcal.errors import Code, UsageError, suggest_name
 from gaitcal.explanations import (
     Bullets,
     Explanation,
@@ -59,7 +59,7 @@ def parse_code(name: str) -> Code:
     known = [code.value for code in Code]
     wanted = f"GC-{int(match.group(1)):03d}" if match else name.strip()[:40]
     if wanted not in known:
-        hint = nearest(wanted.upper(), known)
+        hint = suggest_name(wanted.upper(), known)
         message = (
             f"found '{wanted}'; allowed: a code as {known[0]} ('gaitcal explain' lists all){hint}"
         )

@@ -19,7 +19,7 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.cli.options import MODELS
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.errors import Code, InputError, UsageError, nearest, note_of
+from gaitcal.errors import Code, InputError, UsageError, format_note, suggest_name
 from gaitcal.export import other_formats
 from gaitcal.export.opensim import joint_moves, joint_transfer, osim_writer, transfer_account
 from gaitcal.export.opensim.osim_correspondence import LegJoint
@@ -120,7 +120,8 @@ def _choose_member(known: Mapping[str, Choice], text: str, field: str) -> Choice
         if name.lower() == text.strip().lower():
             return member
     raise UsageError(
-        f"found '{text}'; allowed: {', '.join(known)}{nearest(text, tuple(known))}", field=field
+        f"found '{text}'; allowed: {', '.join(known)}{suggest_name(text, tuple(known))}",
+        field=field,
     )
 
 
@@ -235,7 +236,7 @@ def export_model(
         cycles_export.write_export_manifest(
             stage, folder, {**read.sha256, **exported.sha256}, model.subject.name, exported.entries
         )
-    for text in (*read.remarks, *map(note_of, doubts)):
+    for text in (*read.remarks, *map(format_note, doubts)):
         console.print_line(f"warning: {text}")
     for file in exported.entries:
         details = exported.details.get(file)
@@ -280,7 +281,7 @@ def _check_formats(
     for name in chosen:
         if name not in allowed:
             raise UsageError(
-                f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}",
+                f"found '{name}'; allowed: {', '.join(allowed)}{suggest_name(name, allowed)}",
                 field="--format",
             )
     if inputs is not None and not inputs.is_dir():
@@ -410,7 +411,7 @@ def export_into(
         inertial=saved.uncertainty.inertial,
         follow=attachments == FOLLOW,
     )
-    warnings = (*saved.files.remarks, *map(note_of, saved.doubts))
+    warnings = (*saved.files.remarks, *map(format_note, saved.doubts))
     for text in warnings:
         console.print_line(f"warning: {text}")
     # Nothing is written from a result that changed while it was read.

@@ -9,7 +9,7 @@ import pandas as pd
 
 from gaitcal.cli import export_commands, options
 from gaitcal.cli.console import Console
-from gaitcal.errors import Code, InputError, UsageError, nearest
+from gaitcal.errors import Code, InputError, UsageError, suggest_name
 from gaitcal.gait import conventions, cycles, moments
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.normal_bands import Norm, read_normal_bands
@@ -146,7 +146,7 @@ def select_charts(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
                 f"found '{word}'; allowed: {', '.join(names)}, or words with which they begin or "
                 "end"
             )
-            raise UsageError(f"{message}{nearest(word, names)}", field="--only")
+            raise UsageError(f"{message}{suggest_name(word, names)}", field="--only")
     if not wanted:
         return list(charts)
     return [chart for chart in charts if any(_is_named(chart.name, word) for word in wanted)]
@@ -163,7 +163,7 @@ def _parse_formats(text: str) -> list[str]:
     for name in found or [text]:
         if name not in FORMATS:
             message = f"found '{name}'; allowed: {', '.join(FORMATS)}, with commas between them"
-            raise UsageError(f"{message}{nearest(name, FORMATS)}", field="--format")
+            raise UsageError(f"{message}{suggest_name(name, FORMATS)}", field="--format")
     return found
 
 

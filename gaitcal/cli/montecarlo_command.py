@@ -15,7 +15,7 @@ from rich.text import Text
 
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, make_frameless_table
-from gaitcal.errors import Code, ConvergenceError, InputError, UsageError, nearest
+from gaitcal.errors import Code, ConvergenceError, InputError, UsageError, suggest_name
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.io.result_folder import (
     ResultKind,
@@ -262,7 +262,8 @@ def _require_allowed(name: str, allowed: list[str], option: str) -> str:
     """Return a name that is allowed; raise UsageError for any other."""
     if name not in allowed:
         raise UsageError(
-            f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option
+            f"found '{name}'; allowed: {', '.join(allowed)}{suggest_name(name, allowed)}",
+            field=option,
         )
     return name
 

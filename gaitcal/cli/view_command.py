@@ -25,7 +25,7 @@ from rich.text import Text
 
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, make_frameless_table
-from gaitcal.errors import Code, InputError, UsageError, note_of
+from gaitcal.errors import Code, InputError, UsageError, format_note
 from gaitcal.export.opensim import motion_comparison
 from gaitcal.export.opensim.model_comparison import compare_with_osim, describe_osim_differences
 from gaitcal.gait import moments, normal_bands
@@ -355,7 +355,7 @@ def compare_models(result: Path, osim: Path, console: Console) -> None:
     """
     table = make_frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
     model, read, doubts = saved_result.load_result_model(result)
-    for text in (*read.remarks, *map(note_of, doubts)):
+    for text in (*read.remarks, *map(format_note, doubts)):
         console.print_line(f"warning: {text}")
     rows = compare_with_osim(model, osim)
     for line in describe_osim_differences(rows):

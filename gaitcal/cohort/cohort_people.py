@@ -18,7 +18,7 @@ from typing import Final, Literal
 
 from pydantic import Field, field_validator
 
-from gaitcal.errors import Code, InputError, alike, nearest
+from gaitcal.errors import Code, InputError, find_similar_names, suggest_name
 from gaitcal.intake.draft_file import STUDY
 from gaitcal.intake.recordings_folder import MARKER_ENDINGS
 from gaitcal.intake.subject_metadata import NO_OPTIONS, Options
@@ -488,7 +488,7 @@ def _note_unused_columns(names: Sequence[str], path: Path) -> Iterator[str]:
             raise InputError(message, source=path, code=Code.COHORT)
         if name in _COLUMNS:
             continue
-        meant = _SYNONYMS.get(name) or next(iter(alike(name, _COLUMNS)), None)
+        meant = _SYNONYMS.get(name) or next(iter(find_similar_names(name, _COLUMNS)), None)
         if meant is not None and meant not in names:
             raise InputError(
                 f"found the unknown column {format_value(name)}; did you mean '{meant}'? Otherwise "
@@ -547,4 +547,4 @@ def describe_missing_folder(person: CohortPerson) -> str:
     """Describe that a person has no folder, with the most similar folder name."""
     parent = next(folder for folder in person.folder.parents if is_folder(folder))
     names = [path.name for path in parent.iterdir() if path.is_dir()]
-    return f"no folder '{person.folder.name}'{nearest(person.folder.name, names)}"
+    return f"no folder '{person.folder.name}'{suggest_name(person.folder.name, names)}"

@@ -75,7 +75,7 @@ SITTING_DEG = 60.0
 """deg, lean of the thighs from the vertical. Standing: up to 10, crouching children up to 40."""
 SEAT_LOAD = 0.05
 """Share of body weight that remains on a seat during rising; residuals are as large."""
-CONTRADICTED = "the plates' vertical force is not what the motion asks for"
+FORCE_MISMATCH_CAUSE = "the plates' vertical force contradicts the body's acceleration"
 MIN_MISMATCH_S = 0.05
 """s, shortest mismatch. A motion cannot show the impact of a heel, over in 10 to 20 ms (Whittle
 1999)."""
@@ -261,7 +261,7 @@ def compute_foot_reactions(
             wide = _widen(step.frames, raw[:, 1] > LOADED_N, time, cutoff)
             wrench[wide, step.foot] += np.nan_to_num(smooth[wide])
             loaded[step.frames, step.foot] = True
-            how = "as the study says" if side else "by its centre of pressure"
+            how = "as assigned in the study file" if side else "by its centre of pressure"
             notes.append(f"{step.label}: {SIDE_WORDS[SIDES[step.foot]]} foot, {how}")
         steps += found
     resting = feet.resting
@@ -457,9 +457,10 @@ def detect_lying_thighs(motion: Motion, parameters: Parameters) -> BoolArray:
 def _detect_seated(missing: Array, lying: BoolArray) -> BoolArray:
     """Detect frames (nf,) in which a seat carries part of the body.
 
-    The missing force exceeds that while the person is off the seat, from before the thighs lie
-    until after they do, as even a small force far behind the feet makes a moment. It is large at
-    some time.
+    Marks runs where the missing vertical force exceeds its median without sitting, or `SEAT_LOAD`
+    if that is less: even a small force far behind the feet makes a moment. A run counts if in some
+    frame both thighs lean and more than `SEAT_LOAD` is missing, and in some frame more than
+    `MAX_FORCE_MISMATCH`.
     """
     usual = float(np.median(missing[~lying])) if not lying.all() else 0.0
     out = np.zeros_like(lying)
@@ -498,7 +499,7 @@ def _report_force_mismatch(missing: Array, valid: BoolArray, time: Array) -> lis
         Finding(
             severity=Severity.WARNING,
             topic="forces",
-            cause=CONTRADICTED,
+            cause=FORCE_MISMATCH_CAUSE,
             found=f"{times}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
             weight=most / (100 * MAX_FORCE_MISMATCH),

@@ -57,7 +57,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, cross, stretches
 from gaitcal.display import Displayed
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.errors import nearest
+from gaitcal.errors import suggest_name
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, Source, list_joint_segments
@@ -350,7 +350,7 @@ def name_vector_column(name: str, frame: MomentFrame) -> str:
 def _find_index(name: str, names: tuple[str, ...]) -> int:
     """Find the index of a name; ValueError with the names that exist."""
     if name not in names:
-        raise ValueError(f"found '{name}'; allowed: {', '.join(names)}{nearest(name, names)}")
+        raise ValueError(f"found '{name}'; allowed: {', '.join(names)}{suggest_name(name, names)}")
     return names.index(name)
 
 

@@ -19,17 +19,7 @@ a_k . M change by d a_k . M. A hinge keeps its position, and so does its torque;
 and the reactions of the knees change. Errors of hinges and centres are separate sources
 (`calibration/joint_prior.py`).
 
-Sizes follow from the landmarks that `model/segment_frames.py` makes each axis of, at 1.70 m height.
-Palpated landmarks scatter by 6 to 21 mm (Della Croce et al., Gait Posture 21:226-237, 2005), taken
-as 10 mm, 6 along each axis. Hip centres of regressions are off by 15 to 30 mm (Leardini et al., J
-Biomech 32:99-103, 1999; Sangeux et al., Gait Posture 34:324-328, 2011), 13 along each axis. Two
-ASIS 245 mm apart then rotate the pelvis by 2 deg about x and y, epicondyles 112 mm apart the thigh
-by 4.5 deg about its length. Pelvic spines scatter by 15 to 20 mm (Della Croce et al., Med Biol Eng
-Comput 37:155-161, 1999; Rabuffetti et al., Hum Mov Sci 21:439-455, 2002), 10 along each axis.
-Obliquity scatters by no more than 2 deg, 8.5 mm between both ASIS: their errors are correlated by
-0.63. The mean of both is off by 9 mm, and against the sacrum, 10 mm, by 13.5 mm over 170 mm: 4.5
-deg of tilt. Repeated sessions scatter alike: mostly less than 5 deg, least in obliquity and hip
-adduction, most in rotations of hip and knee (McGinley et al., Gait Posture 29:360-369, 2009).
+`PALPATED_DEG` has the sizes and their sources.
 
 Sources of error are independent, so that variances add. The share of a source in the error of a
 torque is its part of the variance, summed over valid frames.
@@ -45,21 +35,10 @@ about the laboratory origin, has the errors
 
 (A rotation about the middle of a plate differs from that about c by an error of position.)
 
-Linear in w, they become  d tau = -J_foot^T d w  (`Dynamics.compute_ground_forces`). Each foot
-stands on a plate of its own, and errors of plates are independent.
+Linear in w, they become  d tau = -J_foot^T d w  (`Dynamics.compute_ground_forces`). Each
+foot has a separate plate, and errors of plates are independent.
 
-Sizes are those of spot checks on plates that were not calibrated in place. The centre of pressure
-on the plate was 2.3, 2.6, 11.8 and 14.0 mm off on average on four commercial plates (Cappello et
-al., Gait & Posture 33:724, 2011), 9.7 mm RMS, that is 6.9 mm along each axis. It was 3.5 and 6.3 mm
-off along the short and the long side of three piezoelectric plates (Bobbert and Schamhardt, J
-Biomech 23:705, 1990), 6.4 mm RMS along each axis, and up to 30 mm elsewhere (Schmiedmayer and
-Kastner, J Biomech 32:1237, 1999). The position of the plate in the room adds 5 to 10 mm (McCaw and
-DeVita, J Biomech 28:985, 1995), 5 mm along each axis. Together 8 mm. Calibration in place leaves
-0.5 to 2.3 mm on the first four plates, less than 4 mm in four laboratories (Gait & Posture 2016,
-doi 10.1016/j.gaitpost.2016.08.017). Two corners 0.5 m apart, each known to 5 mm along each axis,
-give the rotation to 0.8 deg, taken as 1. The forces of the same four plates were 3 to 5 N off, up
-to 1 % of a person's weight. The time offset has no such source: 2 ms is a fifth of a frame at 100
-Hz.
+`DEFAULT` has the sizes and their sources.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -82,7 +61,20 @@ PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
     row.name: row.palpated for row in linkage.SEGMENT_TABLE.values() if row.palpated
 }
 """Segment -> deg, standard deviations of rotations about its x, y and z axis. A talus has no
-landmarks, and no error."""
+landmarks, and no error.
+
+Sizes follow from the landmarks that `model/segment_frames.py` makes each axis of, at 1.70 m height.
+Palpated landmarks scatter by 6 to 21 mm (Della Croce et al., Gait Posture 21:226-237, 2005), taken
+as 10 mm, 6 along each axis. Hip centres of regressions are off by 15 to 30 mm (Leardini et al., J
+Biomech 32:99-103, 1999; Sangeux et al., Gait Posture 34:324-328, 2011), 13 along each axis. Two
+ASIS 245 mm apart then rotate the pelvis by 2 deg about x and y, epicondyles 112 mm apart the thigh
+by 4.5 deg about its length. Pelvic spines scatter by 15 to 20 mm (Della Croce et al., Med Biol Eng
+Comput 37:155-161, 1999; Rabuffetti et al., Hum Mov Sci 21:439-455, 2002), 10 along each axis.
+Obliquity scatters by no more than 2 deg, 8.5 mm between both ASIS: their errors are correlated by
+0.63. The mean of both is off by 9 mm, and against the sacrum, 10 mm, by 13.5 mm over 170 mm: 4.5
+deg of tilt. Repeated sessions scatter alike: mostly less than 5 deg, least in obliquity and hip
+adduction, most in rotations of hip and knee (McGinley et al., Gait Posture 29:360-369, 2009).
+"""
 EXACT_AXES: Mapping[str, tuple[float, float, float]] = {}
 """No errors: axes are correct by definition."""
 BLOCK = 500
@@ -92,28 +84,29 @@ _ORIENTATIONS = tuple(p.name for p in JOINT_PARAMETERS if p.kind is ParameterKin
 
 
 @dataclass(frozen=True)
-class _Crossing:
+class _JointRotations:
     """A joint, or the six coordinates of the pelvis, as rotations from parent to child."""
 
     parent: str | None
     child: str
-    turns: tuple[str, ...]  # Coordinates, joint parameters and the locked reaction, in their order
+    rotations: tuple[str, ...]
+    """Coordinates, joint parameters and the locked reaction, in their order."""
 
     @property
-    def absorbing(self) -> tuple[str, ...]:
+    def compensating(self) -> tuple[str, ...]:
         """Rotations that may compensate others."""
-        return tuple(name for name in self.turns if name not in linkage.REACTIONS)
+        return tuple(name for name in self.rotations if name not in linkage.REACTIONS)
 
     @property
-    def carried(self) -> tuple[str, ...]:
+    def moment_axes(self) -> tuple[str, ...]:
         """Three rotations whose generalised forces are the whole moment of the joint.
 
         Empty where none of its torques changes.
         """
-        for at, name in enumerate(self.turns):
+        for at, name in enumerate(self.rotations):
             if name in linkage.REACTIONS:
-                return self.turns[at - 1 : at + 2]
-        return self.turns if set(self.turns) <= set(linkage.COORDINATES) else ()
+                return self.rotations[at - 1 : at + 2]
+        return self.rotations if set(self.rotations) <= set(linkage.COORDINATES) else ()
 
 
 def _list_rotations(elements: Iterable[linkage.Element]) -> tuple[str, ...]:
@@ -122,16 +115,16 @@ def _list_rotations(elements: Iterable[linkage.Element]) -> tuple[str, ...]:
     return tuple(e.name for e in elements if e.rotates and e.source is not zero)
 
 
-def _list_crossings() -> tuple[_Crossing, ...]:
+def _list_joint_rotations() -> tuple[_JointRotations, ...]:
     """List the pelvis and all joints."""
-    out = [_Crossing(None, "pelvis", _list_rotations(linkage.make_root_elements("pelvis")))]
+    out = [_JointRotations(None, "pelvis", _list_rotations(linkage.make_root_elements("pelvis")))]
     for joint in linkage.JOINTS:
         elements = linkage.list_joint_elements(joint, reactions=True)
-        out.append(_Crossing(joint.parent, joint.child, _list_rotations(elements)))
+        out.append(_JointRotations(joint.parent, joint.child, _list_rotations(elements)))
     return tuple(out)
 
 
-CROSSINGS = _list_crossings()
+JOINT_ROTATIONS = _list_joint_rotations()
 
 
 class AxisErrors:
@@ -156,7 +149,7 @@ class AxisErrors:
         # A segment's deviations, or those of both sides.
         each = {s: deviations_deg.get(s, both_sides) for s, both_sides in alike.items()}
         self._deviations = {
-            segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)
+            segment: np.deg2rad(angles) for segment, angles in each.items() if any(angles)
         }
         self.columns = tuple((segment, axis) for segment in self._deviations for axis in range(3))
 
@@ -233,8 +226,8 @@ class AxisErrors:
         (nf, nq, k) array
             m/s, rad/s.
         """
-        moves = self.compute_coordinate_sensitivities(q)
-        return np.zeros_like(moves) if len(time) < 2 else np.gradient(moves, time, axis=0)
+        changes = self.compute_coordinate_sensitivities(q)
+        return np.zeros_like(changes) if len(time) < 2 else np.gradient(changes, time, axis=0)
 
     def compute_torque_sensitivities(self, q: Array, forces: Array) -> Array:
         """Compute the changes of the generalised forces.
@@ -253,19 +246,17 @@ class AxisErrors:
         """
         placed, index = self._place(q), {name: k for k, name in enumerate(ALL_FORCES)}
         out = np.zeros((len(q), len(FORCES), len(self.columns)))
-        for crossing, segment, columns, rotations, compensation in self._iterate_compensations(
-            placed
-        ):
-            if not crossing.carried:
+        for joint, segment, columns, rotations, compensation in self._iterate_compensations(placed):
+            if not joint.moment_axes:
                 continue
             # Moment of the joint from three of its torques; axes: (nf, 3, 3), one in each row.
-            axes = np.stack([placed.axis(name) for name in crossing.carried], axis=1)
-            torques = forces[:, [index[name] for name in crossing.carried]]
+            axes = np.stack([placed.axis(name) for name in joint.moment_axes], axis=1)
+            torques = forces[:, [index[name] for name in joint.moment_axes]]
             # (nf, 1, 3)
             moment = np.linalg.solve(axes, torques[..., None])[:, None, :, 0]
             # Rotation (nf, error, xyz) accumulated from parent to child: it moves each axis a_k.
-            accumulated = rotations if segment == crossing.parent else np.zeros((len(q), 3, 3))
-            for name in crossing.turns:
+            accumulated = rotations if segment == joint.parent else np.zeros((len(q), 3, 3))
+            for name in joint.rotations:
                 axis = placed.axis(name)[:, None]
                 if name in FORCES:
                     out[:, index[name], columns] += (cross(accumulated, axis) * moment).sum(axis=2)
@@ -283,25 +274,25 @@ class AxisErrors:
 
     def _iterate_compensations(
         self, placed: Kinematics
-    ) -> Iterator[tuple[_Crossing, str, slice, Array, dict[str, Array]]]:
+    ) -> Iterator[tuple[_JointRotations, str, slice, Array, dict[str, Array]]]:
         """Iterate over joints beside a segment with errors.
 
         Yields joint, segment, its columns and rotations, and (nf, 3) rad by which each rotation of
         the joint compensates them.
         """
         for segment, columns, rotations in self._iterate_rotations(placed):
-            for crossing in CROSSINGS:
-                if segment not in (crossing.parent, crossing.child):
+            for joint in JOINT_ROTATIONS:
+                if segment not in (joint.parent, joint.child):
                     continue
                 # The three rotations next to the segment compensate, see the equations above.
-                above = segment == crossing.parent
-                names = crossing.absorbing[:3] if above else crossing.absorbing[-3:]
+                above = segment == joint.parent
+                names = joint.compensating[:3] if above else joint.compensating[-3:]
                 basis = np.stack([placed.axis(name) for name in names], axis=2)
                 found = np.linalg.solve(
                     basis, (-rotations if above else rotations).transpose(0, 2, 1)
                 )
                 yield (
-                    crossing,
+                    joint,
                     segment,
                     columns,
                     rotations,
@@ -441,7 +432,7 @@ not used.
 class PlateErrors:
     """Standard deviations of the errors of force plates."""
 
-    position: float  # m, of a plate's place along each axis
+    position: float  # m, of a plate along each axis
     gain: float  # Of 1
     time_offset: float  # s, plates against cameras
     rotation: float = 0.0  # rad, of a plate about the vertical
@@ -483,6 +474,21 @@ class PlateErrors:
 
 
 DEFAULT = PlateErrors.from_table(PlateErrorTable())
+"""Errors of plates that were not calibrated in place.
+
+Sizes are those of spot checks on plates that were not calibrated in place. The centre of pressure
+on the plate was 2.3, 2.6, 11.8 and 14.0 mm off on average on four commercial plates (Cappello et
+al., Gait & Posture 33:724, 2011), 9.7 mm RMS, that is 6.9 mm along each axis. It was 3.5 and 6.3 mm
+off along the short and the long side of three piezoelectric plates (Bobbert and Schamhardt, J
+Biomech 23:705, 1990), 6.4 mm RMS along each axis, and up to 30 mm elsewhere (Schmiedmayer and
+Kastner, J Biomech 32:1237, 1999). The position of the plate in the room adds 5 to 10 mm (McCaw and
+DeVita, J Biomech 28:985, 1995), 5 mm along each axis. Together 8 mm. Calibration in place leaves
+0.5 to 2.3 mm on the first four plates, less than 4 mm in four laboratories (Gait & Posture 2016,
+doi 10.1016/j.gaitpost.2016.08.017). Two corners 0.5 m apart, each known to 5 mm along each axis,
+give the rotation to 0.8 deg, taken as 1. The forces of the same four plates were 3 to 5 N off, up
+to 1 % of a person's weight. The time offset has no such source: 2 ms is a fifth of a frame at 100
+Hz.
+"""
 
 
 def compute_wrench_rates(time: Array, wrenches: Array) -> Array:
@@ -514,11 +520,11 @@ def compute_wrench_errors(wrenches: Array, rates: Array, errors: PlateErrors) ->
         out[:, foot, :, first] = errors.gain * wrench
         for k, axis in enumerate(np.eye(3)):
             out[:, foot, 3:, first + 1 + k] = errors.position * np.cross(axis, wrench[:, :3])
-        # where a foot hardly presses there is no centre of pressure to turn about
+        # where a foot hardly presses there is no centre of pressure to rotate about
         on = wrench[:, 1] > LOADED_N
-        turned = cross(UP, wrench[on, :3])
-        about = cross(compute_centre_on_ground(wrench[on], 0.0), turned)
-        out[on, foot, :, first + 4] = errors.rotation * np.hstack([turned, about])
+        rotated_force = cross(UP, wrench[on, :3])
+        rotated_moment = cross(compute_centre_on_ground(wrench[on], 0.0), rotated_force)
+        out[on, foot, :, first + 4] = errors.rotation * np.hstack([rotated_force, rotated_moment])
     out[..., -1] = errors.time_offset * rates
     return out
 

@@ -9,16 +9,16 @@ press on the same plate. Markers locate that outline, and a plate its centre, wi
 A total force that a program divided between two feet is recognised too: both plates then report one
 centre of pressure, between the feet.
 
-**Beside.** The part of a sole beside all plates presses on the floor, with an unknown force. Either
-of two signs shows a loss that matters:
+**Partial contact.** The part of a sole off all plates presses on the floor, with an unknown force.
+Either of two signs shows a relevant loss:
 
-- more than a tenth of the resting half of the sole, heel or toes, is beside (`MAX_BESIDE_SHARE`).
-  In a walk with 39 mm of the heel beside (9 % of the sole) it carries 60 % of the body as the other
-  foot leaves the ground and 20 % in mid-stance. Where the plates are not yet loaded, or no longer,
-  the part beside may carry the whole load;
-- the centre of pressure is near to the part beside (`REACH_ALONG`, `REACH_ACROSS`). A heel with its
-  marker 26 mm beside the plate, 3 % of the sole, loses 12 % while the centre of pressure is within
-  40 mm of the edge.
+- more than a tenth of the resting half of the sole, heel or toes, is off the plates
+  (`MAX_OFF_PLATE_SHARE`). In a walk with 39 mm of the heel off the plate (9 % of the sole) it
+  carries 60 % of the body as the other foot leaves the ground and 20 % in mid-stance. Where the
+  plates are not yet loaded, or no longer, the part off the plates may carry the whole load;
+- the centre of pressure is near to the part off the plates (`REACH_ALONG`, `REACH_ACROSS`). A heel
+  with its marker 26 mm off the plate, 3 % of the sole, loses 12 % while the centre of pressure is
+  within 40 mm of the edge.
 
 A foot carries some load before its motion shows that it rests, and after. The same share is lost
 there as in the next resting frame.
@@ -62,8 +62,8 @@ DIVIDED = (
 )
 DIRECTIONS = 240
 """Unit vectors in the floor. A distance from an edge 0.26 m long is short by at most 2 mm."""
-MAX_BESIDE_SHARE = 0.10
-"""Share of the area of a half of the sole: 17 mm of a heel."""
+MAX_OFF_PLATE_SHARE = 0.10
+"""Largest share of a half of the sole off the plates: 17 mm of a heel."""
 REACH_ALONG, REACH_ACROSS = 0.04, 0.02
 """m along and across the foot over which the pressure is distributed round its centre."""
 OFF_SOLE_M = 0.03
@@ -156,16 +156,16 @@ def compute_distance_outside_hull(point: Array, edge: Array) -> tuple[Array, Arr
     The distance is max_u ( u . p - max_v u . v ) over unit vectors u.
     """
     angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    ways = np.column_stack([np.cos(angle), np.sin(angle)])
+    directions = np.column_stack([np.cos(angle), np.sin(angle)])
     reach = np.full((len(point), DIRECTIONS), -np.inf)
     # One edge point after the other bounds memory: loadings of treadmills last for minutes.
     for k in range(edge.shape[1]):
-        np.maximum(reach, edge[:, k] @ ways.T, out=reach)
-    beyond = point @ ways.T - reach
+        np.maximum(reach, edge[:, k] @ directions.T, out=reach)
+    beyond = point @ directions.T - reach
     beyond = np.where(np.isfinite(beyond), beyond, -np.inf)
     farthest = beyond.argmax(axis=1)
     away: Array = beyond[np.arange(len(point)), farthest]
-    return away, ways[farthest]
+    return away, directions[farthest]
 
 
 def locate_pressures(
@@ -201,17 +201,19 @@ def _locate_pressure(
 ) -> PressurePosition:
     """Locate one centre of pressure. `others`: loadings of the other plates of the trial."""
     point, frames = loading.point[:, [0, 2]], loading.frames
-    away, way = compute_distance_outside_hull(point, compute_sole_edge(feet, loading.foot, frames))
+    away, direction = compute_distance_outside_hull(
+        point, compute_sole_edge(feet, loading.foot, frames)
+    )
     presses = _detect_other_foot(loading, others, feet, len(time))
     shared = foot_contact.mark_near(_mark_frames(frames, len(time), presses), time)[frames]
     if shared.any():
         both = np.concatenate(
             [compute_sole_edge(feet, foot, frames)[shared] for foot in (0, 1)], axis=1
         )
-        away[shared], way[shared] = compute_distance_outside_hull(point[shared], both)
+        away[shared], direction[shared] = compute_distance_outside_hull(point[shared], both)
     return PressurePosition(
         distance=away,
-        direction=way,
+        direction=direction,
         allowed=OUTLINE_ERROR_M + PLATE_MOMENT_NM / np.maximum(loading.load, LOADED_N),
     )
 
@@ -367,7 +369,7 @@ def find_partial_contact(
     feet: foot_contact.FootPoints,
     loaded: BoolArray,
 ) -> tuple[BoolArray, list[Finding]]:
-    """Find frames in which a foot rests partly beside its plates.
+    """Find frames in which a foot rests partly off its plates.
 
     Parameters
     ----------
@@ -411,7 +413,7 @@ def find_partial_contact(
             sole = foot_contact.build_sole(feet, foot, contact)
             off_plates = sole.find_cells_off_plates(surface)
             # Either sign of a loss is enough.
-            lost = _detect_load_beside(sole, off_plates, loaded[contact, foot])
+            lost = _detect_load_off_plates(sole, off_plates, loaded[contact, foot])
             lost |= _detect_pressure_near_edge(sole, off_plates, carriers, contact)
             if lost.any():
                 around = _extend_contact(lost, contact, time)
@@ -428,16 +430,16 @@ def find_partial_contact(
     return partly, findings
 
 
-def _detect_load_beside(
+def _detect_load_off_plates(
     sole: foot_contact.SoleCells, off_plates: BoolArray, loaded: BoolArray
 ) -> BoolArray:
-    """Detect frames (nf,) in which the part of the sole beside the plates may carry much load.
+    """Detect frames (nf,) in which the part of the sole off the plates may carry much load.
 
     Judged by motion; before and after resting as in the next resting frame.
     """
     resting = off_plates & sole.resting
-    lost = (sole.sum_half_shares(resting) > MAX_BESIDE_SHARE).any(axis=1)
-    # Without a loaded plate the part beside may carry the whole load.
+    lost = (sole.sum_half_shares(resting) > MAX_OFF_PLATE_SHARE).any(axis=1)
+    # Without a loaded plate the part off the plates may carry the whole load.
     lost |= resting.any(axis=1) & ~loaded
     down = np.flatnonzero(sole.resting.any(axis=1))
     if len(down):
@@ -464,7 +466,7 @@ def _detect_pressure_near_edge(
     carriers: Sequence[foot_contact.FootContact],
     frames: slice,
 ) -> BoolArray:
-    """Detect frames (nf,) with the centre of pressure near to a part beside the plates."""
+    """Detect frames (nf,) with the centre of pressure near to a part off the plates."""
     wrench = np.sum([step.extract_wrench(frames) for step in carriers], axis=0)
     pressed = wrench[:, 1] > LOADED_N
     corners = [step.plate.corners for step in carriers if step.plate.corners is not None]
@@ -521,7 +523,7 @@ def find_shared_plates(
             here &= sole.find_cells_off_plates(
                 [plate for plate in surface if plate is not step.plate]
             )
-            much = np.asarray((sole.sum_half_shares(here) > MAX_BESIDE_SHARE).any(axis=1))
+            much = np.asarray((sole.sum_half_shares(here) > MAX_OFF_PLATE_SHARE).any(axis=1))
             both = stance & foot_contact.mark_near(_mark_frames(step.frames, len(time), much), time)
         else:
             both = (

@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, Finding, Severity, listed
+from gaitcal.errors import Code, Finding, Severity, join_names
 from gaitcal.gait.cycles import FootEvents, list_contact_changes
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
@@ -202,7 +202,7 @@ def check_corrected_events(
             cause = f"corrected events have no {kinds} of the {word} foot"
             findings.append(_make_warning(cause, found, remedy))
     if lacking:
-        names = listed([_format_event(e) for e in sorted(lacking, key=lambda e: e.time)])
+        names = join_names([_format_event(e) for e in sorted(lacking, key=lambda e: e.time)])
         cause = "corrected events lack some that forces and motion show"
         findings.append(_make_note(cause, f"{names}; not used"))
     if different:
@@ -486,7 +486,7 @@ def check_event_order(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
     if not named:
         return ()
     found = (
-        f"{listed(named)}; phases that need them are not computed, and there is no stride across a "
+        f"{join_names(named)}; phases that need them are not computed, and there is no stride across a "
         "missing strike"
     )
     note = _make_note("foot strikes or offs are missing", found)

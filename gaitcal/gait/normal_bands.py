@@ -56,7 +56,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.gait.conventions import Acting, Convention, Signs
 from gaitcal.gait.cycles import POINTS, CurveKind, get_curve_kind, list_variables
 from gaitcal.io import text_file, toml
@@ -183,7 +183,7 @@ def find_bands_file(name: Path | str) -> Path:
     if shipped is None:
         allowed = f"a CSV file, or the name of built-in bands: {', '.join(SHIPPED)}"
         raise _BandsError(
-            f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path
+            f"no such file; allowed: {allowed}{suggest_name(str(name), SHIPPED)}", source=path
         )
     return toml.find_models_folder() / shipped
 
@@ -286,7 +286,9 @@ def _read_rows(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[
             raise make_error(f"found {len(cells)} cells; allowed: {len(COLUMNS)}")
         variable, unit = cells[:2]
         if variable not in known:
-            hint = "; names have no side" if split_side(variable)[1] else nearest(variable, known)
+            hint = (
+                "; names have no side" if split_side(variable)[1] else suggest_name(variable, known)
+            )
             raise make_error(f"found variable '{variable}'; allowed: those of cycles.csv{hint}")
         allowed = UNITS[get_curve_kind(variable)]
         spelt = {_normalise_unit(u): u for u in allowed}

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
 
-from gaitcal.errors import other_side
+from gaitcal.errors import differ_by_side
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet, list_built_in_sets, load_marker_set
@@ -200,7 +200,9 @@ def _list_sided_labels(
 ) -> tuple[str, ...]:
     """List labels of both sides that some of the recordings have and others have not."""
     partial = [label for label in left_over if not all(label in labels for labels in recordings)]
-    return tuple(label for label in partial if any(other_side(label, other) for other in partial))
+    return tuple(
+        label for label in partial if any(differ_by_side(label, other) for other in partial)
+    )
 
 
 def _count_leg_markers(

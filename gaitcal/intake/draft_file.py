@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gaitcal.errors import Code, InputError, UsageError, alike
+from gaitcal.errors import Code, InputError, UsageError, find_similar_names
 from gaitcal.intake import choose_marker_set, subject_metadata
 from gaitcal.intake.recordings_folder import (
     FileKind,
@@ -386,7 +386,7 @@ def describe_left_over(choice: choose_marker_set.SetChoice) -> str:
     if not left:
         return ""
     more = f" and {len(left) - 8} more" if len(left) > 8 else ""
-    meant = {label: alike(label, choice.marker_set.labels) for label in left[:8]}
+    meant = {label: find_similar_names(label, choice.marker_set.labels) for label in left[:8]}
     hints = ", ".join(f"{label} like {like[0]}" for label, like in meant.items() if like)
     question = f" (similar to labels of the set: {hints}; rename them if they are)" if hints else ""
     return f"; unknown: {', '.join(left[:8])}{more}{question}"

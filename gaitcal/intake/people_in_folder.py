@@ -38,7 +38,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.soft_tissue_artefact import SIZES
-from gaitcal.errors import other_side
+from gaitcal.errors import differ_by_side
 from gaitcal.intake.trial_movement import StandingPosture, compute_segment_middle, detect_standing
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import has_key_points, has_poses
@@ -345,7 +345,7 @@ def _list_swaps(
 ) -> Iterator[tuple[str, Mapping[str, str]]]:
     """Generate swaps with their names: the two sides, then any two markers of pelvis and legs."""
     labels = sorted({label for pair in distances.medians for label in pair})
-    of_sides = [(a, b) for a, b in combinations(labels, 2) if other_side(a, b)]
+    of_sides = [(a, b) for a, b in combinations(labels, 2) if differ_by_side(a, b)]
     if of_sides:
         swap: dict[str, str] = {}
         for a, b in of_sides:

@@ -24,7 +24,7 @@ import pooch
 import requests
 from pydantic import Field, field_validator
 
-from gaitcal.errors import Code, InputError, UsageError, nearest
+from gaitcal.errors import Code, InputError, UsageError, suggest_name
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.io.result_folder import (
     MANIFEST,
@@ -129,7 +129,7 @@ def find_example(name: str) -> Example:
     """
     names = [example.name for example in load_examples()]
     if name not in names:
-        hint = nearest(name, names) or f"; allowed: {', '.join(names)}"
+        hint = suggest_name(name, names) or f"; allowed: {', '.join(names)}"
         raise UsageError(f"found '{name[:40]}', which is no example{hint}", field="NAME")
     return next(example for example in load_examples() if example.name == name)
 

@@ -21,7 +21,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io import csv_recordings as csv_files
 from gaitcal.io import segment_poses, text_file
 from gaitcal.io.c3d.reader import read_c3d
@@ -124,7 +124,7 @@ def _read_by_suffix(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> 
         # A missing file or a folder is reported rather than its ending
         text_file.check_readable(file)
         ending = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
-        allowed = f"allowed are {', '.join(readers)}{nearest(file.suffix, readers)}"
+        allowed = f"allowed are {', '.join(readers)}{suggest_name(file.suffix, readers)}"
         raise InputError(f"{ending}; {allowed}", source=file, code=Code.FILE_FORMAT)
     # Absurd numbers of a damaged file may overflow before they are reported
     with np.errstate(all="ignore"):

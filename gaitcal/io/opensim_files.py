@@ -26,7 +26,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, InputError, nearest, side_named
+from gaitcal.errors import Code, InputError, find_side, suggest_name
 from gaitcal.io import atomic, axes, text_file
 from gaitcal.io.force_tables import (
     Forces,
@@ -123,7 +123,7 @@ def parse_trc(path: Path) -> Recording:
     if unit is None:
         name = facts["units"]
         raise text_file.FileFault(
-            f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", "Units"
+            f"found '{name[:20]}'; allowed are mm, cm and m{suggest_name(name, PER_METRE)}", "Units"
         )
     if "units" not in facts:
         notes += ("The header names no unit; millimetres were taken.",)
@@ -442,7 +442,7 @@ def read_external_loads(path: Path) -> Forces:
             notes += (f"The force '{name}' has no columns and was left out.",)
             continue
         found = _find_columns(force, table)
-        side = side_named(force.body)
+        side = find_side(force.body)
         if not (side and FOOT_BODY.search(force.body)):
             if not np.nan_to_num(table.values[:, list(found.columns["force"].values())]).any():
                 notes += (

@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from gaitcal.errors import Code, GaitcalError, InputError, nearest
+from gaitcal.errors import Code, GaitcalError, InputError, suggest_name
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -73,7 +73,7 @@ def _describe_neighbours(path: Path) -> str:
         names = sorted(entry.name for entry in os.scandir(path.parent) if entry.is_file())
     except (OSError, ValueError):
         return f"; the folder '{path.parent.name}' does not exist"
-    hint = nearest(path.name, names)
+    hint = suggest_name(path.name, names)
     if hint or not names:
         return hint or "; the folder has no files"
     return (
@@ -341,7 +341,7 @@ def require_known(
     known = list(allowed)
     for name in names:
         if name not in known:
-            hint = nearest(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
+            hint = suggest_name(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
             message = f"found {format_value(name)}, which is no {kind}{hint}"
             raise InputError(message, source=source, field=field, code=Code.UNKNOWN_FIELD)
 
@@ -356,7 +356,7 @@ def _convert_error(error: ValidationError, model: type[BaseModel], source: objec
     context: dict[str, Any] = first.get("ctx", {})
     if kind == "extra_forbidden":
         allowed = _list_keys(_find_table_and_field(model, location[:-1])[0])
-        close = nearest(str(location[-1]), allowed)
+        close = suggest_name(str(location[-1]), allowed)
         message = (
             f"unknown key {format_value(location[-1])}{close or '; allowed: ' + ', '.join(allowed)}"
         )
@@ -370,7 +370,7 @@ def _convert_error(error: ValidationError, model: type[BaseModel], source: objec
         message = str(context["error"])
     elif kind == "literal_error" and field is not None:
         choices = _list_choices(field.annotation)
-        close = nearest(found, choices) if isinstance(found, str) else ""
+        close = suggest_name(found, choices) if isinstance(found, str) else ""
         *others, last = map(repr, choices)
         message = f"found {format_value(found)}; allowed: {', '.join(others)} or {last}{close}"
     elif kind in {"model_type", "model_attributes_type"}:

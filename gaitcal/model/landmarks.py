@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io.recording import Recording, average_visible
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, describe_substitute
@@ -227,7 +227,7 @@ def _describe_missing_landmark(
     if label in recording.labels:
         return f"marker '{label}' was not visible while the subject stood still; it needs {instead}"
     taken = {m for group in marker_set.landmarks.values() for m in group}
-    known = nearest(label, [other for other in recording.labels if other not in taken])
+    known = suggest_name(label, [other for other in recording.labels if other not in taken])
     return (
         f"the file has no marker '{label}'{known}; instead it could be {instead}, assigned by "
         "'rename'"

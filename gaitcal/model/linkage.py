@@ -47,8 +47,8 @@ class Segment:
     # its parts follow one another along x from its origin, as those of feet; else along -y
     forward: bool = False
     palpated: tuple[float, float, float] | None = None
-    """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
-    (`dynamics/measurement_errors.py`); None: it has no landmarks, and no error."""
+    """deg, standard deviations of the rotation of its axes about x, y and z by errors of palpated
+    landmarks (`dynamics/measurement_errors.py`). None: no landmarks, and no error."""
     free_centre: tuple[str, ...] = ()
     """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt
     et al. 2007).
@@ -224,9 +224,14 @@ def get_segment(segment: str) -> Segment:
 MARKED_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if get_segment(s).markers)
 """Those on which markers can sit."""
 LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis and legs
-LEGS: dict[str, tuple[str, ...]] = {
-    side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES
-}
+
+
+def _list_leg_segments(side: str) -> tuple[str, ...]:
+    """List the segments of the leg of a side."""
+    return tuple(segment for segment in LOWER_BODY if segment.endswith(f"_{side}"))
+
+
+LEGS: dict[str, tuple[str, ...]] = {side: _list_leg_segments(side) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
 LEG_JOINTS: tuple[str, ...] = tuple(
     row[0] for row in _LEG
@@ -382,33 +387,31 @@ def list_joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Eleme
     return (*joint.elements[:after], reaction, *joint.elements[after:])
 
 
-SECONDARY: dict[str, tuple[Element, ...]] = {
-    f"knee_angle_{side}": tuple(
+def _list_secondary_motions(side: str) -> tuple[Element, ...]:
+    """List the secondary motions of the knee of a side."""
+    rows = (("ant", False, 0), ("sup", False, 1), ("front", True, 0), ("trans", True, 1))
+    return tuple(
         Element(
-            rotates=r,
-            axis=k,
+            rotates=rotates,
+            axis=axis,
             sign=1.0,
             source=Source.COORDINATE,
             name=f"knee_{side}.secondary.{name}",
         )
-        for name, r, k in (
-            ("ant", False, 0),
-            ("sup", False, 1),
-            ("front", True, 0),
-            ("trans", True, 1),
-        )
+        for name, rotates, axis in rows
     )
-    for side in SIDES
+
+
+SECONDARY: dict[str, tuple[Element, ...]] = {
+    f"knee_angle_{side}": _list_secondary_motions(side) for side in SIDES
 }
-"""Coordinate -> motions of its joint that go with it and that the linkage leaves out, in the axes
-of the knee's flexion before it flexes: slides along x and y, then turns about them, as a knee
-rolls, glides and turns when it flexes. Their amounts are given (`tracking/soft_tissue.py`), in m
-and rad; no model has coordinates of them."""
+"""Coordinate -> secondary motions of its joint: translations along x and y, then rotations about
+them, in the axes of the knee before flexion. They accompany flexion and are not in the linkage.
+Their amounts are given in m and rad (`tracking/soft_tissue.py`); no model has coordinates of them."""
 SECONDARY_NAMES = frozenset(element.name for motions in SECONDARY.values() for element in motions)
 BENDS = ("^2", "^3")
-"""Ends of the names of variables: what of a secondary motion goes with the square of the
-coordinate, and the cube.
-"""
+"""Suffixes of variables: parts of a secondary motion proportional to the square and to the cube of
+the coordinate."""
 SECONDARY_VARIABLES: dict[str, tuple[str, str, int]] = {
     element.name + bend: (coordinate, element.name, k)
     for coordinate, motions in SECONDARY.items()

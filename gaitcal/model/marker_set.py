@@ -27,7 +27,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from gaitcal.display import Displayed, shorten
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import (
     Table,
@@ -473,7 +473,7 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     ):
         message = (
             f"found {format_value(text)}; allowed: {', '.join(known)}, or the path of a TOML "
-            f"file{nearest(text, known)}"
+            f"file{suggest_name(text, known)}"
         )
         raise InputError(message, field="marker set", code=Code.MARKER_SET)
     return _read_marker_set(Path(text), Path(text).stem)

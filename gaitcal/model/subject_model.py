@@ -148,7 +148,7 @@ class SubjectModel(Displayed):
     ...).
     """
     noise: "PointNoise | None" = None
-    """How its markers err where they are none on skin, but segment poses or key points."""
+    """Noise of markerless points (of segment poses or key points); None for skin markers."""
     notes: tuple[str, ...] = ()
     """What was assumed in making it; shown in every output."""
 
@@ -197,14 +197,16 @@ class PointNoise(Table):
     """The table `[noise]` of a marker set and of a model."""
 
     size_mm: float = Field(
-        gt=0, description="how far a coordinate of a point errs, constants left out, in mm"
+        gt=0,
+        description="standard deviation of a coordinate of a point without its constant part, in mm",
     )
-    memory_s: float = Field(gt=0, description="how long such an error lasts, in s")
+    memory_s: float = Field(gt=0, description="correlation time of such an error, in s")
     joints: float = Field(
-        ge=1, description="times as far as by palpated markers joints and segments' axes may be off"
+        ge=1,
+        description="factor on the standard deviations of joint centres and segment axes by palpated markers",
     )
     hinges: float = Field(
-        ge=1, description="times as far as by palpated markers the axes of hinges may be off"
+        ge=1, description="factor on the standard deviations of hinge axes by palpated markers"
     )
     reason: str = Field(min_length=1, description="what these figures rest on")
 

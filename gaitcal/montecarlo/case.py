@@ -20,7 +20,7 @@ import pandas as pd
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.result import Calibration
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io.snapshot import Snapshot, read_whole, require_person
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.model_file import load_model
@@ -155,7 +155,7 @@ def _choose_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -
         )
         raise InputError(message, source=source, code=Code.MONTE_CARLO)
     if wanted is not None and wanted not in loaded:
-        message = f"found '{wanted}'; allowed: {', '.join(loaded)}{nearest(wanted, loaded)}"
+        message = f"found '{wanted}'; allowed: {', '.join(loaded)}{suggest_name(wanted, loaded)}"
         raise InputError(message, source=source, field="--trial", code=Code.OPTION)
     return wanted or loaded[0]
 

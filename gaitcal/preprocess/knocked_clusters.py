@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.errors import STUDY, Code, Finding, Severity, join_names
 from gaitcal.model import linkage, parameters, segment_frames
 from gaitcal.preprocess import joint_links, static_disagreement, trial_evidence
 from gaitcal.preprocess.marker_clusters import align_points
@@ -57,10 +57,10 @@ class Placement:
         angle = joint_links.compute_rotation_angle(align_points(self.before, self.after)[0])
         shift = (self.after - self.before).mean(axis=0)
         return (
-            f"{listed([repr(m) for m in self.labels])} of {self.segment} are "
+            f"{join_names([repr(m) for m in self.labels])} of {self.segment} are "
             f"{1e3 * np.linalg.norm(shift):.0f} mm and {np.rad2deg(angle):.0f} deg away from their "
             "position in the static trial; they are placed by the other markers of the leg in "
-            f"{listed(list(self.trials))}, with an uncertainty of {1e3 * self.shift_spread:.0f} mm "
+            f"{join_names(list(self.trials))}, with an uncertainty of {1e3 * self.shift_spread:.0f} mm "
             f"and {np.rad2deg(self.rotation_spread):.0f} deg, which the error bars include"
         )
 

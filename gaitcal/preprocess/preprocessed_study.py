@@ -18,8 +18,8 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.clean_trial import CleanTrial, clean_trial
 from gaitcal.preprocess.knocked_clusters import Placement, apply_placement, find_placement
 from gaitcal.preprocess.marker_clusters import Stance
-from gaitcal.preprocess.put_back_labels import put_back
-from gaitcal.preprocess.rebuilt_markers import Rebuilding
+from gaitcal.preprocess.put_back_labels import restore_swapped_labels
+from gaitcal.preprocess.rebuilt_markers import MarkerReconstruction
 from gaitcal.preprocess.static_disagreement import PossibleMove, find_possible_moves
 from gaitcal.preprocess.study_model import build_nominal_from_clean, rebuild_static
 from gaitcal.preprocess.trial_evidence import TrialEvidence
@@ -40,7 +40,7 @@ class PreprocessedStudy:
     """As it was read, with knocked clusters of its static trial placed by the moving trials."""
     clean: Study
     """The same with clean trials, before swapped labels are put back."""
-    completed: Rebuilding
+    completed: MarkerReconstruction
     """The static trial with the markers that were reconstructed from the other trials."""
     model: SubjectModel | None
     """Nominal; None if the static trial gives none, or its unit is wrong."""
@@ -138,7 +138,7 @@ def preprocess_study(study: Study) -> PreprocessedStudy:
             completed=completed,
             model=model,
             faults=faults,
-            trials=tuple(put_back(trial) for trial in measured),
+            trials=tuple(restore_swapped_labels(trial) for trial in measured),
             placed=placed,
         )
         first = first or prepared
@@ -171,7 +171,7 @@ def _build_evidence(trial: CleanTrial, study: Study) -> TrialEvidence:
 
 
 def _build_nominal(
-    standing: TrialEvidence, clean: Study, completed: Rebuilding
+    standing: TrialEvidence, clean: Study, completed: MarkerReconstruction
 ) -> tuple[SubjectModel | None, tuple[Finding, ...]]:
     """Make the nominal model, or the findings why not; neither if the unit is wrong."""
     if not standing.has_body_size:
@@ -179,10 +179,10 @@ def _build_nominal(
     try:
         return build_nominal_from_clean(clean, completed), ()
     except InputError as fault:
-        return None, (Finding.of_fault(fault, standing.name, standing.source, "static trial"),)
+        return None, (Finding.from_error(fault, standing.name, standing.source, "static trial"),)
 
 
-def _build_stance(study: Study, completed: Rebuilding, model: SubjectModel) -> Stance:
+def _build_stance(study: Study, completed: MarkerReconstruction, model: SubjectModel) -> Stance:
     """Measure the static posture from the markers that the static trial itself shows."""
     whole = Stance.from_recording(completed.static, study.marker_set, model, study.hip_centre)
     return whole.drop_markers(completed.labels)
@@ -216,7 +216,7 @@ def preprocess_trial(
         model=model,
         stance=Stance.from_model(model),
     )
-    return put_back(evidence)
+    return restore_swapped_labels(evidence)
 
 
 @np.errstate(all="ignore")

@@ -9,8 +9,8 @@ MOST_OF_A_PART = 0.5
 """Largest share of the frames of a swap that is put back; beyond it the file's labels are wrong."""
 
 
-def put_back(trial: TrialEvidence) -> TrialEvidence:
-    """Put back the swapped labels of a moving trial.
+def restore_swapped_labels(trial: TrialEvidence) -> TrialEvidence:
+    """Restore the swapped labels of a moving trial.
 
     Three markers of a segment of which two are swapped are a mirror image: least squares would
     rotate the segment, and no weight repairs that. Swaps are undone until none is left. The trial
@@ -24,7 +24,7 @@ def put_back(trial: TrialEvidence) -> TrialEvidence:
     Returns
     -------
     TrialEvidence
-        `put_back` lists what was swapped.
+        `restored_swaps` lists what was swapped.
     """
     if trial.is_static:
         return trial
@@ -34,7 +34,7 @@ def put_back(trial: TrialEvidence) -> TrialEvidence:
             return trial
         restored = restored.with_recording(restore_labels(restored.recording, found))
         done += found
-    return replace(restored, put_back=tuple(done)) if done else trial
+    return replace(restored, restored_swaps=tuple(done)) if done else trial
 
 
 def _is_partial(trial: TrialEvidence, found: SwappedLabels) -> bool:

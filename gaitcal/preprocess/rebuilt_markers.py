@@ -94,13 +94,13 @@ class RebuiltMarker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rebuilding:
+class MarkerReconstruction:
     """A static trial with the markers that could be reconstructed."""
 
     static: Recording
     """With the reconstructed markers in every frame that shows their companions."""
     markers: tuple[RebuiltMarker, ...] = ()
-    left: Mapping[str, str] = field(default_factory=dict)
+    not_reconstructed: Mapping[str, str] = field(default_factory=dict)
     """Lost marker that other trials show -> why it is not reconstructed."""
 
     @property
@@ -122,14 +122,16 @@ class Rebuilding:
             To be appended to the message; empty if it names no such marker.
         """
         reasons = [
-            f"'{label}': {why}" for label, why in self.left.items() if f"'{label}'" in message
+            f"'{label}': {why}"
+            for label, why in self.not_reconstructed.items()
+            if f"'{label}'" in message
         ]
         return f"; no other trial reconstructs it ({'; '.join(reasons)})" if reasons else ""
 
 
-def rebuild_lost(
+def reconstruct_markers(
     static: Recording, marker_set: MarkerSet, others: Sequence[tuple[str, Recording]], name: str
-) -> Rebuilding:
+) -> MarkerReconstruction:
     """Reconstruct the markers of the set that the static trial does not show in its still window.
 
     Parameters
@@ -146,20 +148,20 @@ def rebuild_lost(
 
     Returns
     -------
-    Rebuilding
+    MarkerReconstruction
         Nothing is reconstructed if the static trial has no still window.
     """
     try:
         window = find_still_window(static, marker_set.labels).frames
     except InputError:
         # reported where the model is made
-        return Rebuilding(static=static)
+        return MarkerReconstruction(static=static)
     sources = [(name, static), *others]
     standing = average_visible(
         {label: static.markers[window, k] for k, label in enumerate(static.labels)}
     )
     known = set(marker_set.labels)
-    found, left = list[RebuiltMarker](), dict[str, str]()
+    found, failed = list[RebuiltMarker](), dict[str, str]()
     for label in _list_wanted_labels(marker_set):
         showing = [
             (trial, recording) for trial, recording in sources if _is_visible(recording, label)
@@ -173,10 +175,10 @@ def rebuild_lost(
         placed = [attempt for attempt in attempts if isinstance(attempt, RebuiltMarker)]
         best = min(placed, key=lambda marker: marker.uncertainty, default=None)
         if best is None:
-            left[label] = next(attempt for attempt in attempts if isinstance(attempt, str))
+            failed[label] = next(attempt for attempt in attempts if isinstance(attempt, str))
         elif best.uncertainty > LOOSE_M:
             by = ", ".join(best.companions)
-            left[label] = (
+            failed[label] = (
                 f"its position relative to {by} is uncertain by {1e3 * best.uncertainty:.0f} mm"
             )
         else:
@@ -197,7 +199,9 @@ def rebuild_lost(
     if found:
         lost = "; ".join(marker.description for marker in found)
         notes.append(f"markers that this trial lost: {lost}")
-    return Rebuilding(static=static.with_notes(*notes), markers=tuple(found), left=left)
+    return MarkerReconstruction(
+        static=static.with_notes(*notes), markers=tuple(found), not_reconstructed=failed
+    )
 
 
 def _list_wanted_labels(marker_set: MarkerSet) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.clean_trial import clean_trial
-from gaitcal.preprocess.rebuilt_markers import Rebuilding, rebuild_lost
+from gaitcal.preprocess.rebuilt_markers import MarkerReconstruction, reconstruct_markers
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 
@@ -33,7 +33,7 @@ SINGULAR = 1e-2
 """m, smallest RMS distance of the pelvis markers from a line: the rotation about a line is free."""
 
 
-def rebuild_static(clean: Study) -> Rebuilding:
+def rebuild_static(clean: Study) -> MarkerReconstruction:
     """Reconstruct the markers that the first static trial of a study lost, from its other trials.
 
     Parameters
@@ -43,12 +43,12 @@ def rebuild_static(clean: Study) -> Rebuilding:
 
     Returns
     -------
-    Rebuilding
+    MarkerReconstruction
         The completed static trial.
     """
     others = [(t.name, t.recording) for t in (*clean.further_statics, *clean.moving)]
     marker_set = clean.marker_set.with_weights(clean.weights)
-    return rebuild_lost(clean.static.recording, marker_set, others, clean.static.name)
+    return reconstruct_markers(clean.static.recording, marker_set, others, clean.static.name)
 
 
 def build_nominal_model(study: Study) -> SubjectModel:
@@ -78,7 +78,7 @@ def build_nominal_model(study: Study) -> SubjectModel:
     return build_nominal_from_clean(clean, rebuild_static(clean))
 
 
-def build_nominal_from_clean(clean: Study, completed: Rebuilding) -> SubjectModel:
+def build_nominal_from_clean(clean: Study, completed: MarkerReconstruction) -> SubjectModel:
     """Make the nominal model of a study of clean trials with a completed static trial.
 
     Parameters

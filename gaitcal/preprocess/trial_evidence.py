@@ -20,7 +20,7 @@ from gaitcal.preprocess.displaced_markers import DisplacedInterval, find_displac
 from gaitcal.preprocess.joint_links import JointLink, compute_joint_links
 from gaitcal.preprocess.marker_clusters import MarkerCluster, Stance, fit_clusters
 from gaitcal.preprocess.plate_contacts import Feet, PlateContact, find_plate_contacts
-from gaitcal.preprocess.rebuilt_markers import Rebuilding
+from gaitcal.preprocess.rebuilt_markers import MarkerReconstruction
 from gaitcal.preprocess.static_disagreement import Contradiction, find_contradictions
 from gaitcal.preprocess.swapped_labels import SwappedLabels, find_swapped_labels, restore_labels
 from gaitcal.study.settings import CalibrationSettings
@@ -48,9 +48,9 @@ class TrialEvidence:
     """Nominal; None if the static trial gives none."""
     stance: Stance | None = None
     """The static posture of pelvis and legs; None without a model."""
-    put_back: tuple[SwappedLabels, ...] = ()
+    restored_swaps: tuple[SwappedLabels, ...] = ()
     """Of a moving trial: labels that were swapped for a part of it, and were put back."""
-    rebuilding: Rebuilding | None = None
+    rebuilding: MarkerReconstruction | None = None
     """Of the static trial that makes the model: markers that it lost, and their reconstruction."""
 
     def with_recording(self, recording: Recording) -> "TrialEvidence":
@@ -195,7 +195,7 @@ class TrialEvidence:
             groups += list(self.marker_set.static_only.values())
         lost = {one.label for one in self.outliers if one.frames == one.visible_frames}
         if self.rebuilding is not None:
-            lost |= {*self.rebuilding.labels, *self.rebuilding.left}
+            lost |= {*self.rebuilding.labels, *self.rebuilding.not_reconstructed}
         labels = (label for group in groups for label in group)
         return tuple(label for label in labels if self.weight(label) > 0 and label not in lost)
 

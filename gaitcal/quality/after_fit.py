@@ -25,7 +25,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.errors import Code, Finding, Severity, listed
+from gaitcal.errors import Code, Finding, Severity, join_names
 from gaitcal.gait.moments import get_moment
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.model import coordinates, linkage
@@ -349,7 +349,7 @@ def _build_limit_finding(
         topic=BOUNDS,
         where=motion.name,
         cause=cause,
-        found=f"{listed([b.description for b in excesses], 4)} ({when})",
+        found=f"{join_names([b.description for b in excesses], 4)} ({when})",
         cure="check labels, gaps and interpolated markers in this interval, and the units of the "
         "forces",
         leg=leg,
@@ -486,7 +486,7 @@ def check_angle_changes(
         topic="angles",
         where=after.name,
         cause="the calibration changed angles much against the nominal model",
-        found=f"mean change: {listed([f'{name} {change:+.0f} deg' for change, name in changed])}",
+        found=f"mean change: {join_names([f'{name} {change:+.0f} deg' for change, name in changed])}",
         cure="check the landmarks of these joints in the static trial, and the functional trials"
         if much
         else "",

@@ -18,7 +18,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.measurement_errors import has_known_outline
 from gaitcal.dynamics.off_sole import (
-    MAX_BESIDE_SHARE,
+    MAX_OFF_PLATE_SHARE,
     PressurePosition,
     describe_divided_force,
     detect_common_centre,
@@ -181,7 +181,7 @@ def _report_no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Fin
         sole = foot_contact.build_sole(feet.build_points(trial.subject.height), foot, slice(None))
         on_plate = (
             sole.sum_half_shares(sole.find_cells_off_plates(outlined)).max(axis=1)
-            <= MAX_BESIDE_SHARE
+            <= MAX_OFF_PLATE_SHARE
         )
         stands = sole.resting.all(axis=1) & on_plate & feet.visible[:, foot]
         runs = find_runs(stands, 2)
@@ -226,7 +226,7 @@ def check_overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding
     if still.sum() < 3:
         return
     beside = sole.find_cells_off_plates(surface) & sole.resting
-    if float(np.median(sole.sum_half_shares(beside)[still].max(axis=1))) > MAX_BESIDE_SHARE:
+    if float(np.median(sole.sum_half_shares(beside)[still].max(axis=1))) > MAX_OFF_PLATE_SHARE:
         share = float(sole.sum_share(beside)[still].max())
         yield trial.warning(
             TOPIC,

@@ -9,7 +9,7 @@ from itertools import permutations
 
 import numpy as np
 
-from gaitcal.errors import Code, Finding, Severity, listed
+from gaitcal.errors import Code, Finding, Severity, join_names
 from gaitcal.io.recording import Recording, find_runs, format_spans, measure_duration
 from gaitcal.model import linkage
 from gaitcal.preprocess.put_back_labels import MOST_OF_A_PART
@@ -38,7 +38,7 @@ def check_swapped_labels(trial: TrialEvidence) -> Iterator[Finding]:
     Finding
         One for each pair: a note if the swap was corrected or has no effect.
     """
-    back = trial.put_back
+    back = trial.restored_swaps
     for k, found in enumerate((*back, *trial.swapped_labels)):
         count = int(found.frames.sum())
         what = (
@@ -115,7 +115,7 @@ def check_sides(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.make_finding(
             Severity.WARNING if crossed else Severity.ERROR,
             "sides",
-            f"right markers are to the left of the left ones: {listed(wrong)} "
+            f"right markers are to the left of the left ones: {join_names(wrong)} "
             f"({format_spans(trial.recording.time, when)})",
             "swap the labels of right and left in the file",
             cause="" if crossed else "the labels of right and left are swapped",

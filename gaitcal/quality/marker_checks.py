@@ -21,7 +21,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import compute_distance_to_line
-from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
+from gaitcal.errors import Code, Finding, GaitcalError, Severity, find_similar_names, join_names
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import (
     MarkerGaps,
@@ -93,12 +93,12 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
     """
     if not trial.outliers:
         return
-    names = listed([f"'{outlier.label}'" for outlier in trial.outliers])
+    names = join_names([f"'{outlier.label}'" for outlier in trial.outliers])
     weighed = any(trial.weight(outlier.label) > NEGLIGIBLE_WEIGHT for outlier in trial.outliers)
     yield trial.make_finding(
         Severity.WARNING if weighed else Severity.INFO,
         "stray markers",
-        listed([outlier.description for outlier in trial.outliers]),
+        join_names([outlier.description for outlier in trial.outliers]),
         "these samples are left out; relabel the trial if they are needed",
         cause=f"{names} {'is' if len(trial.outliers) == 1 else 'are'} metres away from the body",
         code=Code.STRAY_MARKER,
@@ -128,11 +128,11 @@ def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
     others = [label for label in absent if label not in needed]
     for labels, severity in ((needed, Severity.WARNING), (others, Severity.INFO)):
         if labels:
-            close = {label: alike(label, strangers) for label in labels}
+            close = {label: find_similar_names(label, strangers) for label in labels}
             names = [
                 f"'{m}' (is it '{like[0]}'?)" if like else f"'{m}'" for m, like in close.items()
             ]
-            found = f"{len(labels)} markers of the set are not in the file: {listed(names, 8)}"
+            found = f"{len(labels)} markers of the set are not in the file: {join_names(names, 8)}"
             yield trial.make_finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
 
 
@@ -234,11 +234,11 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     )
     harmless = trial.is_isolated or light
     found = (
-        f"{listed([repr(m) for m in empty])} without a position in any of the {len(trial.visible)} "
+        f"{join_names([repr(m) for m in empty])} without a position in any of the {len(trial.visible)} "
         "frames"
     )
     if lost:
-        found += f"; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker"
+        found += f"; {join_names(lost)} {'has' if len(lost) == 1 else 'have'} no other marker"
     yield trial.make_finding(
         Severity.ERROR if lost else Severity.INFO if harmless else Severity.WARNING,
         "labels",
@@ -290,7 +290,7 @@ def check_unknown_labels(trial: TrialEvidence) -> Iterator[Finding]:
     """
     strangers = list_unknown_labels(trial)
     if strangers:
-        found = f"{len(strangers)} labels unknown to the set: {listed(strangers)}"
+        found = f"{len(strangers)} labels unknown to the set: {join_names(strangers)}"
         yield trial.info(
             "labels", found, "no action if they are not needed", code=Code.UNKNOWN_LABELS
         )
@@ -328,7 +328,7 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     names = [label.rpartition("#")[0] for label in trial.recording.labels if "#" in label]
     twice = [name for name in names if name in trial.column]
     if twice:
-        found = f"labels that occur twice: {listed(twice)}; the first one is used"
+        found = f"labels that occur twice: {join_names(twice)}; the first one is used"
         yield trial.warning(
             "labels", found, "give every marker a unique label", code=Code.LABEL_TWICE
         )
@@ -351,7 +351,7 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
         cure = "relabel the trial, or set the weight of the wrong label to 0"
         yield trial.error(
             "labels",
-            f"one trajectory under two labels: {listed(same)}",
+            f"one trajectory under two labels: {join_names(same)}",
             cure,
             code=Code.ONE_TRAJECTORY,
         )
@@ -388,7 +388,7 @@ def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
         )
         yield trial.warning(
             "labels",
-            f"no marker with weight of {listed(bare)}: its motion is not determined{torques}",
+            f"no marker with weight of {join_names(bare)}: its motion is not determined{torques}",
             "label them in this trial, or check rename and weights under [markers]",
             leg=next(iter(sides))
             if len(sides) == 1 and set(bare) <= set(linkage.LEG_SEGMENTS)
@@ -418,7 +418,7 @@ def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
         key=lambda g: -g.longest_gap,
     )
     if long:
-        longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
+        longest = join_names([f"{g.label} {g.longest_gap:.2f} s" for g in long])
         cure = "no action: gaps have no weight and are not filled; the segment's others are used"
         yield trial.info(
             "gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS
@@ -446,7 +446,7 @@ def _check_rare_markers(
     ):
         if labels:
             shares = [f"{m} {100 * g.visible_share:.0f} %" for m, g in rare.items() if m in labels]
-            found = f"visible in less than half of the frames: {listed(shares)}"
+            found = f"visible in less than half of the frames: {join_names(shares)}"
             cure = "label more of the trial, or check the camera setup"
             if severity is Severity.INFO:
                 cure = (
@@ -506,14 +506,14 @@ def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
             "lost markers",
             marker.description,
             cure,
-            cause=f"'{marker.label}', needed for {listed(list(marker.landmarks))}, is missing in "
+            cause=f"'{marker.label}', needed for {join_names(list(marker.landmarks))}, is missing in "
             "the static trial",
             weight=marker.uncertainty / LANDMARK_M,
             code=Code.REBUILT_MARKER,
         )
     certain = [marker.description for marker in markers if marker not in doubted]
     if certain:
-        yield trial.info("lost markers", listed(certain), code=Code.REBUILT_MARKER)
+        yield trial.info("lost markers", join_names(certain), code=Code.REBUILT_MARKER)
 
 
 def check_not_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
@@ -529,9 +529,9 @@ def check_not_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
     Finding
         One warning, or nothing.
     """
-    if trial.rebuilding is None or trial.model is None or not trial.rebuilding.left:
+    if trial.rebuilding is None or trial.model is None or not trial.rebuilding.not_reconstructed:
         return
-    reasons = [f"'{label}': {why}" for label, why in trial.rebuilding.left.items()]
+    reasons = [f"'{label}': {why}" for label, why in trial.rebuilding.not_reconstructed.items()]
     found = (
         f"not visible in this trial but in others, and left out of the model: {'; '.join(reasons)}"
     )
@@ -574,7 +574,7 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
             )
     if wrong:
         found = (
-            f"{listed(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than "
+            f"{join_names(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than "
             "to any other segment"
         )
         cure = "relabel the static trial, or set the weight of the marker to 0"
@@ -642,7 +642,7 @@ def _report_single_marker(
 
     `uncertain`: angle of a leg -> rad; None if it is not known.
     """
-    side, labels = segment[-1], listed([f"'{m}'" for m in trial.list_weighted_markers(segment)])
+    side, labels = segment[-1], join_names([f"'{m}'" for m in trial.list_weighted_markers(segment)])
     found = (
         f"{segment} has two visible markers with weight in {100 * share:.0f} % of the frames "
         f"({labels})"
@@ -651,7 +651,7 @@ def _report_single_marker(
         "label its other markers, here and in the static trial, or add them to this segment in "
         "the marker set"
     )
-    along = listed([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
+    along = join_names([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
     if along:
         cure = (
             f"{along} of the file moves with it: add it to this segment in the marker set, or "
@@ -663,7 +663,9 @@ def _report_single_marker(
     if uncertain is None:
         found += "; the adjacent joints do not determine its pose"
     elif worst > UNDETERMINED_RAD:
-        found += f"; with marker errors of {1e3 * MARKER_M:.0f} mm undetermined: {listed(large)}"
+        found += (
+            f"; with marker errors of {1e3 * MARKER_M:.0f} mm undetermined: {join_names(large)}"
+        )
     else:
         severity = Severity.WARNING
         found += "; the adjacent joints determine its rotation"

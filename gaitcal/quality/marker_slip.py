@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, Finding, Severity, listed
+from gaitcal.errors import Code, Finding, Severity, join_names
 from gaitcal.io.recording import find_runs, format_spans
 from gaitcal.preprocess.displaced_markers import AWAY_M, DisplacedInterval
 from gaitcal.preprocess.marker_clusters import FEWEST
@@ -117,7 +117,7 @@ def check_frozen(trial: TrialEvidence) -> Iterator[Finding]:
     if labels:
         yield trial.warning(
             "frozen",
-            f"positions repeated exactly while others move: {listed(labels)} "
+            f"positions repeated exactly while others move: {join_names(labels)} "
             f"({format_spans(trial.recording.time, when)})",
             "software filled a gap with the last value: export the trial without gap filling, or "
             "set the weight of the marker to 0",
@@ -156,6 +156,6 @@ def check_constant_coordinates(trial: TrialEvidence) -> Iterator[Finding]:
         if (movement == 0).any() and movement.max() > MOVED_M:
             labels.append(label)
     if 0 < len(labels) < HALF * len(trial.present):
-        found = f"one coordinate never changes: {listed(labels)}"
+        found = f"one coordinate never changes: {join_names(labels)}"
         cure = "check this column of the file, and export the trial again"
         yield trial.warning("frozen", found, cure, code=Code.CONSTANT_COORDINATE)

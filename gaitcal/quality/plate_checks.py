@@ -30,8 +30,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.foot_contact import mark_near
 from gaitcal.dynamics.measurement_errors import MAX_OUTSIDE_SHARE, compute_share_outside
-from gaitcal.errors import Code, Finding, listed
-from gaitcal.io.c3d.plates import CONTRADICTED
+from gaitcal.errors import Code, Finding, join_names
+from gaitcal.io.c3d.plates import DECLARED_UNIT_TEXT
 from gaitcal.io.force_plate import (
     BODY_N,
     OUTSIDE_M,
@@ -102,7 +102,7 @@ PELVIS_M_S = 0.4
 0.5 s, as `pig_c3d` differs over its single step, 2 % over two strides."""
 VELOCITY_S = 0.1  # Time over which the velocity at either end is fitted
 
-_ALARMING = re.compile(rf"left out|never empty|outside its corners|no numbers|{CONTRADICTED}")
+_ALARMING = re.compile(rf"left out|never empty|outside its corners|no numbers|{DECLARED_UNIT_TEXT}")
 
 
 def report_reader_notes(trial: TrialEvidence) -> Iterator[Finding]:
@@ -560,7 +560,7 @@ def check_body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             cause = "mass_kg differs from the mass measured by the plates"
             yield t.warning("body mass", message, cure, cause=cause, code=Code.BODY_MASS)
         else:
-            others = listed([f"{c:.1f} kg in {o.name}" for o, c, *_ in weighings if o is not t])
+            others = join_names([f"{c:.1f} kg in {o.name}" for o, c, *_ in weighings if o is not t])
             message += (
                 f": too different, but not in all trials ({others})" if abs(share) > allowed else ""
             )

@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.errors import STUDY, Code, Finding, Severity, join_names
 from gaitcal.io.force_plate import is_filterable
 from gaitcal.io.recording import find_runs
 from gaitcal.io.text_file import UNEVEN_STEP_SHARE
@@ -335,7 +335,7 @@ def check_spikes(trial: TrialEvidence) -> Iterator[Finding]:
         farthest = max(m for _, m in gone.values())
         found = (
             f"single positions up to {1e3 * farthest:.0f} mm off their neighbours are left out: "
-            f"{listed([f'{label} ({n} frames)' for label, (n, _) in gone.items()])}"
+            f"{join_names([f'{label} ({n} frames)' for label, (n, _) in gone.items()])}"
         )
         yield trial.info("jumps", found, "no action needed", code=Code.SPIKES)
     if len(x) < 3:
@@ -361,7 +361,7 @@ def check_spikes(trial: TrialEvidence) -> Iterator[Finding]:
     if trial.is_static:
         severity = Severity.INFO
         cure = "no effect: only the mean over the still window of a static trial is used"
-    found = f"positions up to {1e3 * largest:.0f} mm off their neighbours: {listed(labels)}"
+    found = f"positions up to {1e3 * largest:.0f} mm off their neighbours: {join_names(labels)}"
     yield trial.make_finding(severity, "jumps", found, cure, code=Code.SPIKES)
 
 
@@ -395,7 +395,7 @@ def check_seams(trial: TrialEvidence) -> Iterator[Finding]:
     found = find_seams(trial.recording.markers)
     if not found or trial.is_static:
         return
-    where = listed(
+    where = join_names(
         [f"{trial.recording.time[one.frame]:.2f} s ({one.description})" for one in found]
     )
     cure = "no effect in a functional trial: joint axes do not depend on the times"

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.errors import STUDY, Code, Finding, Severity, join_names
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDE_WORDS
 from gaitcal.preprocess.marker_clusters import FEWEST, align_points
@@ -114,7 +114,7 @@ def _report_contradiction(group: list[tuple[TrialEvidence, Contradiction]], movi
         source="" if several else trial.source,
         cause=cause,
         found=f"{found} "
-        f"({f'throughout {listed(names)}' if several else _format_whole_time(trial)})",
+        f"({f'throughout {join_names(names)}' if several else _format_whole_time(trial)})",
         cure=cure,
         leg=get_side(worst.segment),
         weight=worst.excess,
@@ -167,7 +167,7 @@ def _describe_labels(cause: Contradiction, other: str) -> tuple[str, str, str]:
 
 def _describe_mirrored(cause: Contradiction, other: str) -> tuple[str, str, str]:
     """Describe a mirrored cluster: cause, evidence, remedy."""
-    labels = listed([repr(label) for label in cause.labels])
+    labels = join_names([repr(label) for label in cause.labels])
     return (
         f"the markers of the {_name_segment(cause.segment)} are mirrored relative to the static "
         "trial",
@@ -178,14 +178,14 @@ def _describe_mirrored(cause: Contradiction, other: str) -> tuple[str, str, str]
 
 def _describe_cluster(cause: Contradiction, other: str) -> tuple[str, str, str]:
     """Describe a displaced cluster: cause, evidence, remedy."""
-    joints = listed([_name_segment(joint) for joint in cause.exceeded_at])
+    joints = join_names([_name_segment(joint) for joint in cause.exceeded_at])
     found = (
         f"{1e3 * cause.offset:.0f} mm{_describe_direction(cause)} and "
         f"{np.rad2deg(cause.rotation):.0f} deg, observed at {joints}"
     )
     # with three markers or fewer, a single one displaced out of their plane has the same effect
     if len(cause.labels) <= FEWEST:
-        labels = listed([repr(label) for label in cause.labels])
+        labels = join_names([repr(label) for label in cause.labels])
         found += f"; one of {labels} displaced out of their plane has the same effect"
     return (
         f"the markers of the {_name_segment(cause.segment)} moved together on the segment since "
@@ -252,7 +252,7 @@ def _explain_whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) 
         return None
     most = max(1e3 * c.offset for c in causes)
     explained = (
-        f"explains contradictions at {listed([_name_segment(c.segment) for c in causes])} of up to "
+        f"explains contradictions at {join_names([_name_segment(c.segment) for c in causes])} of up to "
         f"{most:.0f} mm"
     )
     return trial.error(
@@ -299,7 +299,7 @@ def _check_between_walks(walks: Sequence[TrialEvidence], reported: set[str]) -> 
             names = [f"'{cluster.labels[k]}' {1e3 * away[k]:.0f} mm" for k in np.argsort(-away)]
             yield trial.warning(
                 "one body",
-                f"{listed(names, 3)} ({_format_whole_time(trial)})",
+                f"{join_names(names, 3)} ({_format_whole_time(trial)})",
                 f'set weights = {{ "{cluster.labels[int(away.argmax())]}" = 0 }} under [markers], '
                 "or leave the trial out",
                 cause=f"the markers of the {_name_segment(segment)} are placed differently than in "

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, Finding, Severity, listed
+from gaitcal.errors import Code, Finding, Severity, join_names
 from gaitcal.model import linkage, marker_set
 from gaitcal.model.body_plan import (
     HIP_HEIGHT,
@@ -372,7 +372,7 @@ def collect_landmarks(trial: TrialEvidence) -> dict[str, Array]:
 def _report_swap(trial: TrialEvidence, fault: SwappedLandmarks) -> Finding:
     """Build the error on swapped landmarks."""
     pairs = list_label_pairs(trial, fault.pairs)
-    names = listed([f"'{a}' and '{b}'" for a, b in pairs], 4)
+    names = join_names([f"'{a}' and '{b}'" for a, b in pairs], 4)
     cause = f"the labels of {names} are swapped in the static trial"
     if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
         names = f"right and left ({names})"

@@ -125,7 +125,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
             return unreadable
         study = Study.assemble(file, marker_set, trials, path)
     except InputError as fault:
-        return (Finding.of_fault(fault, "study", str(path), "study file"),)
+        return (Finding.from_error(fault, "study", str(path), "study file"),)
     return check_study(study)
 
 
@@ -138,7 +138,7 @@ def _read_trials(
         try:
             return read_trial(trial, file.markers.rename, marker_set)
         except InputError as fault:
-            return Finding.of_fault(fault, trial.name, str(trial.file), "reading")
+            return Finding.from_error(fault, trial.name, str(trial.file), "reading")
 
     found = [read_or_report(trial) for trial in file.trials]
     unreadable = tuple(trial for trial in found if isinstance(trial, Finding))

@@ -22,7 +22,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import SITTING_DEG
-from gaitcal.errors import Code, Finding, InputError, Severity, listed
+from gaitcal.errors import Code, Finding, InputError, Severity, join_names
 from gaitcal.io.axes import LEAST_PROGRESSION_M
 from gaitcal.io.recording import LAG_S, RESTLESS_M_S, STILL_M_S, find_still_window
 from gaitcal.model.ankle_zero import AnkleZero, measure_standing_ankles
@@ -527,7 +527,7 @@ def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
                 )
             continue
         disagreeing.sort(reverse=True)
-        labels_off = listed(
+        labels_off = join_names(
             [f"'{label}' {1e3 * away:.0f} mm ({segment})" for away, label, segment in disagreeing]
         )
         yield other.make_finding(

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.gait import conventions, peaks
 from gaitcal.gait.cycles import (
     GROUND_REACTION,
@@ -220,7 +220,7 @@ def read_comments(path: Path) -> dict[str, str]:
         if name not in COMMENT_SECTIONS:
             message = (
                 "unknown section; allowed: "
-                f"{', '.join(COMMENT_SECTIONS)}{nearest(name, COMMENT_SECTIONS)}"
+                f"{', '.join(COMMENT_SECTIONS)}{suggest_name(name, COMMENT_SECTIONS)}"
             )
             raise InputError(message, source=path, field=name, code=Code.COMMENTS)
         if not isinstance(text, str):
@@ -272,7 +272,7 @@ def _format_fit(summary: Mapping[str, object]) -> Iterator[str]:
             )
             high = limit and any(residual[name] > limit[name] for name, _, _ in units)
             wide = "" if trial.get("trunk_measured", True) else WIDE_LIMITS
-            clauses.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}{wide}")
+            clauses.append(f"residual {', '.join(parts)}{': too high' if high else ''}{wide}")
         if clauses:
             yield f"{name}: {'; '.join(clauses)}"
 
@@ -327,9 +327,9 @@ def _build_sheets(
         "the foot is entirely on a plate."
     )
     for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, uses=()),)):
-        whose = "straight strides of all walks" if a.walks else f"strides of {a.name}"
+        averaged_over = "straight strides of all walks" if a.walks else f"strides of {a.name}"
         note = (
-            f"Joint angles over the stride, mean over {whose}. Pelvis angles are relative to the "
+            f"Joint angles over the stride, mean over {averaged_over}. Pelvis angles are relative to the "
             "line of progression of each stride."
         )
         if a.repeats:

@@ -28,8 +28,6 @@ class LabelledParameter:
 
     name: str  # As in `parameters.csv`
     title: str  # Position and direction in one
-    place: str  # What the value is of; rows of one place stand together. Nothing for a mass.
-    direction: str
     unit: str
     nominal: float
     fitted: float
@@ -180,9 +178,10 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (
-                f"; about {ENOUGH_MOTION_DEG:.0f}° are needed. Add an isolated trial of this joint."
+                f"; about {ENOUGH_MOTION_DEG:.0f}° are needed. Add a functional (single-joint) "
+                "trial of this joint."
                 if moved < ENOUGH_MOTION_DEG
-                else ", but these trials do not move it in the way that shows them."
+                else ", but its parameters are not observable from these movements."
             )
         out.append(text)
     return tuple(out)
@@ -260,7 +259,7 @@ def summarise_fitted(calibration: Calibration) -> str:
     joint, inertial = count_fitted(calibration)
     parts = []
     if joint:
-        parts.append(f"{moments.format_count(joint, 'joint parameter')} (where the joints lie)")
+        parts.append(f"{moments.format_count(joint, 'joint parameter')} (joint positions and axes)")
     if inertial:
         is_symmetric = inertial < sum(
             r.status == "fitted" for r in _label_parameters(calibration, joints=False)
@@ -293,8 +292,6 @@ def _label_parameters(calibration: Calibration, *, joints: bool) -> list[Labelle
             LabelledParameter(
                 name=name,
                 title=moments.describe_parameter(name),
-                place=moments.describe_parameter_location(name),
-                direction=moments.describe_parameter_direction(name),
                 unit=unit,
                 nominal=scale * float(entry["nominal"]),
                 fitted=scale * float(entry["fitted"]),

@@ -55,7 +55,7 @@ from scipy.special import stdtrit
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import factor_prior, make_view_covariance
+from gaitcal.calibration.joint_prior import factor_prior, make_shared_centre_covariance
 from gaitcal.dynamics.measurement_errors import PALPATED_DEG
 from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, get_coordinate, get_curve_kind
 from gaitcal.gait.moments import SIDE_WORDS, describe_parameter, format_count
@@ -496,7 +496,8 @@ def compute_anatomical_root(names: Sequence[str], prior: JointPrior | None) -> A
     root = factor_prior(names, prior)
     index = [JP_INDEX[name] for name in names]
     half = np.linalg.solve(
-        root, make_view_covariance(compute_placement_errors(JP_NAMES))[np.ix_(index, index)]
+        root,
+        make_shared_centre_covariance(compute_placement_errors(JP_NAMES))[np.ix_(index, index)],
     )
     values, vectors = np.linalg.eigh(np.eye(len(names)) - np.linalg.solve(root, half.T))
     out: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

@@ -1,4 +1,9 @@
-"""Labels, units and decimals of what page, PDF and figures show: each once."""
+"""Labels, units and decimals that page, PDF and figures share.
+
+Labels of joints, segments and moments are in `gait/moments.py`, of coordinates in
+`model/coordinates.py` and `gait/conventions.py`, of fitted parameters in
+`results/parameter_labels.py`.
+"""
 
 from typing import Final
 
@@ -19,7 +24,7 @@ SHOWN_MEASURES: Final = {
     "double_support_percent": ("Double support", 1),
     "single_support_percent": ("Single support", 1),
 }
-"""Measure -> its words and decimals in the table of steps and phases; `spatiotemporal.csv` has all
+"""Measure -> its label and decimals in the table of steps and phases; `spatiotemporal.csv` has all
 of them.
 """
 PAGE_UNITS: Final = {
@@ -51,8 +56,8 @@ PAPER_UNITS: Final = {
 }
 """Unit of each kind of curve of a printed report."""
 TRIAL_CURVES: Final = {
-    "residual_force": "Force at the pelvis that nothing explains",
-    "residual_moment": "Moment at the pelvis that nothing explains",
+    "residual_force": "Residual force at the pelvis",
+    "residual_moment": "Residual moment at the pelvis",
     "marker_error": "Marker error, RMS over the markers",
 }
 """Kind of a curve of a whole trial -> its title."""

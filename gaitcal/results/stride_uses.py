@@ -42,7 +42,7 @@ NO_PLATES = "no force plates"
 BESIDE = "foot beside the plate"
 PART = "part of the stance beside the plate"
 SEATED = "on a seat"
-NOT_WHOLLY = "foot not wholly on a plate of its own"
+NOT_WHOLLY = "foot not wholly on plates that carry no other foot"
 ENDS = "at the end of the recording"
 UNSEEN = "the leg lacks visible markers"
 # s: frames this near to an end of a trial are lost with the ends of its splines and filters

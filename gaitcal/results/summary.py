@@ -587,14 +587,12 @@ def parse_verdict(summary: Mapping[str, object]) -> Verdict:
     Verdict
         With the verdict on each walk; without reasons.
     """
-    trials = {
-        name: WalkVerdict(
-            judgement=Judgement(trial["verdict"]),
-            legs={s: Judgement(trial[f"verdict_{s}"]) for s in SIDES if f"verdict_{s}" in trial},
-        )
-        for name, trial in get_table(summary, "trials").items()
-        if "verdict" in trial
-    }
+    trials = {}
+    for name, trial in get_table(summary, "trials").items():
+        if "verdict" not in trial:
+            continue
+        legs = {s: Judgement(trial[f"verdict_{s}"]) for s in SIDES if f"verdict_{s}" in trial}
+        trials[name] = WalkVerdict(judgement=Judgement(trial["verdict"]), legs=legs)
     together = combine_judgements(trial.judgement.value for trial in trials.values())
     return Verdict(
         judgement=Judgement(summary.get("verdict", together)),

@@ -1,7 +1,7 @@
 """Build the tables of a trial: coordinates, moments, powers, moment vectors, marker errors."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import express_along_line
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.tracking.motion import select_static_offsets
-
-if TYPE_CHECKING:
-    pass
 
 COORDINATE_HEADER = (
     "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of "

@@ -31,7 +31,7 @@ from pydantic import Field
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io.toml import Table, format_value, get_package_version, validate_table
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind
 from gaitcal.study.settings import CalibrationSettings
@@ -111,8 +111,8 @@ class JointPrior:
             Empty for their nominal values.
         """
         if set(names) & set(self.of_cohort):
-            return "what the cohort has"
-        return "what the study file expects" if set(names) & set(self.of_study) else ""
+            return "the cohort mean"
+        return "the prior mean of the study file" if set(names) & set(self.of_study) else ""
 
 
 def _map_sides() -> dict[str, tuple[str, ...]]:
@@ -148,7 +148,7 @@ def require_joint_prior(settings: CalibrationSettings, source: Path | str) -> No
     for name in settings.joint_prior:
         if name not in SIDES_OF:
             allowed = (
-                nearest(name, SIDES_OF)
+                suggest_name(name, SIDES_OF)
                 or "; allowed: those of parameters.csv, with or without their side"
             )
             message = f"found {format_value(name)}, which is no joint parameter{allowed}"

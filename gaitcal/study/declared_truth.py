@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io import text_file, toml
 from gaitcal.io.recording import Recording, find_still_window
 from gaitcal.model.landmarks import measure_static_posture
@@ -390,7 +390,7 @@ def _read_parameters(path: Path) -> dict[str, float]:
     for name, unit, cell in rows:
         value = _parse_number(cell)
         if name not in _UNIT:
-            hint = nearest(name, _UNIT) or "; allowed: names of a result's parameters.csv"
+            hint = suggest_name(name, _UNIT) or "; allowed: names of a result's parameters.csv"
             raise _make_fault(
                 f"found {toml.format_value(name)}, which is no parameter{hint}", path, "name"
             )
@@ -434,7 +434,9 @@ def _read_curve(path: Path, ending: str) -> TrueCurves:
     allowed = {"time", *known, *(name + suffix for name in known for suffix in derived)}
     for column in names:
         if column not in allowed:
-            hint = nearest(column, allowed) or "; allowed: names of a result's " + ending.strip("_")
+            hint = suggest_name(
+                column, allowed
+            ) or "; allowed: names of a result's " + ending.strip("_")
             raise _make_fault(
                 f"found {toml.format_value(column)}, which is no column{hint}", path, "columns"
             )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gaitcal.display import Displayed, shorten
-from gaitcal.errors import Code, InputError, nearest
+from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io.csv_recordings import find_event_tables
 from gaitcal.io.labels import GREATEST_AGE, Facts, compute_age
 from gaitcal.io.opensim_files import find_loads_tables
@@ -48,9 +48,11 @@ def _add_height(
 
     It is then the mean of people with legs of that length, with their standard deviation.
     """
-    said = table.height_m or next((f.height for f in _collect_facts(recordings) if f.height), None)
-    if said is not None:
-        return table.model_copy(update={"height_m": said}), ""
+    declared = table.height_m or next(
+        (f.height for f in _collect_facts(recordings) if f.height), None
+    )
+    if declared is not None:
+        return table.model_copy(update={"height_m": declared}), ""
     fault = InputError(
         "missing, and the markers do not show it; give [subject] height_m",
         source=path,
@@ -122,8 +124,8 @@ def _collect_facts(recordings: Sequence[Recording]) -> list[Facts]:
 
 def _build_record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
     """Build the patient record; the date of birth is only that of the study file."""
-    said = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
-    return PatientRecord(**{"session_date": _find_session_date(table, facts), **said})
+    declared = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
+    return PatientRecord(**{"session_date": _find_session_date(table, facts), **declared})
 
 
 def _find_session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
@@ -136,29 +138,31 @@ def _determine_age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float |
     Dates of files give tenths of a year, so that no birthday is disclosed. An impossible age from
     dates of files is not used; contradicting dates of the study raise InputError.
     """
-    said, then = table.age_years, _find_session_date(table, facts)
+    declared, then = table.age_years, _find_session_date(table, facts)
     age = compute_age(
         table.birth_date or next((f.birth_date for f in facts if f.birth_date), None), then
     )
     if age is None:
-        return said, ""
-    agrees = said is None or abs(said - age) <= AGE_TOLERANCE_YEARS
+        return declared, ""
+    agrees = declared is None or abs(declared - age) <= AGE_TOLERANCE_YEARS
     if table.birth_date and table.session_date:
         if age < 0.0 or not agrees:
-            detail = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
+            detail = (
+                "" if age < 0.0 else f" and age_years = {declared:g}, which they make {age:.2f}"
+            )
             message = (
                 f"found {table.birth_date} before session_date = {then}{detail}; allowed: dates "
                 "that agree"
             )
             raise InputError(message, field="subject.birth_date", code=Code.BAD_VALUE)
     elif not (agrees and 0.0 <= age <= GREATEST_AGE):
-        counts = "no age is known" if said is None else f"age_years = {said:g} counts"
+        counts = "no age is known" if declared is None else f"age_years = {declared:g} counts"
         return (
-            said,
+            declared,
             f"dates of birth and session, as files have them, make an age of {age:.1f} years: "
             f"{counts}",
         )
-    return (round(age, 2 if table.birth_date else 1) if said is None else said), ""
+    return (round(age, 2 if table.birth_date else 1) if declared is None else declared), ""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -516,7 +520,7 @@ def _require_labels(
         if label not in known:
             message = (
                 f"found a weight for '{label}', which the marker set does not "
-                f"know{nearest(label, known)}"
+                f"know{suggest_name(label, known)}"
             )
             raise fault(message, "weights")
     present = {label for trial in trials for label in trial.file_labels}
@@ -524,7 +528,7 @@ def _require_labels(
         if old not in present:
             raise fault(
                 f"found '{old}' -> '{new}', but no trial has a marker "
-                f"'{old}'{nearest(old, present)}",
+                f"'{old}'{suggest_name(old, present)}",
                 "rename",
             )
 

@@ -186,7 +186,7 @@ def test_labels_exchanged_in_every_third_frame_are_put_back_before_anything_is_j
     """A heel was refused, the right leg with it: its shape was that of a foot whose toes flip."""
     study = build_study(case("run_labels_exchanged"))
     (trial,) = preprocess_study(study).moving
-    (found,) = trial.put_back
+    (found,) = trial.restored_swaps
     assert {found.label, found.other} == {"RTOE", "RMT5"}
     for label in ("RTOE", "RMT5"):
         bends = np.linalg.norm(np.diff(trial.path(label), 2, axis=0), axis=1)

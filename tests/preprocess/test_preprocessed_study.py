@@ -22,7 +22,12 @@ from tests.messages import check_finding
 from tests.quality.spoilt import findings, serious, sound_study, swapped, with_trial
 
 COUNTED = {
-    preprocessed_study: ("clean_trial", "rebuild_static", "build_nominal_from_clean", "put_back"),
+    preprocessed_study: (
+        "clean_trial",
+        "rebuild_static",
+        "build_nominal_from_clean",
+        "restore_swapped_labels",
+    ),
     trial_evidence: (
         "find_swapped_labels",
         "find_contradictions",
@@ -66,7 +71,7 @@ def test_a_calibration_carries_out_every_step_once(study: Study, calls: Counter[
     stages.calibrate(study)
     assert calls == {
         "clean_trial": 2,
-        "put_back": 2,
+        "restore_swapped_labels": 2,
         "rebuild_static": 1,
         "build_nominal_from_clean": 1,
         "find_swapped_labels": 2,
@@ -112,7 +117,7 @@ def test_labels_exchanged_for_a_part_are_put_back_in_a_study_and_in_a_further_tr
     walk = next(t for t in prepared.trials if t.name == "walk")
     alone = preprocess_trial(spoilt.trials[1], prepared.model, spoilt.marker_set, spoilt.settings)
     for trial in (walk, alone):
-        (back,) = trial.put_back
+        (back,) = trial.restored_swaps
         assert {back.label, back.other} == set(pair)
         assert np.flatnonzero(back.frames).tolist() == list(range(50, 80))
         np.testing.assert_array_equal(trial.recording.markers, sound.trials[1].recording.markers)

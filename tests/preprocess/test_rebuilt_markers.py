@@ -14,7 +14,7 @@ from gaitcal.errors import Severity
 from gaitcal.io.recording import Recording, find_still_window
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import get_path
-from gaitcal.preprocess.rebuilt_markers import Rebuilding, rebuild_lost
+from gaitcal.preprocess.rebuilt_markers import MarkerReconstruction, reconstruct_markers
 from gaitcal.preprocess.study_model import build_nominal_model, rebuild_static
 from gaitcal.study.study import Study
 from tests.messages import check_text
@@ -56,8 +56,10 @@ def moving(seed: int, *lost: str) -> Recording:
     return recorded({m: turns.apply(at) + shift for m, at in PELVIS.items() if m not in lost})
 
 
-def rebuilt(static: Recording, *walks: Recording, marker_set: MarkerSet = SET) -> Rebuilding:
-    return rebuild_lost(static, marker_set, [("walk", walk) for walk in walks], "static")
+def rebuilt(
+    static: Recording, *walks: Recording, marker_set: MarkerSet = SET
+) -> MarkerReconstruction:
+    return reconstruct_markers(static, marker_set, [("walk", walk) for walk in walks], "static")
 
 
 @settings(max_examples=20, deadline=None)
@@ -73,7 +75,7 @@ def test_a_rigid_body_gives_its_marker_back(seed: int, label: str) -> None:
 def test_nothing_is_touched_where_nothing_is_lost() -> None:
     done = rebuilt(standing(), moving(1))
     assert np.array_equal(done.static.markers, standing().markers)
-    assert not done.markers and not done.left
+    assert not done.markers and not done.not_reconstructed
 
 
 def test_the_static_trial_itself_is_asked_first_where_it_shows_the_marker_at_another_time() -> None:
@@ -93,15 +95,17 @@ def lost_from(recording: Recording, label: str, frames: slice = slice(None)) -> 
 
 def test_two_points_and_points_on_a_line_determine_nothing() -> None:
     done = rebuilt(standing("RPSI", "LPSI"), moving(2))
-    assert not done.markers and set(done.left) == {"RPSI", "LPSI"}
-    check_text(done.left["RPSI"], "RASI and LASI", "pelvis")
+    assert not done.markers and set(done.not_reconstructed) == {"RPSI", "LPSI"}
+    check_text(done.not_reconstructed["RPSI"], "RASI and LASI", "pelvis")
     line = {"A": [0.0, 1.0, 0.0], "B": [0.0, 1.1, 0.0], "C": [0.0, 1.2, 0.0], "D": [0.1, 1.1, 0.0]}
     marker_set = MarkerSet(
         name="line", description="", landmarks={}, tracking={"pelvis": tuple(line)}
     )
     walk = recorded({m: np.tile(at, (60, 1)) for m, at in line.items()})
     check_text(
-        rebuilt(without(walk, "D"), walk, marker_set=marker_set).left["D"], "A, B, C", "pelvis"
+        rebuilt(without(walk, "D"), walk, marker_set=marker_set).not_reconstructed["D"],
+        "A, B, C",
+        "pelvis",
     )
 
 
@@ -135,7 +139,7 @@ def test_a_real_marker_is_reconstructed_within_its_uncertainty(
     recorded = subject01.static.recording
     still = find_still_window(recorded, subject01.marker_set.labels).frames
     truth = np.nanmean(recorded.markers[still, recorded.labels.index(label)], axis=0)
-    done: Rebuilding = rebuild_static(that_lost(subject01, label))
+    done: MarkerReconstruction = rebuild_static(that_lost(subject01, label))
     (marker,) = done.markers
     assert np.linalg.norm(marker.position - truth) < min(marker.uncertainty, 0.008)
 

@@ -175,7 +175,7 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
 
 
 CONTRADICTED = found(
-    Severity.WARNING, "walk", "not what the motion asks for", code=Code.FORCES_CONTRADICT
+    Severity.WARNING, "walk", "contradicts the body's acceleration", code=Code.FORCES_CONTRADICT
 )
 DISAGREE = found(Severity.ERROR, "walk", topic=BOUNDS, code=Code.FORCES_OF_ANOTHER)
 

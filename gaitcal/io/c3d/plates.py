@@ -16,8 +16,8 @@ from gaitcal.io.recording import ForcePlate
 
 Parameters = Mapping[str, Mapping[str, Any]]
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of each plate type read here
-# Words of a note on a unit that the data contradict
-CONTRADICTED = "declares in its UNITS"
+# Part of a note on a declared unit that the data contradict
+DECLARED_UNIT_TEXT = "declares in its UNITS"
 # Share of centres of pressure outside the plate above which a note is given
 DOUBTFUL_SHARE = 0.2
 
@@ -166,7 +166,7 @@ def _read_plate(
         )
         why = (
             f"not {size:g} {unit} as the file "
-            f"{CONTRADICTED if declared or kind == 1 else 'leads to expect'}"
+            f"{DECLARED_UNIT_TEXT if declared or kind == 1 else 'leads to expect'}"
         )
         why += ": only then is the centre of pressure under the foot, on the plate"
         notes.append(f"its {quantity} are in units of {scale * size:g} {unit}, {why}")

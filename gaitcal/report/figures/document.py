@@ -58,32 +58,38 @@ class ReportContent:
 
     person: tuple[tuple[str, str], ...]
     """Label and value: name, session, sex, age, diagnosis, mass, height, ...; the name first."""
-    verdict: str  # `trustworthy`, `doubtful` or `refused`
+    verdict: str
+    """`trustworthy`, `doubtful` or `refused`."""
     sentence: str
-    reasons: tuple[
-        tuple[str, str], ...
-    ]  # Reasons of the verdict and what to do about them, the most severe first
-    fit: tuple[str, ...]  # How well the model follows markers and forces, a sentence each
-    walked: bool  # Whether there is a walk among the trials
-    walks: tuple[
-        tuple[str, ...], ...
-    ]  # Head, then a row for each whole-body trial and leg: which strides count
-    steps: tuple[tuple[str, ...], ...]  # Head, then a row for each spatiotemporal measure
-    steps_norm: str  # Whom their norm is of; empty where there is none
+    reasons: tuple[tuple[str, str], ...]
+    """Reasons of the verdict and their remedies, the most severe first."""
+    fit: tuple[str, ...]
+    """Quality of the fit to markers and forces, in sentences."""
+    walked: bool
+    """Whether there is a walk among the trials."""
+    walks: tuple[tuple[str, ...], ...]
+    """Head, then a row for each whole-body trial and leg: strides that count."""
+    steps: tuple[tuple[str, ...], ...]
+    """Head, then a row for each spatiotemporal measure."""
+    steps_norm: str
+    """Population of their normative data; empty if there are none."""
     sheets: tuple[Sheet, ...]
     peaks: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]
     """Title, then head and rows of the peaks of each activity that is no gait."""
-    norm: str  # Whom the grey bands are of; empty where there are none
-    norm_remark: str  # Why these, or why none
-    profile: tuple[
-        Score, ...
-    ]  # Movement Analysis Profile and Gait Profile Scores; empty where no norm fits
-    joints: tuple[
-        tuple[str, ...], ...
-    ]  # Head, then a row for each joint: how far calibration moved it
-    undetermined: tuple[str, ...]  # What the recordings do not determine
-    comments: Mapping[str, str]  # Section (`COMMENT_SECTIONS`) -> what somebody wrote
-    footer: str  # Program and version
+    norm: str
+    """Population of the normative data (grey bands); empty if there are none."""
+    norm_remark: str
+    """Reason for these normative data, or for none."""
+    profile: tuple[Score, ...]
+    """Movement Analysis Profile and Gait Profile Scores; empty without normative data."""
+    joints: tuple[tuple[str, ...], ...]
+    """Head, then a row for each joint: its displacement by calibration."""
+    undetermined: tuple[str, ...]
+    """What the recordings do not determine."""
+    comments: Mapping[str, str]
+    """Section (`COMMENT_SECTIONS`) -> comment of the user."""
+    footer: str
+    """Program and version."""
 
     @property
     def title(self) -> str:

@@ -169,10 +169,10 @@ class ProfileBars(Flowable):  # type: ignore[misc]
 
     def __init__(self, scores: Sequence[profile_score.Score], width: float) -> None:
         super().__init__()
-        self.rows = [
-            (v, [s for s in scores if s.variable == v])
-            for v in dict.fromkeys(s.variable for s in scores)
-        ]
+        by_variable: dict[str, list[profile_score.Score]] = {}
+        for score in scores:
+            by_variable.setdefault(score.variable, []).append(score)
+        self.rows = list(by_variable.items())
         self.width, self.height = width, (len(self.rows) + 1) * self.ROW
         self.most = max(s.score + (s.error if np.isfinite(s.error) else 0.0) for s in scores)
         self.most = max(self.most, *(s.norm for s in scores)) * 1.05

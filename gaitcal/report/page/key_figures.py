@@ -53,7 +53,7 @@ are not assessed here: an amber or red line is a reason of the verdict."""
 TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
 TONE_ORDER = ("plain", "good", "look", "poor")
 NO_FORCES = "No joint moments and powers: this trial has no force plates."
-NO_FOOT = "No joint moments: in no frame is a foot on the ground wholly on force plates of its own."
+NO_FOOT = "No joint moments: in no frame is a foot wholly on force plates that carry no other foot."
 NO_ERRORS = (
     "No standard errors of the moments were computed for this result; curves of moments have no "
     "bands."
@@ -201,7 +201,7 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
             tone, judged = ("good", "") if held.within else ("look", ": too high")
             judged += WIDE_LIMITS if fit_findings.is_trunk_unmeasured(walk.trial.body) else ""
         tones.append(tone)
-        sentences.append(f"Unexplained force at the pelvis: {force}, moment {moment}{judged}.")
+        sentences.append(f"Residual force at the pelvis: {force}, moment {moment}{judged}.")
     if not sentences:
         return {"tone": "plain", "text": "Nothing was fitted: this study has no moving trial."}
     return {
@@ -218,7 +218,7 @@ def _describe_valid_moments(walks: Sequence[GaitNumbers], tables: StrideTables) 
     if not loaded:
         plates = any(walk.trial.loads is not None for walk in walks)
         why = (
-            "no foot is wholly on a force plate of its own"
+            "no foot is wholly on force plates that carry no other foot"
             if plates
             else "there are no force plates"
         )
