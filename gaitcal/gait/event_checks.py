@@ -486,8 +486,8 @@ def check_event_order(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
     if not named:
         return ()
     found = (
-        f"{join_names(named)}; phases that need them are not computed, and there is no stride across a "
-        "missing strike"
+        f"{join_names(named)}; phases that need them are not computed, and there is no stride "
+        "across a missing strike"
     )
     note = _make_note("foot strikes or offs are missing", found)
     return (replace(note, code=Code.MISSING_EVENTS),)

@@ -407,7 +407,8 @@ SECONDARY: dict[str, tuple[Element, ...]] = {
 }
 """Coordinate -> secondary motions of its joint: translations along x and y, then rotations about
 them, in the axes of the knee before flexion. They accompany flexion and are not in the linkage.
-Their amounts are given in m and rad (`tracking/soft_tissue.py`); no model has coordinates of them."""
+Their amounts are given in m and rad (`tracking/soft_tissue.py`); no model has coordinates of them.
+"""
 SECONDARY_NAMES = frozenset(element.name for motions in SECONDARY.values() for element in motions)
 BENDS = ("^2", "^3")
 """Suffixes of variables: parts of a secondary motion proportional to the square and to the cube of

@@ -198,12 +198,14 @@ class PointNoise(Table):
 
     size_mm: float = Field(
         gt=0,
-        description="standard deviation of a coordinate of a point without its constant part, in mm",
+        description="standard deviation of a coordinate of a point without its constant part, "
+        "in mm",
     )
     memory_s: float = Field(gt=0, description="correlation time of such an error, in s")
     joints: float = Field(
         ge=1,
-        description="factor on the standard deviations of joint centres and segment axes by palpated markers",
+        description="factor on the standard deviations of joint centres and segment axes by "
+        "palpated markers",
     )
     hinges: float = Field(
         ge=1, description="factor on the standard deviations of hinge axes by palpated markers"

@@ -486,7 +486,8 @@ def check_angle_changes(
         topic="angles",
         where=after.name,
         cause="the calibration changed angles much against the nominal model",
-        found=f"mean change: {join_names([f'{name} {change:+.0f} deg' for change, name in changed])}",
+        found="mean change: "
+        f"{join_names([f'{name} {change:+.0f} deg' for change, name in changed])}",
         cure="check the landmarks of these joints in the static trial, and the functional trials"
         if much
         else "",

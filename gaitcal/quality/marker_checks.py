@@ -234,8 +234,8 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
     )
     harmless = trial.is_isolated or light
     found = (
-        f"{join_names([repr(m) for m in empty])} without a position in any of the {len(trial.visible)} "
-        "frames"
+        f"{join_names([repr(m) for m in empty])} without a position in any of the "
+        f"{len(trial.visible)} frames"
     )
     if lost:
         found += f"; {join_names(lost)} {'has' if len(lost) == 1 else 'have'} no other marker"
@@ -506,8 +506,8 @@ def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
             "lost markers",
             marker.description,
             cure,
-            cause=f"'{marker.label}', needed for {join_names(list(marker.landmarks))}, is missing in "
-            "the static trial",
+            cause=f"'{marker.label}', needed for {join_names(list(marker.landmarks))}, is missing "
+            "in the static trial",
             weight=marker.uncertainty / LANDMARK_M,
             code=Code.REBUILT_MARKER,
         )
@@ -574,8 +574,8 @@ def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
             )
     if wrong:
         found = (
-            f"{join_names(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer than "
-            "to any other segment"
+            f"{join_names(wrong)}; usual: up to {1e3 * OFF_SEGMENT * height:.0f} mm, and nearer "
+            "than to any other segment"
         )
         cure = "relabel the static trial, or set the weight of the marker to 0"
         cause = "markers are not at their segments"

@@ -252,8 +252,8 @@ def _explain_whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) 
         return None
     most = max(1e3 * c.offset for c in causes)
     explained = (
-        f"explains contradictions at {join_names([_name_segment(c.segment) for c in causes])} of up to "
-        f"{most:.0f} mm"
+        f"explains contradictions at {join_names([_name_segment(c.segment) for c in causes])} "
+        f"of up to {most:.0f} mm"
     )
     return trial.error(
         "one body",

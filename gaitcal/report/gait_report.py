@@ -329,8 +329,8 @@ def _build_sheets(
     for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, uses=()),)):
         averaged_over = "straight strides of all walks" if a.walks else f"strides of {a.name}"
         note = (
-            f"Joint angles over the stride, mean over {averaged_over}. Pelvis angles are relative to the "
-            "line of progression of each stride."
+            f"Joint angles over the stride, mean over {averaged_over}. Pelvis angles are relative "
+            "to the line of progression of each stride."
         )
         if a.repeats:
             note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
