@@ -185,8 +185,8 @@ class Code(Enum):
 class GaitcalError(Exception):
     """Base class of the errors that gaitcal raises on purpose."""
 
-    # Exit code of the command line; 1: the input is at fault
     exit_code = 1
+    """Exit code of the command line; 1: the input is at fault."""
     code: Code = Code.INSTALLATION
     """Kind of error, explained by `gaitcal explain`."""
 
@@ -224,7 +224,9 @@ class ConvergenceError(GaitcalError):
     """An iteration ended without reaching its tolerance and without a usable result."""
 
     code = Code.NOT_CONVERGED
-    exit_code = 3  # 3: did not converge
+    """Of every fit."""
+    exit_code = 3
+    """3: did not converge."""
 
 
 _SIDE = re.compile(

@@ -61,7 +61,8 @@ class Placement:
             f"{1e3 * np.linalg.norm(shift):.0f} mm and {np.rad2deg(angle):.0f} deg away from their "
             "position in the static trial; they are placed by the other markers of the leg in "
             f"{join_names(list(self.trials))}, with an uncertainty of "
-            f"{1e3 * self.shift_spread:.0f} mm and {np.rad2deg(self.rotation_spread):.0f} deg, which the error bars include"
+            f"{1e3 * self.shift_spread:.0f} mm and {np.rad2deg(self.rotation_spread):.0f} deg, "
+            "which the error bars include"
         )
 
     @property

@@ -247,6 +247,6 @@ def read_uses(folder: Path) -> tuple[StrideUse, ...]:
         The file is damaged, or missing, as in results of earlier versions.
     """
     if not (folder / STRIDES).exists():
-        message = f"has no {STRIDES}, as in results of earlier versions; calibrate, or run dynamics, again"
+        message = f"has no {STRIDES}, as in earlier versions; calibrate, or run dynamics, again"
         raise InputError(message, source=folder, code=Code.NO_RESULT)
     return read_rows(folder / STRIDES, STRIDE_COLUMNS, parse_uses)
