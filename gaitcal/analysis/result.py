@@ -307,7 +307,7 @@ class TrialResult(Displayed):
         loads = self.loads
         if loads is not None:
             errors = None if is_whole or loads.errors is None else loads.errors.select(kept)
-            loads = replace(loads, reactions=loads.reactions.exclude_legs(legs), errors=errors)
+            loads = replace(loads, reactions=loads.reactions.without(legs), errors=errors)
         feet = self.foot_axes
         if feet is not None and feet.error is not None:
             is_kept = np.array([side in kept_sides for side in linkage.SIDES])

@@ -97,7 +97,7 @@ def compare_with_truth(calibration: Calibration) -> Calibration:
     if rule_mismatch is not None:
         why = f"truth.{rule_mismatch.rule}: {rule_mismatch.message}"
     else:
-        landmark_mismatch = study.describe_truth_mismatch()
+        landmark_mismatch = study.other_truth()
         if landmark_mismatch is not None:
             why = f"truth.landmarks: {landmark_mismatch}"
     if why:

@@ -91,7 +91,7 @@ def calibrate_study(
     print_calibration(console, calibration)
     for note in run.study.joint_prior.notes if run.study.joint_prior else ():
         console.print_line(f"priors: {note}")
-    _warn_of_changed_inputs(console, run.study.find_changed_inputs())
+    _warn_of_changed_inputs(console, run.study.changed_inputs())
     print_kept_folders(console, run.kept)
     if run.drafted:
         console.print_line(

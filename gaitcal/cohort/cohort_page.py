@@ -370,19 +370,16 @@ def _describe_variables(common: CommonSettings, mass: float, height: float) -> l
     body = Subject(name="", mass=mass, height=height, sex="male")
     clinical, out = conventions.Convention(signs=conventions.Signs.CLINICAL), []
     for name in VARIABLES:
-        kind, sign = (
-            get_curve_kind(name),
-            float(clinical.convert_values(name, np.ones(1), "r", body)[0]),
-        )
+        kind, sign = (get_curve_kind(name), float(clinical.values(name, np.ones(1), "r", body)[0]))
         acting = "internal, " if kind is CurveKind.MOMENT else ""
         variable: dict[str, Any] = {
             "name": name,
             "joint": find_joint(get_coordinate(name)),
             "kind": kind.label,
-            "title": clinical.make_title(name),
+            "title": clinical.title(name),
             "unit": get_unit(name) if kind is CurveKind.ANGLE else f"{get_unit(name)}/kg",
             "step": sign * STEPS[kind],
-            "positive": f"{acting}{clinical.describe_senses(name, 'r')[0]}",
+            "positive": f"{acting}{clinical.senses(name, 'r')[0]}",
         }
         if name in bands:
             scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / mass

@@ -182,7 +182,7 @@ class GroundReactions(Displayed):
         side = get_leg(name)
         return self.valid_legs[:, SIDES.index(side)] if side else self.valid
 
-    def exclude_legs(self, legs: Sequence[str]) -> "GroundReactions":
+    def without(self, legs: Sequence[str]) -> "GroundReactions":
         """Return them without valid frames of some legs and of the whole body.
 
         Parameters

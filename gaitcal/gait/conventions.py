@@ -92,7 +92,7 @@ class Convention:
     unit: MomentUnit = MomentUnit.NM
     """Of moments; powers go with it."""
 
-    def convert_moment(self, name: str, values: Array, subject: Subject, side: str = "r") -> Array:
+    def moment(self, name: str, values: Array, subject: Subject, side: str = "r") -> Array:
         """Convert moments, or their standard errors, to the unit and sign of this convention.
 
         Parameters
@@ -118,15 +118,15 @@ class Convention:
         }
         return factors[self.unit] * self._sign(name, CurveKind.MOMENT, side) * values
 
-    def convert_power(self, values: Array, subject: Subject) -> Array:
+    def power(self, values: Array, subject: Subject) -> Array:
         """Convert powers (W, any shape) or their standard errors to the unit of this convention."""
         return values if self.unit is MomentUnit.NM else values / subject.mass
 
-    def convert_angle(self, name: str, values: Array, side: str) -> Array:
+    def angle(self, name: str, values: Array, side: str) -> Array:
         """Convert angles of a stride of one side (`r`, `l`) to the sign of this convention."""
         return self._sign(name, CurveKind.ANGLE, side) * values
 
-    def convert_values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
+    def values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
         """Convert values of a variable of `cycles.csv` to this convention.
 
         Parameters
@@ -149,13 +149,13 @@ class Convention:
         name, kind = get_coordinate(variable), get_curve_kind(variable)
         match kind:
             case CurveKind.MOMENT:
-                return self.convert_moment(name, values, subject, side)
+                return self.moment(name, values, subject, side)
             case CurveKind.POWER:
-                return self.convert_power(values, subject)
+                return self.power(values, subject)
             case _:
                 return self._sign(name, kind, side) * values
 
-    def describe_senses(self, variable: str, side: str) -> tuple[str, str]:
+    def senses(self, variable: str, side: str) -> tuple[str, str]:
         """Describe what positive and negative values of a variable mean in strides of one side.
 
         Parameters
@@ -183,7 +183,7 @@ class Convention:
         )
         return (angle[1], angle[0]) if opposed else angle
 
-    def make_title(self, variable: str) -> str:
+    def title(self, variable: str) -> str:
         """Make the title of a variable from its positive sense.
 
         Parameters
@@ -202,7 +202,7 @@ class Convention:
         if kind is CurveKind.POWER:
             return f"{describe_coordinate(name).title.capitalize()} power"
         title = describe_coordinate(name).title
-        positive, sense = self.describe_senses(variable, "r")[0], _get_senses(name)[0]
+        positive, sense = self.senses(variable, "r")[0], _get_senses(name)[0]
         rotation = kind is CurveKind.MOMENT and sense.endswith(" rotation")
         # `Hip flexion` becomes `Hip extension` where extension is positive.
         if title.endswith(f" {sense}") or rotation:

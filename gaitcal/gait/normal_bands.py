@@ -138,7 +138,7 @@ class NormalBand:
             np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd)
         )
         # In the unit of `cycles.csv` a convention is only a sign: it is its own inverse.
-        return self.signs.convert_values(self.variable, factor * mean, side, subject), factor * sd
+        return self.signs.values(self.variable, factor * mean, side, subject), factor * sd
 
 
 Bands: TypeAlias = Mapping[str, NormalBand]

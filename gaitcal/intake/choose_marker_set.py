@@ -107,7 +107,7 @@ def measure_label_coverage(
     LabelCoverage
     """
     given = tuple(dict.fromkeys(labels))
-    found = marker_set.measure_coverage(given, tuple(dict.fromkeys(computed)))
+    found = marker_set.coverage(given, tuple(dict.fromkeys(computed)))
     on_legs = {m for segment in LOWER_BODY for m in found.tracked.get(segment, ())}
     on_legs |= {m for name in REQUIRED for m in found.landmarks.get(name, ())}
     tracked = {m for group in found.tracked.values() for m in group}

@@ -318,7 +318,7 @@ def _place_unknown_markers(
     for label, parts in marker_set.knee_device.items():
         known |= dict.fromkeys(parts, marker_set.segment_of[label])
     known |= marker_set.segment_of
-    given = marker_set.measure_coverage([m for r in spelt.values() for m in r.labels]).landmarks
+    given = marker_set.coverage([m for r in spelt.values() for m in r.labels]).landmarks
     lacking = [
         n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY
     ]
@@ -375,7 +375,7 @@ def _describe_other_session(
 
 def _rename_recording(recording: Recording, choice: SetChoice) -> Recording:
     """Return a recording with the labels of the set."""
-    return choice.marker_set.rename_labels(
+    return choice.marker_set.renamed(
         replace(recording, labels=apply_renames(recording.labels, choice.rename))
     )
 

@@ -259,7 +259,7 @@ class MarkerSet(Displayed):
             reasons={**self.reasons, **{label: why for label, (_, why) in weak.items()}},
         )
 
-    def rename_labels(self, recording: Recording) -> Recording:
+    def renamed(self, recording: Recording) -> Recording:
         """Rename the labels of a recording to the set's spelling.
 
         Parameters
@@ -303,7 +303,7 @@ class MarkerSet(Displayed):
                 new_names[same_in_file[0]] = label
         return tuple(new_names.get(label, label) for label in given)
 
-    def measure_coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
+    def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
         """Measure how much of the set a file with these labels has.
 
         Parameters

@@ -114,7 +114,7 @@ def nominal_model(
         lengths are implausible.
     """
     marker_set = marker_set.with_weights(weights or {})
-    static = complete_static(marker_set.rename_labels(static), marker_set)
+    static = complete_static(marker_set.renamed(static), marker_set)
     marker_set = resolve_marker_set(marker_set, static)
     scatter = ""
     if window is None:

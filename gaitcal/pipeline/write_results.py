@@ -132,11 +132,11 @@ def build_manifest(
         | prior_entry
         | dict(settings or {}),
         "trials": {
-            trial.name: {**calibration.study.get_input_names(trial)}
+            trial.name: {**calibration.study.input_names(trial)}
             for trial in calibration.study.trials
         },
         "inputs_sha256": dict(calibration.study.inputs),
-        "inputs_changed_while_it_ran": list(calibration.study.find_changed_inputs()),
+        "inputs_changed_while_it_ran": list(calibration.study.changed_inputs()),
     }
 
 

@@ -112,7 +112,7 @@ class Stance:
         Stance
             With joint centres, knee axes (with medial markers only) and landmarks.
         """
-        static = complete_static(marker_set.rename_labels(static), marker_set)
+        static = complete_static(marker_set.renamed(static), marker_set)
         marker_set = resolve_marker_set(marker_set, static)
         posture = measure_static_posture(
             static, marker_set, find_still_window(static, marker_set.labels).frames

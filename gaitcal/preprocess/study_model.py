@@ -144,7 +144,7 @@ def build_model_with_trunk(
     on_trunk = sum(segment == "head_trunk" and weight > 0 for segment, weight in placed)
     if on_trunk >= trunk.PLANE_LANDMARKS:
         return model
-    static = marker_set.rename_labels(static)
+    static = marker_set.renamed(static)
     in_static = set(model.markers.labels)
     wanted = [
         m
@@ -153,7 +153,7 @@ def build_model_with_trunk(
     ]
     # positions relative to the lumbar joint, in every frame of every walk
     found: dict[str, list[Array]] = {label: [] for label in wanted}
-    for walk in (marker_set.rename_labels(walk) for walk in walks):
+    for walk in (marker_set.renamed(walk) for walk in walks):
         frames, axes, origins = _compute_standing_axes(model, walk)
         for label in set(wanted) & set(walk.labels):
             path = walk.markers[frames, walk.labels.index(label)]

@@ -368,7 +368,7 @@ def _build_peak_rows(
     for m in found:
         phase, kind = m.peak.phase, get_curve_kind(m.peak.variable)
         pair = np.array([m.mean, m.se]) / (subject.mass if kind is CurveKind.FORCE else 1.0)
-        value, error = CLINICAL.convert_values(m.peak.variable, pair, m.side, subject)
+        value, error = CLINICAL.values(m.peak.variable, pair, m.side, subject)
         digits = 1 if kind is CurveKind.ANGLE else 2
         bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
         title = m.peak.make_title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
@@ -509,14 +509,14 @@ def _build_panels(
         norm = None
         if variable in normal:
             average, sd = (
-                CLINICAL.convert_values(variable, part, "r", subject)
+                CLINICAL.values(variable, part, "r", subject)
                 for part in normal[variable].sides["r"]
             )
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
-            title=CLINICAL.make_title(variable),
+            title=CLINICAL.title(variable),
             unit=PAPER_UNITS[kind],
-            senses=CLINICAL.describe_senses(variable, "r"),
+            senses=CLINICAL.senses(variable, "r"),
             strides=curves,
             mean=mean,
             error=error,

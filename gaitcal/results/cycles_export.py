@@ -200,16 +200,14 @@ def _convert_rows(
 ) -> pd.DataFrame:
     """Convert the rows of one variable of one side."""
     changed = {
-        name: convention.convert_values(
-            variable, rows[name].to_numpy(dtype=np.float64), side, subject
-        )
+        name: convention.values(variable, rows[name].to_numpy(dtype=np.float64), side, subject)
         for name in numbers
     }
     changed |= {name: np.abs(values) for name, values in changed.items() if name != "value"}
     kind = get_curve_kind(variable)
     units = {CurveKind.MOMENT: convention.unit.label, CurveKind.POWER: convention.unit.power}
     whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
-    positive = f"{whose}{convention.describe_senses(variable, side)[0]}"
+    positive = f"{whose}{convention.senses(variable, side)[0]}"
     return rows.assign(**changed, unit=units.get(kind, kind.unit), positive=positive)
 
 

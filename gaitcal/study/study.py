@@ -290,7 +290,7 @@ class Study(Displayed):
                 path,
             ),
         )
-        if (other := study.describe_truth_mismatch()) is not None:
+        if (other := study.other_truth()) is not None:
             message = f"{other}; allowed: the same, or no [truth]"
             raise InputError(message, source=path, field="truth.landmarks", code=Code.TRUTH)
         return (
@@ -316,7 +316,7 @@ class Study(Displayed):
         ]
         return f"Study {Path(self.source).name}", rows
 
-    def describe_truth_mismatch(self) -> str | None:
+    def other_truth(self) -> str | None:
         """Describe why the truth belongs to another static trial; None if it agrees or there is
         none.
         """
@@ -388,12 +388,12 @@ class Study(Displayed):
         names = [name for name, f in more._named_files.items() if f == path]
         return replace(more, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
 
-    def get_input_names(self, trial: Trial) -> dict[str, str]:
+    def input_names(self, trial: Trial) -> dict[str, str]:
         """Return the files of a trial (`file`, `forces`) by their names in `inputs`."""
         names = {f: name for name, f in self._named_files.items()}
         return {kind: names[f] for kind, f in trial.files.items() if f in names}
 
-    def find_changed_inputs(self) -> tuple[str, ...]:
+    def changed_inputs(self) -> tuple[str, ...]:
         """Find inputs that have changed since they were read, by their names in `inputs`."""
         return tuple(
             name

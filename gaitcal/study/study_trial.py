@@ -84,7 +84,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
         One line: file, field, what was found, what is allowed.
     """
     whole = apply_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
-    recording = marker_set.rename_labels(_rename_labels(whole, rename))
+    recording = marker_set.renamed(_rename_labels(whole, rename))
     known = [plate.name for plate in recording.plates]
     for name in trial.plates:
         if name not in known:

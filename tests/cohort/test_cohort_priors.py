@@ -114,7 +114,7 @@ def test_an_offset_is_learnt_and_read_back(
     check_text(prior.notes[0], "lab", 12)
     assert (
         leaning.inputs.keys() - study.inputs.keys() == {"priors.json"}
-        and not leaning.find_changed_inputs()
+        and not leaning.changed_inputs()
     )
     assert prior.names == NAMES, "nobody tells of trunk and arms: what is known of them stays"
     rows = list(list_prior_rows(priors))

@@ -320,7 +320,7 @@ def test_what_belongs_to_a_leg_is_valid_by_its_foot(name: str, side: str) -> Non
     expected = {"r": reactions.valid_r, "l": reactions.valid_l, "": reactions.valid}[side]
     assert get_leg(name) == side
     np.testing.assert_array_equal(reactions.valid_for(name), expected)
-    without = reactions.exclude_legs(("l",))
+    without = reactions.without(("l",))
     assert not without.valid_l.any() and not without.valid.any()
     np.testing.assert_array_equal(without.valid_r, reactions.valid_r)
 

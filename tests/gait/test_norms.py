@@ -333,10 +333,10 @@ NAMES = (
 def test_the_files_of_a_result_have_the_default_convention() -> None:
     plain = Convention()
     for name in NAMES:
-        np.testing.assert_array_equal(plain.convert_moment(name, STANCE, SUBJECT), STANCE)
-    assert plain.describe_senses("ankle_angle_l_moment", "r")[0] == "dorsiflexion"
-    np.testing.assert_array_equal(plain.convert_power(STANCE, SUBJECT), STANCE)
-    np.testing.assert_array_equal(plain.convert_angle("pelvis_tilt", STANCE, "r"), STANCE)
+        np.testing.assert_array_equal(plain.moment(name, STANCE, SUBJECT), STANCE)
+    assert plain.senses("ankle_angle_l_moment", "r")[0] == "dorsiflexion"
+    np.testing.assert_array_equal(plain.power(STANCE, SUBJECT), STANCE)
+    np.testing.assert_array_equal(plain.angle("pelvis_tilt", STANCE, "r"), STANCE)
 
 
 def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_act() -> None:
@@ -346,9 +346,9 @@ def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_
         "hip_adduction_r": "abduction",
         "lumbar_extension": "extension",
     }  # fmt: skip
-    assert {name: clinical.describe_senses(f"{name}_moment", "r")[0] for name in senses} == senses
-    assert clinical.convert_moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
-    assert clinical.convert_moment("lumbar_extension", STANCE, SUBJECT) == -120.0, (
+    assert {name: clinical.senses(f"{name}_moment", "r")[0] for name in senses} == senses
+    assert clinical.moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
+    assert clinical.moment("lumbar_extension", STANCE, SUBJECT) == -120.0, (
         "extension is positive already"
     )
 
@@ -361,10 +361,9 @@ def test_an_external_moment_is_the_opposite_of_the_internal_one(signs: Signs) ->
     internal, external = (Convention(signs=signs, acting=acting) for acting in Acting)
     for name in NAMES:
         same = np.array_equal(
-            external.convert_moment(name, STANCE, SUBJECT),
-            internal.convert_moment(name, STANCE, SUBJECT),
+            external.moment(name, STANCE, SUBJECT), internal.moment(name, STANCE, SUBJECT)
         )
-        one, other = (c.describe_senses(f"{name}_moment", "r") for c in (internal, external))
+        one, other = (c.senses(f"{name}_moment", "r") for c in (internal, external))
         assert (same, other) == ((True, one[::-1]) if signs is Signs.CLINICAL else (False, one))
 
 
@@ -380,7 +379,7 @@ def test_titles_are_named_by_what_is_positive() -> None:
         (clinical, "hip_rotation_moment", "Hip external rotation moment"),
         (clinical, "hip_power", "Hip power"),
     ):
-        assert convention.make_title(variable) == title
+        assert convention.title(variable) == title
 
 
 @pytest.mark.parametrize("variable", [*COORDINATE_TABLE, *GROUND_FORCES])
@@ -389,7 +388,7 @@ def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
     it turns over.
     """
     clinical = Convention(signs=Signs.CLINICAL)
-    right, left = (clinical.convert_values(variable, np.ones(1), side, SUBJECT) for side in "rl")
+    right, left = (clinical.values(variable, np.ones(1), side, SUBJECT) for side in "rl")
     middle = (
         COORDINATE_TABLE[variable].group in ("pelvis", "trunk")
         if variable in COORDINATE_TABLE
@@ -399,18 +398,18 @@ def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
         middle and variable.endswith("rotation")
     )
     assert (right == (-left if mirrors else left)).all()
-    assert clinical.describe_senses(variable, "r") == clinical.describe_senses(variable, "l")
+    assert clinical.senses(variable, "r") == clinical.senses(variable, "l")
 
 
 def test_units_are_per_mass_or_per_weight_times_height() -> None:
     per_kg, bwh = (Convention(unit=unit) for unit in (MomentUnit.NM_PER_KG, MomentUnit.PERCENT_BWH))
-    assert per_kg.convert_moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
-    assert bwh.convert_moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(
+    assert per_kg.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
+    assert bwh.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(
         -100 * 120.0 / (80.0 * 9.81 * 1.75)
     )
     for convention in (per_kg, bwh):
         assert (
-            convention.convert_power(STANCE, SUBJECT) == pytest.approx(-1.5)
+            convention.power(STANCE, SUBJECT) == pytest.approx(-1.5)
             and convention.keys["power_unit"] == "W/kg"
         )
 
@@ -419,19 +418,19 @@ def test_pelvis_angles_depend_on_the_side_of_the_stride() -> None:
     """As Plug-in Gait has them; joint angles stay."""
     clinical, lean = Convention(signs=Signs.CLINICAL), np.array([5.0])
     for name, right, left in (("tilt", -1, -1), ("list", -1, 1), ("rotation", 1, -1)):
-        assert clinical.convert_angle(f"pelvis_{name}", lean, "r") == 5.0 * right
-        assert clinical.convert_angle(f"pelvis_{name}", lean, "l") == 5.0 * left
-    check_text(clinical.describe_senses("pelvis_list", "l")[0])
-    check_text(Convention().describe_senses("pelvis_list", "l")[0])
+        assert clinical.angle(f"pelvis_{name}", lean, "r") == 5.0 * right
+        assert clinical.angle(f"pelvis_{name}", lean, "l") == 5.0 * left
+    check_text(clinical.senses("pelvis_list", "l")[0])
+    check_text(Convention().senses("pelvis_list", "l")[0])
     for name in ("hip_flexion", "ankle_angle", "subtalar_angle"):
-        assert clinical.convert_angle(name, lean, "r") == 5.0
-        assert clinical.describe_senses(name, "r")[0] == Convention().describe_senses(name, "l")[0]
+        assert clinical.angle(name, lean, "r") == 5.0
+        assert clinical.senses(name, "r")[0] == Convention().senses(name, "l")[0]
 
 
 def test_every_variable_has_a_positive_sense_and_every_convention_a_description() -> None:
     for signs, acting, frame, unit in itertools.product(Signs, Acting, MomentFrame, MomentUnit):
         convention = Convention(signs=signs, acting=acting, frame=frame, unit=unit)
-        assert all(convention.describe_senses(f"{name}_moment", "r")[0] for name in NAMES)
+        assert all(convention.senses(f"{name}_moment", "r")[0] for name in NAMES)
         text = "\n".join(convention.lines)
         assert (
             acting.label in text

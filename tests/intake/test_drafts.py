@@ -114,7 +114,7 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
     assert [t.name for t in loaded.trials] == [t.name for t in direct.trials]
     assert len(direct.trials[-1].recording.plates) == len(loaded.trials[-1].recording.plates) == 2
     assert "study.toml" not in direct.inputs, "nobody wrote one"
-    assert direct.find_changed_inputs() == ()
+    assert direct.changed_inputs() == ()
     assert set(direct.inputs) == {
         f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")
     }
@@ -268,7 +268,7 @@ def test_a_walk_with_labels_exchanged_is_of_the_same_person(tmp_path: Path, file
 def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
     marker_set = load_marker_set("plug-in-gait")
     static, walk, other = (
-        marker_set.rename_labels(read_recording(data_dir / name))
+        marker_set.renamed(read_recording(data_dir / name))
         for name in ("pig_c3d/static.c3d", "pig_c3d/gait.c3d", "children/HC031A/straight.c3d")
     )
     pairs = {

@@ -229,7 +229,7 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
     known_set = load_marker_set("gait2354" if person == "subject01" else "plug-in-gait")
     right = known_set.segment_of
     files = {}
-    for recording in (known_set.rename_labels(read_recording(p)) for p in paths):
+    for recording in (known_set.renamed(read_recording(p)) for p in paths):
         files[recording.source] = only(recording, lambda label: label in right)
     files, old = nameless(files)
     proposal = proposed(files)
@@ -253,10 +253,7 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
 def test_a_cluster_of_the_thigh_is_no_hand(data_dir: Path) -> None:
     """Of legs alone, where hands hang beside the thigh."""
     known_set, folder = own_set("mt_feet"), data_dir / "more_labs" / "mt_feet"
-    both = [
-        known_set.rename_labels(read_recording(folder / name))
-        for name in ("static.trc", "walk.trc")
-    ]
+    both = [known_set.renamed(read_recording(folder / name)) for name in ("static.trc", "walk.trc")]
     found = list_segments(
         propose_labels([only(r, lambda label: label in known_set.labels) for r in both], 1.59)
     )

@@ -112,4 +112,4 @@ def test_a_study_of_a_folder_uses_it_and_has_its_hash(tmp_path: Path) -> None:
     static, walk = study.static, next(trial for trial in study.trials if trial.name == "walk")
     assert [event.time for event in walk.recording.events] == [0.5] and walk.recording.corrected
     assert not static.recording.corrected
-    assert EVENT_FILE in study.inputs and study.get_input_names(walk)["events"] == EVENT_FILE
+    assert EVENT_FILE in study.inputs and study.input_names(walk)["events"] == EVENT_FILE

@@ -386,7 +386,7 @@ def test_a_study_takes_feet_and_table_from_it(tmp_path: Path) -> None:
         text.replace(of_walk, of_walk + 'plates = { right = "none" }\n'), encoding="utf-8"
     )
     assert Study.load(path).trials[1].plates == {"right": "none", "left": "l"}
-    assert study.get_input_names(study.trials[1]) == {
+    assert study.input_names(study.trials[1]) == {
         "file": "walk.csv",
         "forces": "grf.xml",
         "table0": "grf.mot",

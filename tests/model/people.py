@@ -39,7 +39,7 @@ class Person:
         """The static trial with the labels of the set, and the frames in which the person stands
         still.
         """
-        static = self.markers.rename_labels(self.static(data))
+        static = self.markers.renamed(self.static(data))
         return static, find_still_window(static, self.markers.labels).frames
 
     def model(self, static: Recording, **options: Any) -> SubjectModel:

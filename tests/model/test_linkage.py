@@ -418,8 +418,8 @@ def test_rows_say_what_pages_and_files_need() -> None:
         )
         for side in "rl":
             assert group_of(with_side(row.name, side)) == row.group
-        against = clinical.describe_senses(f"{row.name}_moment", "r")[0]
-        assert against == clinical.describe_senses(row.name, "r")[1], (
+        against = clinical.senses(f"{row.name}_moment", "r")[0]
+        assert against == clinical.senses(row.name, "r")[1], (
             "an internal moment acts against the positive angle"
         )
 

@@ -82,7 +82,7 @@ def test_the_published_set_has_the_published_markers_with_one_weight() -> None:
 @pytest.mark.parametrize("name", PEOPLE)
 def test_real_static_trials_have_the_markers(name: str, data_dir: Path) -> None:
     person = PEOPLE[name]
-    recording = person.markers.rename_labels(read_recording(data_dir / person.file))
+    recording = person.markers.renamed(read_recording(data_dir / person.file))
     optional = {"RUPA", "LUPA", "RFRM", "LFRM"}  # Plug-in Gait: placed by some laboratories
     needed = {
         label
@@ -131,14 +131,14 @@ def test_aliases_are_other_spellings(tmp_path: Path) -> None:
     recording = Recording(
         source="f", time=np.arange(2.0), labels=("RTHIGH", "LTHI"), markers=np.zeros((2, 2, 3))
     )
-    renamed = made.rename_labels(recording)
+    renamed = made.renamed(recording)
     assert renamed.labels == ("RTHI", "LTHI")
     assert renamed.notes == ("markers renamed: RTHIGH -> RTHI",)
-    assert made.rename_labels(renamed) is renamed
+    assert made.renamed(renamed) is renamed
     both = Recording(
         source="f", time=np.arange(2.0), labels=("RTHIGH", "RTHI"), markers=np.zeros((2, 2, 3))
     )
-    assert made.rename_labels(both) is both
+    assert made.renamed(both) is both
 
 
 @pytest.mark.parametrize(
@@ -239,25 +239,23 @@ def test_a_set_covers_its_own_labels_best_of_all(name: str) -> None:
     labels = [
         label for group in (*made.tracking.values(), *made.landmarks.values()) for label in group
     ]
-    found = made.measure_coverage(dict.fromkeys(labels))
+    found = made.coverage(dict.fromkeys(labels))
     assert found.complete and not found.unknown
     assert found.score == 2.0
     for other in list_built_in_sets():
-        assert load_marker_set(other).measure_coverage(labels).score <= found.score
+        assert load_marker_set(other).coverage(labels).score <= found.score
 
 
 def test_what_is_missing_and_left_over_is_named() -> None:
     made = load_marker_set("gait2354")
     labels = [label for label in made.labels if label not in ("V.Sacral", "L.Heel", "R.ASIS")]
-    found = made.measure_coverage([*labels, "Stranger"])
+    found = made.coverage([*labels, "Stranger"])
     assert found.required_missing == (
         "sacrum",
         "asis_r",
     )  # a heel alone may be missed, not both ends of a foot
     assert (found.bare, found.unknown, found.complete) == (("pelvis",), ("Stranger",), False)
-    assert (
-        found.score < 1 < made.measure_coverage([*labels, "V.Sacral", "R.ASIS", "Stranger"]).score
-    )
+    assert found.score < 1 < made.coverage([*labels, "V.Sacral", "R.ASIS", "Stranger"]).score
 
 
 SAME = 1e-9
@@ -297,7 +295,7 @@ THEIRS = {
 @pytest.mark.parametrize("name", THEIRS)
 def test_the_same_person_under_their_labels(name: str, data_dir: Path) -> None:
     person = PEOPLE["functional"]
-    recording = person.markers.rename_labels(person.static(data_dir))
+    recording = person.markers.renamed(person.static(data_dir))
     new: dict[str, str] = {}
     for side in "RL":
         small = "r" if side == "R" else "L"  # OpenCap's spelling
@@ -310,7 +308,7 @@ def test_the_same_person_under_their_labels(name: str, data_dir: Path) -> None:
         markers=recording.markers[:, kept],
     )
     marker_set = load_marker_set(name)
-    found = marker_set.measure_coverage(legs.labels)
+    found = marker_set.coverage(legs.labels)
     assert found.complete and not found.unknown
     model = nominal_model(legs, marker_set, person.subject, window=WINDOW)
     known = nominal_model(recording, person.markers, person.subject, window=WINDOW)

@@ -221,7 +221,7 @@ def test_standing_ankles_as_the_laboratory_has_them(
     static trial.
     """
     file, marker_set = data_dir / folder / "static.c3d", load_marker_set("plug-in-gait")
-    static = complete_static(marker_set.rename_labels(read_recording(file)), marker_set)
+    static = complete_static(marker_set.renamed(read_recording(file)), marker_set)
     marker_set = resolve_marker_set(marker_set, static)
     posture = measure_static_posture(
         static, marker_set, find_still_window(static, marker_set.labels).frames
@@ -376,7 +376,7 @@ def test_derived_shoulders_of_real_people_are_near_the_measured(name: str, data_
     person = PEOPLE[name]
     found = []
     for marker_set in (person.markers, without_acromia(person.markers)):
-        static = marker_set.rename_labels(person.static(data_dir))
+        static = marker_set.renamed(person.static(data_dir))
         posture = measure_static_posture(
             static, marker_set, find_still_window(static, marker_set.labels).frames
         )

@@ -177,13 +177,13 @@ def test_a_foot_without_a_toe_marker_points_ahead(data_dir: Path) -> None:
 def test_capitals_are_forgiven_where_one_marker_alone_is_meant(data_dir: Path) -> None:
     recording = static(data_dir)
     small = replace(recording, labels=tuple(label.lower() for label in recording.labels))
-    renamed = load_marker_set(PIG).rename_labels(small)
+    renamed = load_marker_set(PIG).renamed(small)
     assert renamed.labels == recording.labels
     assert any("rasi -> RASI" in note for note in renamed.notes)
     both = with_marker(without(recording, "RASI"), "rasi", path_of(recording, "RASI"))
     two = with_marker(both, "rAsi", path_of(recording, "RASI"))
-    assert "RASI" in load_marker_set(PIG).rename_labels(both).labels
-    assert "RASI" not in load_marker_set(PIG).rename_labels(two).labels
+    assert "RASI" in load_marker_set(PIG).renamed(both).labels
+    assert "RASI" not in load_marker_set(PIG).renamed(two).labels
 
 
 def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:

@@ -170,9 +170,9 @@ def test_inputs_of_one_name_in_two_folders_both_count(folder: Path) -> None:
     path.write_text(text.replace('"static.csv"', '"../tuesday/trial.csv"'), encoding="utf-8")
     study = Study.load(path)
     assert {"trial.csv", "monday/trial.csv"} <= set(study.inputs)
-    assert study.find_changed_inputs() == ()
+    assert study.changed_inputs() == ()
     edit(folder / "monday/trial.csv")
-    assert study.find_changed_inputs() == ("monday/trial.csv",)
+    assert study.changed_inputs() == ("monday/trial.csv",)
 
 
 def test_a_damaged_file_of_the_result_is_named_by_every_command(folder: Path) -> None:

@@ -184,7 +184,7 @@ def _draw_panel(
     )
     kind = get_curve_kind(variable)
     before, after, band = convert_curves(comparison, convention, curve)
-    positive, title = convention.describe_senses(variable, side)[0], convention.make_title(variable)
+    positive, title = convention.senses(variable, side)[0], convention.title(variable)
     format_axes(axes, ylabel=f"{PAPER_UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
@@ -220,7 +220,7 @@ def convert_curves(
     def convert(name: str, session: int) -> Array:
         person = comparison.subjects[session]
         by_mass = 1.0 / person.mass if get_curve_kind(variable) is CurveKind.FORCE else 1.0
-        return by_mass * convention.convert_values(
+        return by_mass * convention.values(
             variable, curve[name].to_numpy(dtype=float), side, person
         )
 
@@ -250,9 +250,9 @@ def build_paper_panels(
         }
         kind = get_curve_kind(variable)
         yield report_sheets.CurvePanel(
-            title=convention.make_title(variable),
+            title=convention.title(variable),
             unit=PAPER_UNITS[kind],
-            senses=convention.describe_senses(variable, "r"),
+            senses=convention.senses(variable, "r"),
             strides={side: (before,) for side, (before, _, _) in converted.items()},
             mean={side: after for side, (_, after, _) in converted.items()},
             error={side: band for side, (_, _, band) in converted.items()},

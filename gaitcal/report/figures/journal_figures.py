@@ -287,7 +287,7 @@ def _build_line(
         factor = (
             _get_force_unit(convention, strides.subject)[0] if variable == GROUND_REACTION else 1.0
         )
-        return factor * convention.convert_values(
+        return factor * convention.values(
             variable, np.asarray(values, dtype=np.float64), side, strides.subject
         )
 
@@ -355,7 +355,7 @@ def format_variable_title(variable: str, convention: Convention) -> str:
     return (
         "Vertical ground reaction force"
         if variable == GROUND_REACTION
-        else convention.make_title(variable)
+        else convention.title(variable)
     )
 
 
@@ -384,7 +384,7 @@ def _format_label(variable: str, convention: Convention, subject: Subject) -> st
         CurveKind.POWER: convention.unit.power,
         CurveKind.FORCE: force,
     }[kind]
-    return f"{unit}\n({whose}{convention.describe_senses(variable, 'r')[0]} +)"
+    return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
 
 
 def _compute_least_range(kind: CurveKind, convention: Convention, subject: Subject) -> float:
@@ -392,5 +392,5 @@ def _compute_least_range(kind: CurveKind, convention: Convention, subject: Subje
         return LEAST[kind]
     one = np.array([LEAST_MOMENT * subject.mass])
     if kind is CurveKind.MOMENT:
-        return float(np.abs(convention.convert_moment("", one, subject))[0])
-    return float(convention.convert_power(one, subject)[0])
+        return float(np.abs(convention.moment("", one, subject))[0])
+    return float(convention.power(one, subject)[0])

@@ -329,13 +329,13 @@ def build_conventions() -> dict[str, Any]:
         variable = name if kind is CurveKind.FORCE else f"{name}{kind.ending}"
         sides = {
             side: [
-                float(convention.convert_values(variable, one, side, body)[0]),
-                convention.describe_senses(variable, side)[0]
+                float(convention.values(variable, one, side, body)[0]),
+                convention.senses(variable, side)[0]
                 + (powers.get(name, "") if kind is CurveKind.POWER else ""),
             ]
             for side in (*linkage.SIDES, "")
         }
-        return {"title": convention.make_title(variable), **sides}
+        return {"title": convention.title(variable), **sides}
 
     by_signs: dict[str, dict[str, Any]] = {}
     for signs, acting in itertools.product(Signs, Acting):

@@ -133,16 +133,11 @@ def test_conventions_are_those_of_the_package(page: Page) -> None:
                 )(new Gaitcal.Convention(gaitcal.curves.strides.sheet, {chosen}))""")
             one = np.ones(1)
             of_python = (
-                convention.convert_moment(base, one, SUBJECT, side),
-                convention.convert_angle(base, one, side),
+                convention.moment(base, one, SUBJECT, side),
+                convention.angle(base, one, side),
             )
-            factors = [
-                float(values[0]) for values in (*of_python, convention.convert_power(one, SUBJECT))
-            ]
-            senses = [
-                convention.describe_senses(f"{base}_moment", "r")[0],
-                convention.describe_senses(base, side)[0],
-            ]
+            factors = [float(values[0]) for values in (*of_python, convention.power(one, SUBJECT))]
+            senses = [convention.senses(f"{base}_moment", "r")[0], convention.senses(base, side)[0]]
             assert told == [*(pytest.approx(factor, rel=1e-12) for factor in factors), *senses]
 
 

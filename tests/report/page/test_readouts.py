@@ -99,9 +99,7 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path
                     file = column[frame]
                 size = float(np.nanmax(column) - np.nanmin(column))
                 scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / subject.mass
-                told = convention.convert_values(
-                    f"{base}{kind.ending}", np.array([file]), side, subject
-                )[0]
+                told = convention.values(f"{base}{kind.ending}", np.array([file]), side, subject)[0]
                 told *= scale if kind is CurveKind.FORCE else 1.0
                 assert shown == pytest.approx(told, abs=half + PACKED * size * scale), (
                     base,
