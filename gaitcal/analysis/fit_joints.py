@@ -52,7 +52,7 @@ JointFitter = Callable[
 
 
 def fit_joints(
-    session: CalibrationState, progress: Progress = silent, *, leave_out: bool = False
+    state: CalibrationState, progress: Progress = silent, *, leave_out: bool = False
 ) -> CalibrationState:
     """Fit the joint parameters that the settings ask for.
 
@@ -60,7 +60,7 @@ def fit_joints(
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         From `prepare_calibration`.
     progress : callable
         Called with a line of text at the beginning of each step.
@@ -73,9 +73,9 @@ def fit_joints(
         With the joint fit, its parameters, the soft tissue of every trial, and the findings of a
         robust loss.
     """
-    settings, nominal = session.settings, session.model.parameters
-    trials, findings = session.trials, session.findings
-    fit = partial(fit_joint_parameters, session)
+    settings, nominal = state.settings, state.model.parameters
+    trials, findings = state.trials, state.findings
+    fit = partial(fit_joint_parameters, state)
     if settings.jp and trials:
         progress("joint parameters")
     if settings.robust == "none":
@@ -95,17 +95,17 @@ def fit_joints(
             parameters = parameters.with_inertial(
                 move_limb_inertia(parameters.inertial, nominal, parameters)
             )
-    return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
+    return replace(state, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
 
 def fit_joint_parameters(
-    session: CalibrationState, trials: Sequence[MovingTrial]
+    state: CalibrationState, trials: Sequence[MovingTrial]
 ) -> tuple[joint_phases.JointCalibration | None, Parameters]:
     """Fit the joint parameters that the settings of a session ask for to some of its trials.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         With settings, nominal model and prior.
     trials : sequence of MovingTrial
         The trials to fit to.
@@ -117,13 +117,13 @@ def fit_joint_parameters(
     parameters : Parameters
         The fitted parameters, or the nominal ones.
     """
-    settings, nominal = session.settings, session.model.parameters
+    settings, nominal = state.settings, state.model.parameters
     if not settings.jp or not trials:
         return None, nominal
     fit_settings = JointSettings(
         position_bound=1e-3 * settings.position_bound_mm,
         orientation_bound=np.deg2rad(settings.orientation_bound_deg),
-        prior=session.prior,
+        prior=state.prior,
     )
     problems = [
         joint_phases.JointProblem(

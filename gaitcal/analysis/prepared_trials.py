@@ -33,7 +33,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.quality.force_diagnosis import ForceDiagnosis
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study_trial import Trial
 from gaitcal.tracking import rigid, spline
@@ -179,7 +179,7 @@ class CalibrationState:
     trials: tuple[MovingTrial, ...]
     static: Recording | None = None
     """The static trial, completed; None if further trials are analysed."""
-    prior: JointPrior = field(default_factory=lambda: joint_prior.make_study_prior({}))
+    prior: JointPrior = field(default_factory=lambda: joint_prior.combine_joint_priors({}))
     """Of anatomy, study and cohort."""
     checked: tuple[Finding, ...] = ()
     """What the checks found before the fits."""
@@ -228,7 +228,9 @@ def prepare_calibration(
     trials = tuple(
         prepare_trial(evidence.trial, model, study.settings) for evidence in preprocessed.moving
     )
-    prior = joint_prior.make_study_prior(study.settings.joint_prior, study.joint_prior, model.noise)
+    prior = joint_prior.combine_joint_priors(
+        study.settings.joint_prior, study.joint_prior, model.noise
+    )
     moves = preprocessed.find_possible_moves()
     possible_errors = _collect_possible_errors(moves, study.moving)
     return CalibrationState(
@@ -406,14 +408,14 @@ def build_static_problem(model: SubjectModel, static: Recording) -> MotionProble
     return build_trial_problem("static", model, window, spline.NodeRule())
 
 
-def track_trial(trial: MovingTrial, session: CalibrationState, stage: Stage) -> MovingTrial:
+def track_trial(trial: MovingTrial, state: CalibrationState, stage: Stage) -> MovingTrial:
     """Track a trial with the nominal and the last model and compute its ground reactions.
 
     Parameters
     ----------
     trial : MovingTrial
         From `prepare_trial`.
-    session : CalibrationState
+    state : CalibrationState
         With the nominal and the last model.
     stage : Stage
         Of the last model.
@@ -423,7 +425,7 @@ def track_trial(trial: MovingTrial, session: CalibrationState, stage: Stage) -> 
     MovingTrial
         With motions, ground reactions (whole body on force plates) and marker scores.
     """
-    model, parameters = session.model, session.parameters
+    model, parameters = state.model, state.parameters
     part = trial.body if trial.joint is None else trial.fitted
     nominal = track_motion(part.shift_markers(None), model.nominal)
     trial = trial.with_stage(Stage.NOMINAL, model.nominal, nominal)
@@ -434,11 +436,9 @@ def track_trial(trial: MovingTrial, session: CalibrationState, stage: Stage) -> 
     if stage is not Stage.NOMINAL:
         trial = trial.with_stage(stage, parameters, track_motion(trial.body, parameters))
     if trial.joint is None and trial.recording.plates:
-        reactions = compute_trial_reactions(
-            trial, model, parameters, trial.motion, session.settings
-        )
+        reactions = compute_trial_reactions(trial, model, parameters, trial.motion, state.settings)
         trial = replace(trial, reactions=reactions)
-    return trial.with_marker_scores(session.uncertainty)
+    return trial.with_marker_scores(state.uncertainty)
 
 
 def compute_trial_reactions(

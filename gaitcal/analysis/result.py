@@ -366,7 +366,7 @@ class Calibration(Displayed):
     """The model with the calibrated parameters."""
     trials: tuple[TrialResult, ...]
     """Every moving trial, in the order of the study."""
-    phases: tuple[joint_phases.Phase, ...]
+    phases: tuple[joint_phases.PhaseSummary, ...]
     """The fits that were made, in their order, each with its convergence."""
     joint: joint_phases.JointCalibration | None
     """The fit of the joint parameters; None if the settings keep them."""

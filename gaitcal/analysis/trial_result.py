@@ -116,12 +116,12 @@ def analyse(
             prepared.body,
             joint_phases.take_segments(prepared.joints, LOWER_BODY, model.nominal),
             model.nominal,
-            uncertainty.joint.free,
+            uncertainty.joint.names,
             found,
             kind,
         )
         prepared = prepared.with_tissue(tissue, found)
-    session = CalibrationState(
+    state = CalibrationState(
         model=model,
         settings=settings,
         parameters=model.parameters,
@@ -129,20 +129,20 @@ def analyse(
         possible_moves={trial.name: moves},
         uncertainty=uncertainty,
     )
-    session = replace(session, trials=(track_trial(prepared, session, Stage.JP_IP),))
-    session = replace(session, forces=diagnose_forces(session))
-    result = assemble_trial_result(session.trials[0], session)
-    return replace(result, doubts=(*result.doubts, *session.forces.findings))
+    state = replace(state, trials=(track_trial(prepared, state, Stage.JP_IP),))
+    state = replace(state, forces=diagnose_forces(state))
+    result = assemble_trial_result(state.trials[0], state)
+    return replace(result, doubts=(*result.doubts, *state.forces.findings))
 
 
-def assemble_trial_result(trial: MovingTrial, session: CalibrationState) -> TrialResult:
+def assemble_trial_result(trial: MovingTrial, state: CalibrationState) -> TrialResult:
     """Assemble the result of a tracked trial of a session.
 
     Parameters
     ----------
     trial : MovingTrial
         After the last fit.
-    session : CalibrationState
+    state : CalibrationState
         With models, errors and the force diagnosis.
 
     Returns
@@ -151,34 +151,34 @@ def assemble_trial_result(trial: MovingTrial, session: CalibrationState) -> Tria
     """
     moves = None
     if trial.joint is None:
-        joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
+        joint, coefficients = state.uncertainty.joint, trial.motion.coefficients
         moves = error_sources.compute_motion_sensitivity(
             trial.body_with_tissue, coefficients, trial.parameters, joint, trial.scores
         )
     deviations = estimate_axis_deviations(
-        session.settings, session.model, session.possible_moves.get(trial.name)
+        state.settings, state.model, state.possible_moves.get(trial.name)
     )
     axes = AxisErrors(trial.parameters, deviations)
-    forces = _make_force_errors(trial, session, axes, moves)
+    forces = _make_force_errors(trial, state, axes, moves)
     if forces is None:
-        return _assemble_without_torque_errors(trial, session, axes, moves)
+        return _assemble_without_torque_errors(trial, state, axes, moves)
     # Variances are products of matrices, which let this thread compute the rest meanwhile.
     with ThreadPoolExecutor(1) as pool:
         parts = pool.map(with_one_blas_thread(forces.compute_variances), forces.parts)
-        result = _assemble_without_torque_errors(trial, session, axes, moves)
+        result = _assemble_without_torque_errors(trial, state, axes, moves)
     errors = torque_errors.join_variances(list(parts))
-    return _with_torque_errors(result, errors, session.model.subject.weight)
+    return _with_torque_errors(result, errors, state.model.subject.weight)
 
 
 def _assemble_without_torque_errors(
     trial: MovingTrial,
-    session: CalibrationState,
+    state: CalibrationState,
     axes: AxisErrors,
     moves: error_sources.MotionSensitivity | None,
 ) -> TrialResult:
     """Assemble all of the result but the errors of torques."""
-    body, final, subject = trial.motion, trial.parameters, session.model.subject
-    events, strides = _detect_events(trial, session.model.with_parameters(final))
+    body, final, subject = trial.motion, trial.parameters, state.model.subject
+    events, strides = _detect_events(trial, state.model.with_parameters(final))
     lines = assign_stride_lines(strides, body.time)
     long_axes, by_coordinate = compute_foot_axes(body, final, lines)
     variances, coordinate_errors, trial_errors = None, None, None
@@ -195,7 +195,7 @@ def _assemble_without_torque_errors(
         rotations = axes.compute_segment_rotations(body.q)
         feet = _estimate_foot_axes(long_axes, lines, variances, rotations)
     loads = _compute_loads(trial, subject.bwh)
-    phase_parameters = joint_phases.get_parameters_for_trial(session.joint, trial.name, final)
+    phase_parameters = joint_phases.get_parameters_for_trial(state.joint, trial.name, final)
     calibrated, last = body, body
     if trial.joint is not None:
         last = track_motion(trial.fitted, final)
@@ -389,7 +389,7 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
 
 def _make_force_errors(
     trial: MovingTrial,
-    session: CalibrationState,
+    state: CalibrationState,
     axes: AxisErrors,
     moves: error_sources.MotionSensitivity | None,
 ) -> torque_errors.ForceErrors | None:
@@ -399,16 +399,16 @@ def _make_force_errors(
     """
     if trial.reactions is None or find_impossible_bodies(trial.parameters.inertial):
         return None
-    plates = PlateErrors.from_table(session.settings.plate_error)
+    plates = PlateErrors.from_table(state.settings.plate_error)
     return torque_errors.ForceErrors(
         trial.body,
         trial.motion.coefficients,
         trial.parameters,
         trial.reactions.wrench,
-        session.uncertainty.joint,
-        session.uncertainty.inertial,
+        state.uncertainty.joint,
+        state.uncertainty.inertial,
         moves,
-        plates.add(session.forces.possible.get(trial.name)),
+        plates.add(state.forces.possible.get(trial.name)),
         axes,
     )
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.measurement_errors import compute_distance_outside
+from gaitcal.dynamics.plate_outline import compute_distance_outside
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
 from gaitcal.io.labels import FootEvent, FootMoment, select_event_times

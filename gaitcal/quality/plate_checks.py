@@ -29,7 +29,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.foot_contact import mark_near
-from gaitcal.dynamics.measurement_errors import MAX_OUTSIDE_SHARE, compute_share_outside
+from gaitcal.dynamics.plate_outline import MAX_OUTSIDE_SHARE, compute_share_outside
 from gaitcal.errors import Code, Finding, listed
 from gaitcal.io.c3d.plates import CONTRADICTED
 from gaitcal.io.force_plate import (

@@ -33,7 +33,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics import inverse_dynamics, measurement_errors
+from gaitcal.dynamics import inverse_dynamics, plate_outline
 from gaitcal.dynamics.derivatives import compute_root_residual
 from gaitcal.io.toml import find_models_folder
 from gaitcal.model import coordinates, nominal, subject_model
@@ -199,7 +199,7 @@ def _compute_foot_length_ratio() -> float:
     """Compute the ratio of the length of a foot to the distance of its heel and toe markers."""
     heel, toe = _get_local_points()[0, :2]
     distance = float(np.linalg.norm(toe - heel))
-    foot_length = measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height
+    foot_length = plate_outline.FOOT_LENGTH * nominal.published_model().subject.height
     return max(1.0, foot_length / distance)
 
 

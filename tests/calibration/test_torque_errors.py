@@ -298,7 +298,7 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
         column = moves.coefficients[:, 3 * m + axis]
         np.testing.assert_allclose(column, moved, rtol=0, atol=LINEAR * float(np.abs(moved).max()))
     at = parameters.joint[[JP_INDEX[name] for name in FREE]]
-    shifted = parameters.with_joint(FREE, at + source.parameters[:, 0])
+    shifted = parameters.with_joint(FREE, at + source.effects[:, 0])
     moved = motion(problem, shifted) - coefficients
     change = -moves.sensitivity @ moves.shift[:, -1]
     sign = np.sign(change @ moved.ravel())  # only the square of what a source does is kept
@@ -339,7 +339,7 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     )
     moves = compute_motion_sensitivity(problem, coefficients, parameters, influence)
     for source in (ErrorSource.JOINT_MARKERS, ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN):
-        before = influence.parameters[
+        before = influence.effects[
             :, [k for k, name in enumerate(clusters) if classify_source(name) is source]
         ]
         after = moves.shift[:, [k for k, name in enumerate(moves.shared_sources) if name is source]]

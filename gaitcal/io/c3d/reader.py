@@ -352,15 +352,15 @@ def _build_recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> R
         axes.find_vertical(markers, tuple(plate.to_force_plate() for plate in plates))
         or USUAL_VERTICAL
     )
-    standing, turn_notes = orient_plates(plates, vertical.direction)
-    notes += gap_notes + plate_notes + turn_notes
+    oriented_plates, orientation_notes = orient_plates(plates, vertical.direction)
+    notes += gap_notes + plate_notes + orientation_notes
     time = (first + np.arange(frames)) / rate
     recording = Recording(
         source=str(path),
         time=time,
         labels=labels,
         markers=markers,
-        plates=standing,
+        plates=oriented_plates,
         notes=notes,
         events=labelling.parse_events(parameters),
         facts=labelling.parse_facts(parameters),
