@@ -94,7 +94,3 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(
     )
     ratio, near = (1.3, 0.05) if steep else (1.0, 0.01)
     assert moved(1.0, 0.0) == pytest.approx(ratio * moved(0.0, 1.0), rel=near)
-
-
-WHITE = 0.002
-"""m."""

@@ -26,6 +26,9 @@ from tests.derivatives import seeded_trial
 
 LEG = ("pelvis", "thigh_r", "shank_r")
 
+WHITE = 0.002
+"""m."""
+
 
 @pytest.mark.parametrize(("kept", "expected"), [(0.0, 1.0), (0.5, 3.0), (0.9, 19.0)])
 def test_frames_for_one_that_is_independent(kept: float, expected: float) -> None:
