@@ -118,7 +118,7 @@ def calibrate(
     preprocessed = preprocess_study(study)
     if checked is None:
         checked = check_preprocessed(preprocessed)
-    return calibrate_preprocessed(preprocessed, checked, progress, leave_out=leave_out)
+    return calibrate_preprocessed(preprocessed, checked, progress, compute_held_out=leave_out)
 
 
 @with_one_blas_thread
@@ -127,7 +127,7 @@ def calibrate_preprocessed(
     checked: Sequence[Finding],
     progress: Progress = silent,
     *,
-    leave_out: bool = False,
+    compute_held_out: bool = False,
 ) -> Calibration:
     """Calibrate a study that is preprocessed, as `calibrate` does.
 
@@ -139,7 +139,7 @@ def calibrate_preprocessed(
         What `check_preprocessed` found.
     progress : callable
         Called with a line of text at the beginning of each step.
-    leave_out : bool
+    compute_held_out : bool
         Also compute the held-out error.
 
     Returns
@@ -153,7 +153,9 @@ def calibrate_preprocessed(
     """
     progress("nominal model from the static trial")
     prepared = prepare_calibration(preprocessed, checked)
-    state = track_trials(fit_joints(prepared, progress, leave_out=leave_out), progress)
+    state = track_trials(
+        fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
+    )
     refused = find_impossible_functional_trials(state)
     if refused:
         # The joints are fitted again, to the other trials.
@@ -161,7 +163,9 @@ def calibrate_preprocessed(
         remaining = tuple(t for t in prepared.trials if t.name not in refused)
         findings = (*prepared.findings, *refused.values())
         prepared = replace(prepared, trials=remaining, findings=findings)
-        state = track_trials(fit_joints(prepared, progress, leave_out=leave_out), progress)
+        state = track_trials(
+            fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
+        )
     state = fit_inertia(state, progress)
     return assemble_calibration(state, preprocessed.study, progress)
 
@@ -188,9 +192,9 @@ def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Find
     out = dict[str, Finding]()
     for trial in (t for t in state.trials if t.joint is not None):
         for finding in check_physical_limits(trial.motion, state.model.subject.weight):
-            left_out = f"{finding.found}; the joint parameters were fitted without this trial"
+            message = f"{finding.found}; the joint parameters were fitted without this trial"
             out[trial.name] = replace(
-                finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT
+                finding, severity=Severity.WARNING, found=message, leg="", topic=LEFT_OUT
             )
     return out if len(out) < len(state.trials) else {}
 
@@ -228,7 +232,7 @@ def track_trials(state: CalibrationState, progress: Progress) -> CalibrationStat
     trials = tuple(track_trial(t, state, stage) for t in state.trials)
     state = replace(state, trials=trials)
     progress("comparing motion and forces")
-    return replace(state, forces=fit_findings.diagnose_forces(state))
+    return replace(state, force_diagnosis=fit_findings.diagnose_forces(state))
 
 
 def fit_inertia(state: CalibrationState, progress: Progress) -> CalibrationState:
@@ -281,7 +285,7 @@ def assemble_calibration(state: CalibrationState, study: Study, progress: Progre
     results = tuple(assemble_trial_result(t, state) for t in state.trials)
     nominal, joint, phases = state.model, state.joint, list_phases(state)
     after_fit = (
-        *state.forces.findings,
+        *state.force_diagnosis.findings,
         *state.findings,
         *(joint.findings if joint else ()),
         *fit_findings.check_calibration(state, results, phases),
@@ -351,7 +355,9 @@ def select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial]
     -------
     list of (MovingTrial, GroundReactions)
     """
-    excluded = state.forces.faulty | fit_findings.list_trials_with_faulty_legs(state.checked)
+    excluded = state.force_diagnosis.faulty | fit_findings.list_trials_with_faulty_legs(
+        state.checked
+    )
     usable = [
         (t, t.reactions)
         for t in state.trials
@@ -451,7 +457,9 @@ def _fit_together(
         coefficients, r = t.motion.coefficients, forces.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
         problems.append(
-            CombinedProblem(t.body.follow_pelvis(coefficients), coefficients, wrench, valid)
+            CombinedProblem(
+                t.whole_body_problem.follow_pelvis(coefficients), coefficients, wrench, valid
+            )
         )
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(
@@ -468,8 +476,12 @@ def _fit_together(
     zeroed = _zero_ankles(replace(state, parameters=fit.parameters))
     trials = []
     for t, coefficients in zip(state.trials, fit.coefficients, strict=True):
-        shifted = shift_coefficients(coefficients, t.body.chain.coordinates, zeroed.offsets)
-        motion = build_motion(t.body, zeroed.parameters, shifted, converged=fit.converged)
+        shifted = shift_coefficients(
+            coefficients, t.whole_body_problem.chain.coordinates, zeroed.offsets
+        )
+        motion = build_motion(
+            t.whole_body_problem, zeroed.parameters, shifted, converged=fit.converged
+        )
         trial = t.with_stage(Stage.COMBINED, zeroed.parameters, motion)
         trials.append(trial.with_marker_scores(state.uncertainty))
     return replace(

@@ -191,7 +191,7 @@ def check_tracked_trial(
     -------
     tuple of Finding
     """
-    problem, motion = trial.body, trial.motion
+    problem, motion = trial.whole_body_problem, trial.motion
     measured = problem.data.measured.transpose(2, 0, 1)
     # Positions that were not measured are zero in the data of a problem.
     observed: BoolArray = np.any(measured != 0.0, axis=2)
@@ -384,7 +384,7 @@ def note_trials_without_masses(state: CalibrationState) -> list[str]:
     list of str
         One note for each reason.
     """
-    faulty = state.forces.faulty
+    faulty = state.force_diagnosis.faulty
     faulty_legs = list_trials_with_faulty_legs(state.checked)
     reasons = {
         "faulty forces": [t.name for t in state.trials if t.name in faulty],

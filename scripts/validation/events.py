@@ -71,7 +71,7 @@ def walks_of(study: Study) -> list[Walk]:
     model, out = build_nominal_model(study), []
     for trial in (t for t in study.moving if t.role is Role.GAIT):
         ready = prepare_trial(trial, model, study.settings)
-        motion = track_motion(ready.body, model.parameters)
+        motion = track_motion(ready.whole_body_problem, model.parameters)
         feet, recording = compute_foot_points(model, motion, model.parameters), ready.recording
         plates: list[FootEvent] = []
         if recording.plates:

@@ -88,7 +88,7 @@ def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
     model = build_nominal_model(uf3)
     recording = recording_of(bare(uf3, joint), joint)
     root, *_ = segments = list_joint_segments(joint)
-    body = build_trial_problem(joint, model, recording, NodeRule(), carrier=root)
+    body = build_trial_problem(joint, model, recording, NodeRule(), fallback_base_segment=root)
     alone = build_trial_problem(joint, model, recording, NodeRule(), root=root, segments=segments)
     assert body.held[0] == f"hip_flexion_{joint[-1]}"
     whole, part = track_motion(body, model.nominal), track_motion(alone, model.nominal)
