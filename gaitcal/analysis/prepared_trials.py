@@ -40,7 +40,7 @@ from gaitcal.tracking import rigid, spline
 from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.soft_tissue import SoftTissue
-from gaitcal.tracking.trial_problem import FEWEST_FRAMES, MotionProblem, build_trial_problem
+from gaitcal.tracking.trial_problem import FEWEST_TRACKED_FRAMES, MotionProblem, build_trial_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,7 +297,9 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     """
     direction = estimate_forward_direction(model, trial.recording)
     recording = rotate_to_progression(trial.recording, direction)
-    rule = spline.NodeRule(settings.nodes_per_second or spline.NODES_PER_SECOND, settings.nodes)
+    rule = spline.ControlPointRule(
+        settings.nodes_per_second or spline.NODES_PER_SECOND, settings.nodes
+    )
     joint = trial.joint
 
     def build_part(segments: Sequence[str]) -> MotionProblem:
@@ -407,9 +409,9 @@ def build_static_problem(model: SubjectModel, static: Recording) -> MotionProble
         warnings.simplefilter("ignore", RuntimeWarning)
         # One order of memory, so that a file and its conversion give the same bits.
         mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
-    posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
-    window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
-    return build_trial_problem("static", model, window, spline.NodeRule())
+    posture = np.repeat(mean[None], FEWEST_TRACKED_FRAMES, axis=0)
+    window = replace(static, time=np.arange(FEWEST_TRACKED_FRAMES) / 100.0, markers=posture)
+    return build_trial_problem("static", model, window, spline.ControlPointRule())
 
 
 def track_trial(trial: MovingTrial, state: CalibrationState, stage: Stage) -> MovingTrial:

@@ -229,7 +229,7 @@ class CoefficientErrors:
             frames
         ]
         first = basis.first[frames]
-        by_node = self.nodes.reshape(basis.nodes, -1)
+        by_node = self.nodes.reshape(basis.control_points, -1)
         out = np.empty((len(first), derivatives, by_node.shape[1]))
         # frames between the same nodes together
         for start, stop in pairwise(
@@ -433,7 +433,7 @@ def _compute_cluster_gradients(
     )
     inverse = _invert_frame_hessians(problem, body, q)
     matrix = basis.matrices[0]
-    by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
+    by_node = np.zeros((basis.control_points, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
         moving = np.flatnonzero(chain.support[:nq, segment])
         v, w = spatial[moving, :3], spatial[moving, 3:]
@@ -452,7 +452,7 @@ def _compute_cluster_gradients(
         pull = velocity * (data.weight[m] * inflated)
         for i in range(3):
             by_node[:, moving, 3 * of_one[m] + i] += (pull[:, i] @ matrix).T
-    return by_node.reshape(basis.nodes * nq, -1)
+    return by_node.reshape(basis.control_points * nq, -1)
 
 
 def _find_first_duplicates(measured: Array) -> IntArray:

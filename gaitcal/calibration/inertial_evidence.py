@@ -239,7 +239,7 @@ def _refit_coarser(
     basis: spline.SplineBasis, coefficients: Array
 ) -> tuple[spline.SplineBasis, Array]:
     """Refit the same motion with longer knot spans."""
-    spans = max(round((basis.nodes - spline.MINIMUM_NODES + 1) / COARSER_SPANS), 1)
+    spans = max(round((basis.control_points - spline.MINIMUM_NODES + 1) / COARSER_SPANS), 1)
     coarse = spline.build_spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
     return coarse, coarse.fit(basis.evaluate(coefficients))
 

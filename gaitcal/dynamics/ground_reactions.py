@@ -386,7 +386,7 @@ def compute_motion_reactions(
     GroundReactions
     """
     feet = compute_foot_points(model, motion, parameters)
-    ends = END_SPANS * float(np.ptp(motion.basis.knots)) / (motion.basis.nodes - DEGREE)
+    ends = END_SPANS * float(np.ptp(motion.basis.knots)) / (motion.basis.control_points - DEGREE)
     if motion.smoothed_hz is not None:
         ends = max(ends, END_CYCLES / motion.smoothed_hz)
     measured = compute_foot_reactions(

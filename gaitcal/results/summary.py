@@ -297,7 +297,7 @@ def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
         "weighted_markers": int(errors.select_observed().sum()),
-        "nodes": trial.calibrated.basis.nodes,
+        "nodes": trial.calibrated.basis.control_points,
         "rms_mm": _summarise_rms(trial),
     }
     if trial.bandwidth:

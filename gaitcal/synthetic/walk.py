@@ -468,7 +468,7 @@ def _solve_step(basis: SplineBasis, rows: list[_Rows]) -> Array:
             weights = (basis.value, basis.rate, basis.acceleration)[order]
             by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
     jacobian = by_node.reshape(nf, -1, width)
-    band, right = np.zeros((width, basis.nodes * nq)), np.zeros(basis.nodes * nq)
+    band, right = np.zeros((width, basis.control_points * nq)), np.zeros(basis.control_points * nq)
     for node, frames in basis.spans:
         matrix = jacobian[frames].reshape(-1, width)
         product, begin = matrix.T @ matrix, node * nq
@@ -476,4 +476,4 @@ def _solve_step(basis: SplineBasis, rows: list[_Rows]) -> Array:
             band[d, begin : begin + width - d] += np.diagonal(product, -d)
         right[begin : begin + width] -= matrix.T @ value[frames].ravel()
     step: Array = solveh_banded(band, right, lower=True)
-    return step.reshape(basis.nodes, nq)
+    return step.reshape(basis.control_points, nq)

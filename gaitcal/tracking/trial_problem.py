@@ -37,7 +37,7 @@ from gaitcal.tracking.soft_tissue import (
     compute_tissue_gradient,
 )
 from gaitcal.tracking.spline import (
-    NodeRule,
+    ControlPointRule,
     Smoothing,
     SplineBasis,
     build_spline_basis,
@@ -475,7 +475,7 @@ class MotionProblem:
         return out
 
 
-FEWEST_FRAMES = 12
+FEWEST_TRACKED_FRAMES = 12
 """Frames that a trial needs for its splines."""
 MIN_ROOT_VISIBLE_SHARE = 0.5
 """Share of frames with three visible markers from which the base segment is tracked by these."""
@@ -485,7 +485,7 @@ def build_trial_problem(
     name: str,
     model: SubjectModel,
     recording: Recording,
-    rule: NodeRule,
+    rule: ControlPointRule,
     *,
     root: str = "pelvis",
     segments: tuple[str, ...] = SEGMENTS,
@@ -527,8 +527,8 @@ def build_trial_problem(
         too short.
     """
     keep_freed_memory()
-    if len(recording.time) < FEWEST_FRAMES:
-        message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}"
+    if len(recording.time) < FEWEST_TRACKED_FRAMES:
+        message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_TRACKED_FRAMES}"
         raise InputError(message, source=recording.source, code=Code.TOO_LITTLE_SEEN)
     # Markers of the model that are recorded, in the order of the segments along the chain.
     at = {label: i for i, label in enumerate(recording.labels)}

@@ -74,7 +74,7 @@ def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     held = assign_folds(trial) == 1
     fitted = mask_frames(trial, held).joint_fit_problem
     spoilt = replace(fitted.data, measured=fitted.data.measured + np.where(held, 0.5, 0.0))
-    coefficients = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
+    coefficients = np.zeros((fitted.basis.control_points, len(fitted.chain.coordinates)))
     body = fitted.build_body(build_nominal_model(study).parameters)
     assert replace(fitted, data=spoilt).compute_cost(coefficients, body) == pytest.approx(
         fitted.compute_cost(coefficients, body), rel=1e-12

@@ -135,7 +135,7 @@ def test_given_by_the_settings() -> None:
     for settings, spans in (({"nodes": 25}, 20), ({"nodes_per_second": 15.0}, 16)):
         plain = prepared(walk(), **settings)
         assert plain.bandwidth.chosen_by is ChosenBy.GIVEN and cutoffs(plain) == [None] * 2
-        assert plain.whole_body_problem.basis.nodes == spans + 5
+        assert plain.whole_body_problem.basis.control_points == spans + 5
         assert plain.bandwidth.motion_hz == pytest.approx(0.5 * spans / 1.035)
     with refuses(ValueError, "bandwidth_hz"):
         CalibrationSettings(bandwidth_hz=6.0, nodes=20)

@@ -37,7 +37,7 @@ from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, list_gait_p
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.marker_residual import MarkerData, compute_marker_positions
-from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.spline import build_smoothing
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import (
@@ -280,7 +280,9 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
 
     def motion(problem: MotionProblem, parameters: Parameters) -> Array:
-        return track_nodes(problem, *started(problem, parameters), DescentSettings(gain=1e-15)).x
+        return track_coefficients(
+            problem, *started(problem, parameters), DescentSettings(gain=1e-15)
+        ).x
 
     coefficients = motion(problem, parameters)
     moves = compute_motion_sensitivity(problem, coefficients, parameters, source)
@@ -357,7 +359,7 @@ FIRST_ORDER = 0.05
 
 
 def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
-    return track_nodes(
+    return track_coefficients(
         problem, problem.build_body(parameters), start, DescentSettings(gain=1e-15)
     ).x
 

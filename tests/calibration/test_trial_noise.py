@@ -19,7 +19,7 @@ from gaitcal.calibration.trial_noise import (
 )
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking.marker_residual import PlacedMarkers
-from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.spline import build_spline_basis
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import seeded_trial
@@ -56,7 +56,7 @@ def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_mor
         return float(
             np.sqrt(
                 estimate_forbidden_noise(
-                    noisy, parameters, track_nodes(noisy, body, true).x
+                    noisy, parameters, track_coefficients(noisy, body, true).x
                 ).variance
             )
         )
@@ -86,7 +86,7 @@ def shaken_leg() -> tuple[MotionProblem, Parameters, Array, Array, float]:
         slow[..., f] = 0.9 * slow[..., f - 1] + np.sqrt(1 - 0.9**2) * slow[..., f]
     errors = np.repeat(slow, 4, axis=0) + rng.normal(0, 0.003, (4 * count, 3, frames))
     problem = problem.with_measured(problem.data.measured + errors)
-    found = track_nodes(problem, problem.build_body(parameters), true).x
+    found = track_coefficients(problem, problem.build_body(parameters), true).x
     return problem, parameters, found, true, noise_at(problem, parameters, found)
 
 
@@ -119,7 +119,7 @@ def missing_patterns(draw: st.DrawFn) -> BoolArray:
 def test_noise_stays_whatever_samples_are_missing(visible: BoolArray) -> None:
     problem, parameters, found, _, whole = shaken_leg()
     gappy = problem.with_weight(problem.data.weight * visible)
-    nodes = track_nodes(gappy, gappy.build_body(parameters), found).x
+    nodes = track_coefficients(gappy, gappy.build_body(parameters), found).x
     assert noise_at(gappy, parameters, nodes) == pytest.approx(whole, rel=MISSING_CHANGES)
 
 
@@ -151,7 +151,7 @@ def test_a_segment_whose_markers_are_nearly_on_a_line_leaves_the_others_their_no
     noisy = exact.with_measured(
         exact.data.measured + rng.normal(0, WHITE, exact.data.measured.shape)
     )
-    nodes = track_nodes(noisy, noisy.build_body(parameters), true).x
+    nodes = track_coefficients(noisy, noisy.build_body(parameters), true).x
     assert noise_at(noisy, parameters, nodes) == pytest.approx(WHITE, rel=0.2)
 
 

@@ -40,7 +40,7 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.motion import Motion, track_motion
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from scripts.validation.bones.recordings import BoneRecording
 
@@ -218,7 +218,7 @@ def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem
         recording.name,
         nominal.model,
         measured,
-        NodeRule(),
+        ControlPointRule(),
         root=root,
         segments=(root, below),
         isolated=isolated,
