@@ -1,7 +1,8 @@
 """Predict a person's joint parameters before any recording: study file and `priors.json` of a
 cohort.
 
-The table of anatomy is in `calibration/joint_prior.py`, which combines all three sources.
+The table of anatomy is in `calibration/joint_prior.py`, which combines all three sources; the prior
+itself is in `study/joint_prior.py`.
 
 `priors.json` is written by `gaitcal cohort --learn-priors`, and read by `gaitcal calibrate
 --priors` or if a study file names it (`[calibration] priors`). It holds what was learnt from all

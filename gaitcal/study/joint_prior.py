@@ -1,6 +1,7 @@
 """Normal prior of a person's joint parameters before any recording.
 
-Its sources: anatomy and study file (`calibration/joint_prior.py`), and a cohort (`cohort_prior.py`).
+Its sources: anatomy and study file (`calibration/joint_prior.py`), and a cohort
+(`cohort_prior.py`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -85,5 +86,5 @@ class JointPrior:
             Empty for their nominal values.
         """
         if set(names) & set(self.of_cohort):
-            return "what the cohort has"
-        return "what the study file expects" if set(names) & set(self.of_study) else ""
+            return "the cohort mean"
+        return "the prior mean of the study file" if set(names) & set(self.of_study) else ""

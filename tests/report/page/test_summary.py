@@ -145,9 +145,9 @@ def test_a_change_is_fitted_minus_nominal(whole: Calibration) -> None:
         (CalibrationSettings(protocol="published"), None, "keep their nominal values"),
         (CalibrationSettings(), None, "stay near their nominal values"),
         (CalibrationSettings(), False, "stay near their nominal values"),
-        (CalibrationSettings(), True, "stay near what the cohort has"),
-        (SAID, None, "stay near what the study file expects"),
-        (SAID, True, "stay near what the cohort has"),
+        (CalibrationSettings(), True, "stay near the cohort mean"),
+        (SAID, None, "stay near the prior mean of the study file"),
+        (SAID, True, "stay near the cohort mean"),
     ],
 )
 def test_what_becomes_of_an_unseen_parameter(
@@ -171,7 +171,7 @@ def test_what_becomes_of_an_unseen_parameter(
     assert any(kept in sentence for sentence in describe_unidentifiable(person))
     ending = summarise_fitted(person)
     assert ending.endswith("All others keep their nominal values.")
-    assert ("stays near what the cohort has" in ending) == bool(learnt)
+    assert ("stays near the cohort mean" in ending) == bool(learnt)
     shown = json.dumps(build_joint_blocks(person))
     assert ("12 people of a cohort (priors.json)" in shown) == (prior is not None)
 
