@@ -105,7 +105,7 @@ def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
 def noise_of(
     trial: LoadedProblem, parameters: Parameters, plates: PlateNoise | None = None
 ) -> ResidualNoise:
-    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), effects=np.zeros((1, 1)))
     chart = LogChart(parameters.inertial, WHICH)
     return estimate_residual_noise(
         [trial], parameters, none, SUBJECT, chart, SUBJECT.height, plates
@@ -205,7 +205,7 @@ def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
     """A^T d rho of every column of its spread, squares summed."""
     trial, unmoved = loaded(0.0), compute_fixed_spread(TRUE.inertial, WHICH)
     chart = LogChart(TRUE.inertial, WHICH)
-    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), effects=np.zeros((1, 1)))
     without, with_it = (
         estimate_residual_noise(
             [trial],

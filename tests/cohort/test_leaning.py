@@ -103,11 +103,11 @@ def test_what_a_study_file_expects_is_found_where_a_joint_does_not_move_and_its_
     place = HIP.index("hip_r.pelvis.ant")
     assert off[place] == pytest.approx(-0.007, abs=0.001)
     assert errors.standard_errors["hip_r.pelvis.ant"] < 0.0005
-    own = [errors.clusters.index(f"nominal/{name}") for name in HIP]
+    own = [errors.sources.index(f"nominal/{name}") for name in HIP]
     wanted = errors.covariance @ np.linalg.solve(
         select_prior(HIP, study)[1], factor_prior(HIP, study)
     )
-    np.testing.assert_allclose(errors.parameters[:, own], wanted, atol=1e-9)
+    np.testing.assert_allclose(errors.effects[:, own], wanted, atol=1e-9)
 
 
 @pytest.fixture(scope="module")
