@@ -9,7 +9,7 @@ import numpy as np
 from gaitcal.analysis.result import Calibration, Loads, Stage, TrialResult, Uncertainty
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.calibration.joint_phases import JointCalibration, PhaseSummary
 from gaitcal.dynamics.expected_residual import estimate_expected_residual
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
@@ -120,7 +120,9 @@ def fake_calibration(
         ("gait", names.trial, 34, 9, 1.2, "`ftol` reached"),
     )
     phases = tuple(
-        Phase(name=n, trials=(t,), parameters=p, iterations=i, seconds=s, converged=True, message=m)
+        PhaseSummary(
+            name=n, trials=(t,), parameters=p, iterations=i, seconds=s, converged=True, message=m
+        )
         for n, t, p, i, s, m in told
     )
     doubt = {

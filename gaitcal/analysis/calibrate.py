@@ -52,7 +52,7 @@ from gaitcal.calibration.combined import (
     fit_combined,
 )
 from gaitcal.calibration.error_sources import make_nominal_errors
-from gaitcal.calibration.joint_phases import Phase
+from gaitcal.calibration.joint_phases import PhaseSummary
 from gaitcal.calibration.torque_errors import factor_inertial_covariance
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.measurement_errors import PlateErrors
@@ -118,7 +118,7 @@ def calibrate(
     preprocessed = preprocess_study(study)
     if checked is None:
         checked = check_preprocessed(preprocessed)
-    return calibrate_preprocessed(preprocessed, checked, progress, leave_out=leave_out)
+    return calibrate_preprocessed(preprocessed, checked, progress, compute_held_out=leave_out)
 
 
 @with_one_blas_thread
@@ -127,7 +127,7 @@ def calibrate_preprocessed(
     checked: Sequence[Finding],
     progress: Progress = silent,
     *,
-    leave_out: bool = False,
+    compute_held_out: bool = False,
 ) -> Calibration:
     """Calibrate a study that is preprocessed, as `calibrate` does.
 
@@ -139,7 +139,7 @@ def calibrate_preprocessed(
         What `check_preprocessed` found.
     progress : callable
         Called with a line of text at the beginning of each step.
-    leave_out : bool
+    compute_held_out : bool
         Also compute the held-out error.
 
     Returns
@@ -153,20 +153,24 @@ def calibrate_preprocessed(
     """
     progress("nominal model from the static trial")
     prepared = prepare_calibration(preprocessed, checked)
-    session = track_trials(fit_joints(prepared, progress, leave_out=leave_out), progress)
-    refused = find_impossible_functional_trials(session)
+    state = track_trials(
+        fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
+    )
+    refused = find_impossible_functional_trials(state)
     if refused:
         # The joints are fitted again, to the other trials.
         progress(f"once more without {join_names(list(refused))}")
         remaining = tuple(t for t in prepared.trials if t.name not in refused)
         findings = (*prepared.findings, *refused.values())
         prepared = replace(prepared, trials=remaining, findings=findings)
-        session = track_trials(fit_joints(prepared, progress, leave_out=leave_out), progress)
-    session = fit_inertia(session, progress)
-    return assemble_calibration(session, preprocessed.study, progress)
+        state = track_trials(
+            fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
+        )
+    state = fit_inertia(state, progress)
+    return assemble_calibration(state, preprocessed.study, progress)
 
 
-def find_impossible_functional_trials(session: CalibrationState) -> dict[str, Finding]:
+def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Finding]:
     """Find functional (single-joint) trials in which a leg moves as no leg can.
 
     A fault of one functional trial concerns that trial alone: the joints are fitted without it, and
@@ -174,7 +178,7 @@ def find_impossible_functional_trials(session: CalibrationState) -> dict[str, Fi
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After tracking.
 
     Returns
@@ -183,24 +187,24 @@ def find_impossible_functional_trials(session: CalibrationState) -> dict[str, Fi
         Trial -> warning that it is left out; empty if no trial would remain, or no joint was
         fitted.
     """
-    if session.joint is None:
+    if state.joint is None:
         return {}
     out = dict[str, Finding]()
-    for trial in (t for t in session.trials if t.joint is not None):
-        for finding in check_physical_limits(trial.motion, session.model.subject.weight):
-            left_out = f"{finding.found}; the joint parameters were fitted without this trial"
+    for trial in (t for t in state.trials if t.joint is not None):
+        for finding in check_physical_limits(trial.motion, state.model.subject.weight):
+            message = f"{finding.found}; the joint parameters were fitted without this trial"
             out[trial.name] = replace(
-                finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT
+                finding, severity=Severity.WARNING, found=message, leg="", topic=LEFT_OUT
             )
-    return out if len(out) < len(session.trials) else {}
+    return out if len(out) < len(state.trials) else {}
 
 
-def track_trials(session: CalibrationState, progress: Progress) -> CalibrationState:
+def track_trials(state: CalibrationState, progress: Progress) -> CalibrationState:
     """Track all trials with the nominal and the fitted joint parameters and diagnose the forces.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After the fit of the joint parameters.
     progress : callable
         Called with a line of text at the beginning of each step.
@@ -211,32 +215,32 @@ def track_trials(session: CalibrationState, progress: Progress) -> CalibrationSt
         With motions, ground reactions, ankle angles zeroed in the static posture, and the force
         diagnosis.
     """
-    joint = session.joint
-    zeroed = _zero_ankles(session)
+    joint = state.joint
+    zeroed = _zero_ankles(state)
     progress("tracking with the nominal and the calibrated joint parameters")
     if joint is None:
         uncertainty = Uncertainty(make_nominal_errors(), None)
     else:
         uncertainty = Uncertainty(joint.errors, None, joint.artefact)
-    session = replace(
-        session,
+    state = replace(
+        state,
         parameters=zeroed.parameters,
         static_angles=zeroed.static_angles,
         uncertainty=uncertainty,
     )
     stage = Stage.NOMINAL if joint is None else Stage.JP
-    trials = tuple(track_trial(t, session, stage) for t in session.trials)
-    session = replace(session, trials=trials)
+    trials = tuple(track_trial(t, state, stage) for t in state.trials)
+    state = replace(state, trials=trials)
     progress("comparing motion and forces")
-    return replace(session, forces=fit_findings.diagnose_forces(session))
+    return replace(state, force_diagnosis=fit_findings.diagnose_forces(state))
 
 
-def fit_inertia(session: CalibrationState, progress: Progress) -> CalibrationState:
+def fit_inertia(state: CalibrationState, progress: Progress) -> CalibrationState:
     """Fit the inertial parameters, then, if the settings ask for it, all parameters together.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After tracking.
     progress : callable
         Called with a line of text at the beginning of each step.
@@ -247,27 +251,25 @@ def fit_inertia(session: CalibrationState, progress: Progress) -> CalibrationSta
         With the inertial fit, its parameters as the last stage of every trial, and the errors of
         inertial parameters.
     """
-    settings, loaded = session.settings, select_trials_for_inertial_fit(session)
+    settings, loaded = state.settings, select_trials_for_inertial_fit(state)
     progress("error bars of the masses" if settings.ip == "none" else "inertial parameters")
-    inertial = None if settings.ip == "none" or not loaded else _fit_inertial(session, loaded)
+    inertial = None if settings.ip == "none" or not loaded else _fit_inertial(state, loaded)
     if inertial is not None:
-        parameters = session.parameters.with_inertial(inertial.inertial)
-        trials = tuple(t.with_stage(Stage.JP_IP, parameters, t.motion) for t in session.trials)
-        session = replace(session, inertial=inertial, parameters=parameters, trials=trials)
+        parameters = state.parameters.with_inertial(inertial.inertial)
+        trials = tuple(t.with_stage(Stage.JP_IP, parameters, t.motion) for t in state.trials)
+        state = replace(state, inertial=inertial, parameters=parameters, trials=trials)
         if settings.joint_step and not fit_findings.is_trunk_unmeasured(loaded[0][0].motion):
-            session = _fit_together(session, loaded, progress)
-    uncertainty = replace(session.uncertainty, inertial=_factor_inertial_errors(session))
-    return replace(session, uncertainty=uncertainty)
+            state = _fit_together(state, loaded, progress)
+    uncertainty = replace(state.uncertainty, inertial=_factor_inertial_errors(state))
+    return replace(state, uncertainty=uncertainty)
 
 
-def assemble_calibration(
-    session: CalibrationState, study: Study, progress: Progress
-) -> Calibration:
+def assemble_calibration(state: CalibrationState, study: Study, progress: Progress) -> Calibration:
     """Assemble the calibration with its standard errors, torques, findings and verdict.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After the fit of the inertial parameters.
     study : Study
         The preprocessed study.
@@ -280,69 +282,65 @@ def assemble_calibration(
         Compared with the truth if the study declares it; without what its verdict refuses.
     """
     progress("standard errors and inverse dynamics")
-    results = tuple(assemble_trial_result(t, session) for t in session.trials)
-    nominal, joint, phases = session.model, session.joint, list_phases(session)
+    results = tuple(assemble_trial_result(t, state) for t in state.trials)
+    nominal, joint, phases = state.model, state.joint, list_phases(state)
     after_fit = (
-        *session.forces.findings,
-        *session.findings,
+        *state.force_diagnosis.findings,
+        *state.findings,
         *(joint.findings if joint else ()),
-        *fit_findings.check_calibration(session, results, phases),
+        *fit_findings.check_calibration(state, results, phases),
         *fit_findings.check_unmeasured_mass(results, nominal.parameters),
     )
-    names = [t.name for t in session.walks]
-    absent = {f.where: f.evidence for f in session.findings if f.topic == LEFT_OUT}
+    names = [t.name for t in state.walks]
+    absent = {f.where: f.evidence for f in state.findings if f.topic == LEFT_OUT}
     of_trials = (finding for t in results for finding in t.findings)
-    found = remove_consequences((*session.checked, *after_fit, *of_trials))
-    notes = _collect_notes(session, results, after_fit)
+    found = remove_consequences((*state.checked, *after_fit, *of_trials))
+    notes = _collect_notes(state, results, after_fit)
     calibration = Calibration(
         study=replace(study, trials=tuple(t for t in study.trials if t.name not in absent)),
         nominal=nominal,
-        model=replace(nominal, parameters=session.parameters, notes=notes),
-        static_angles=session.static_angles,
+        model=replace(nominal, parameters=state.parameters, notes=notes),
+        static_angles=state.static_angles,
         trials=results,
         phases=phases,
         joint=joint,
-        inertial=session.inertial,
-        uncertainty=session.uncertainty,
+        inertial=state.inertial,
+        uncertainty=state.uncertainty,
         unidentifiable=joint.unidentifiable if joint else (),
         notes=notes,
         findings=found,
-        verdict=judge(found, names, forced=bool(select_stopping_errors(session.checked, names))),
+        verdict=judge(found, names, forced=bool(select_stopping_errors(state.checked, names))),
         left_out=absent,
     )
     return compare_with_truth(remove_refused_results(calibration))
 
 
 def _collect_notes(
-    session: CalibrationState, results: Sequence[TrialResult], after_fit: Sequence[Finding]
+    state: CalibrationState, results: Sequence[TrialResult], after_fit: Sequence[Finding]
 ) -> tuple[str, ...]:
     """Collect what was assumed: by model, fits and trials, and the findings that are notes."""
-    joint, inertial = session.joint, session.inertial
+    joint, inertial = state.joint, state.inertial
     return (
-        *session.model.notes,
+        *state.model.notes,
         *(joint.notes if joint else ()),
         *(() if inertial is None or inertial.moved else (inertial.message,)),
-        *(
-            ()
-            if session.settings.ip == "none"
-            else fit_findings.note_trials_without_masses(session)
-        ),
+        *(() if state.settings.ip == "none" else fit_findings.note_trials_without_masses(state)),
         *(note for t in results for note in t.notes),
         *(format_note(finding) for finding in after_fit if finding.severity is Severity.INFO),
     )
 
 
-def _zero_ankles(session: CalibrationState) -> AnkleZeroCorrection:
+def _zero_ankles(state: CalibrationState) -> AnkleZeroCorrection:
     """Zero the ankle angles of the last model in the static posture if the settings ask for it."""
-    if session.static is None:
-        return AnkleZeroCorrection(session.parameters, {}, {})
-    if session.settings.keeps_ankle_zero and session.joint is not None:
-        return zero_ankle_angles(session.model, session.parameters, session.static)
-    angles = compute_static_angles(session.model, session.parameters, session.static)
-    return AnkleZeroCorrection(session.parameters, {}, angles)
+    if state.static is None:
+        return AnkleZeroCorrection(state.parameters, {}, {})
+    if state.settings.keeps_ankle_zero and state.joint is not None:
+        return zero_ankle_angles(state.model, state.parameters, state.static)
+    angles = compute_static_angles(state.model, state.parameters, state.static)
+    return AnkleZeroCorrection(state.parameters, {}, angles)
 
 
-def select_trials_for_inertial_fit(session: CalibrationState) -> list[LoadedTrial]:
+def select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial]:
     """Select the tracked trials with valid ground reactions that determine masses.
 
     Trials with faulty forces, or with a leg whose markers do not determine its motion, are left
@@ -350,17 +348,19 @@ def select_trials_for_inertial_fit(session: CalibrationState) -> list[LoadedTria
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After tracking.
 
     Returns
     -------
     list of (MovingTrial, GroundReactions)
     """
-    excluded = session.forces.faulty | fit_findings.list_trials_with_faulty_legs(session.checked)
+    excluded = state.force_diagnosis.faulty | fit_findings.list_trials_with_faulty_legs(
+        state.checked
+    )
     usable = [
         (t, t.reactions)
-        for t in session.trials
+        for t in state.trials
         if t.reactions is not None and t.reactions.valid.any() and t.name not in excluded
     ]
     with_trunk = [(t, r) for t, r in usable if not fit_findings.is_trunk_unmeasured(t.motion)]
@@ -368,11 +368,11 @@ def select_trials_for_inertial_fit(session: CalibrationState) -> list[LoadedTria
 
 
 def _fit_inertial(
-    session: CalibrationState, loaded: Sequence[LoadedTrial]
+    state: CalibrationState, loaded: Sequence[LoadedTrial]
 ) -> inertial_calibration.InertialFit:
     """Fit the inertial parameters to the pelvis residual of the loaded trials."""
     began = time.perf_counter()
-    nominal, parameters, settings = session.model, session.parameters, session.settings
+    nominal, parameters, settings = state.model, state.parameters, state.settings
     motions = [inertial_calibration.LoadedMotion.from_motion(t.motion, r) for t, r in loaded]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, which = nominal.subject, _choose_inertial_set(settings)
@@ -390,7 +390,7 @@ def _fit_inertial(
             " mass"
         )
         return inertial_evidence.keep_nominal(
-            parameters.inertial, which, make_population_spread(session), rms, why
+            parameters.inertial, which, make_population_spread(state), rms, why
         )
     if settings.ip == "published":
         return inertial_calibration.fit_published(equations, parameters.inertial, which)
@@ -406,7 +406,7 @@ def _fit_inertial(
     noise = inertial_evidence.estimate_residual_noise(
         problems,
         parameters,
-        session.uncertainty.joint or make_nominal_errors(),
+        state.uncertainty.joint or make_nominal_errors(),
         subject,
         inertial_calibration.LogChart(parameters.inertial, which),
         inertial_calibration.get_torque_length(subject, scale, width),
@@ -414,17 +414,17 @@ def _fit_inertial(
         inertial_evidence.compute_fixed_spread(parameters.inertial, which),
     )
     fit = inertial_evidence.fit_by_evidence(
-        equations, parameters.inertial, which, noise, make_population_spread(session)
+        equations, parameters.inertial, which, noise, make_population_spread(state)
     )
     return replace(fit, seconds=time.perf_counter() - began)
 
 
-def make_population_spread(session: CalibrationState) -> inertial_calibration.ConsistentSettings:
+def make_population_spread(state: CalibrationState) -> inertial_calibration.ConsistentSettings:
     """Describe how people scatter about the anthropometric table: more if it may be the wrong one.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         Its model has the subject.
 
     Returns
@@ -432,7 +432,7 @@ def make_population_spread(session: CalibrationState) -> inertial_calibration.Co
     ConsistentSettings
     """
     return inertial_calibration.ConsistentSettings(
-        more_of=estimate_table_error(session.model.subject)
+        more_of=estimate_table_error(state.model.subject)
     )
 
 
@@ -441,45 +441,51 @@ def _choose_inertial_set(settings: CalibrationSettings) -> InertialSet:
 
 
 def _fit_together(
-    session: CalibrationState, loaded: Sequence[LoadedTrial], progress: Progress
+    state: CalibrationState, loaded: Sequence[LoadedTrial], progress: Progress
 ) -> CalibrationState:
     """Fit joint and inertial parameters together.
 
-    The session is returned unchanged if a body is impossible: the chart of the fit cannot hold it.
+    The state is returned unchanged if a body is impossible: the chart of the fit cannot hold it.
     """
-    joint, settings = session.joint, session.settings
-    if joint is None or find_impossible_bodies(session.parameters.inertial):
-        return session
+    joint, settings = state.joint, state.settings
+    if joint is None or find_impossible_bodies(state.parameters.inertial):
+        return state
     progress("joint and inertial parameters together")
     forces = {t.name: r for t, r in loaded}
     problems = []
-    for t in session.trials:
+    for t in state.trials:
         coefficients, r = t.motion.coefficients, forces.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
         problems.append(
-            CombinedProblem(t.body.follow_pelvis(coefficients), coefficients, wrench, valid)
+            CombinedProblem(
+                t.whole_body_problem.follow_pelvis(coefficients), coefficients, wrench, valid
+            )
         )
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(
-        load_share=settings.joint_step_load_share, spread=make_population_spread(session)
+        load_share=settings.joint_step_load_share, spread=make_population_spread(state)
     )
     fit = fit_combined(
         problems,
-        session.parameters,
+        state.parameters,
         determined,
         _choose_inertial_set(settings),
-        session.model.subject,
+        state.model.subject,
         chosen,
     )
-    zeroed = _zero_ankles(replace(session, parameters=fit.parameters))
+    zeroed = _zero_ankles(replace(state, parameters=fit.parameters))
     trials = []
-    for t, coefficients in zip(session.trials, fit.coefficients, strict=True):
-        shifted = shift_coefficients(coefficients, t.body.chain.coordinates, zeroed.offsets)
-        motion = build_motion(t.body, zeroed.parameters, shifted, converged=fit.converged)
+    for t, coefficients in zip(state.trials, fit.coefficients, strict=True):
+        shifted = shift_coefficients(
+            coefficients, t.whole_body_problem.chain.coordinates, zeroed.offsets
+        )
+        motion = build_motion(
+            t.whole_body_problem, zeroed.parameters, shifted, converged=fit.converged
+        )
         trial = t.with_stage(Stage.COMBINED, zeroed.parameters, motion)
-        trials.append(trial.with_marker_scores(session.uncertainty))
+        trials.append(trial.with_marker_scores(state.uncertainty))
     return replace(
-        session,
+        state,
         combined=fit,
         parameters=zeroed.parameters,
         static_angles=zeroed.static_angles,
@@ -487,37 +493,37 @@ def _fit_together(
     )
 
 
-def _factor_inertial_errors(session: CalibrationState) -> Array | None:
+def _factor_inertial_errors(state: CalibrationState) -> Array | None:
     """Compute (84, n) R with covariance R R^T of the inertial parameters; None if unknown.
 
     It is the covariance of the fit, and that of the population for what the fit keeps.
     """
-    inertial, nominal = session.inertial, session.parameters.inertial
-    which = _choose_inertial_set(session.settings)
+    inertial, nominal = state.inertial, state.parameters.inertial
+    which = _choose_inertial_set(state.settings)
     if inertial is None:
         if find_impossible_bodies(nominal):
             return None
-        inertial = inertial_evidence.keep_nominal(nominal, which, make_population_spread(session))
+        inertial = inertial_evidence.keep_nominal(nominal, which, make_population_spread(state))
     if not inertial.statistical:
         return None
     fixed = inertial_evidence.compute_fixed_spread(nominal, which)
     return np.hstack([factor_inertial_covariance(inertial), fixed])
 
 
-def list_phases(session: CalibrationState) -> tuple[Phase, ...]:
+def list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
     """List the fits that were made, those of the joint parameters first.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After the fit of the inertial parameters.
 
     Returns
     -------
-    tuple of Phase
+    tuple of PhaseSummary
         In the order in which they were made.
     """
-    joint, inertial, combined = session.joint, session.inertial, session.combined
+    joint, inertial, combined = state.joint, state.inertial, state.combined
     fits = list[tuple[str, inertial_calibration.InertialFit | CombinedFit, int, int, str]]()
     if inertial is not None:
         fits.append(
@@ -531,9 +537,9 @@ def list_phases(session: CalibrationState) -> tuple[Phase, ...]:
         )
         count = len(joint.free) + len(inertial.names)
         fits.append(("joint and inertial", combined, count, combined.steps, text))
-    trials = tuple(t.name for t, _ in select_trials_for_inertial_fit(session))
+    trials = tuple(t.name for t, _ in select_trials_for_inertial_fit(state))
     inertial_phases = [
-        Phase(
+        PhaseSummary(
             name=name,
             trials=trials,
             parameters=count,

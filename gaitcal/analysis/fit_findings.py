@@ -18,7 +18,7 @@ import numpy as np
 from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial
 from gaitcal.analysis.result import Loads, TrialResult
 from gaitcal.arrays import BoolArray
-from gaitcal.calibration.joint_phases import Phase
+from gaitcal.calibration.joint_phases import PhaseSummary
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.model.linkage import JOINT_OF_CHILD, LOWER_BODY
 from gaitcal.model.parameters import (
@@ -49,17 +49,17 @@ _LABELS = {TRUNK: "head and trunk", "upper_arm": "upper arms", "forearm_hand": "
 
 
 def check_calibration(
-    session: CalibrationState, results: Sequence[TrialResult], phases: Sequence[Phase]
+    state: CalibrationState, results: Sequence[TrialResult], phases: Sequence[PhaseSummary]
 ) -> tuple[Finding, ...]:
     """Check bodies, marker errors, convergence and joint positions of a finished calibration.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After the last fit.
     results : sequence of TrialResult
         The results of its trials.
-    phases : sequence of Phase
+    phases : sequence of PhaseSummary
         The fits that were made.
 
     Returns
@@ -67,26 +67,26 @@ def check_calibration(
     tuple of Finding
     """
     positions = tuple[Finding, ...]()
-    if session.joint is not None:
+    if state.joint is not None:
         functional = {t.joint for t in results if t.joint is not None}
         found = check_joint_positions(
-            session.model, session.parameters, session.joint.errors, session.prior, functional
+            state.model, state.parameters, state.joint.errors, state.prior, functional
         )
         positions = tuple(found)
     return (
-        *check_body_inertia(session),
+        *check_body_inertia(state),
         *check_marker_fit(results),
         *check_convergence(phases),
         *positions,
     )
 
 
-def check_body_inertia(session: CalibrationState) -> Iterator[Finding]:
+def check_body_inertia(state: CalibrationState) -> Iterator[Finding]:
     """Find inertial parameters that no real body has; only the published cost gives them.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After the last fit.
 
     Yields
@@ -94,12 +94,12 @@ def check_body_inertia(session: CalibrationState) -> Iterator[Finding]:
     Finding
         At most one, of the study.
     """
-    bodies = find_impossible_bodies(session.parameters.inertial)
+    bodies = find_impossible_bodies(state.parameters.inertial)
     if not bodies:
         return
     left_out = (
         "; the joint step needs possible bodies and was left out"
-        if session.settings.joint_step
+        if state.settings.joint_step
         else ""
     )
     yield Finding(
@@ -147,12 +147,12 @@ def check_marker_fit(results: Sequence[TrialResult]) -> Iterator[Finding]:
             )
 
 
-def check_convergence(phases: Sequence[Phase]) -> Iterator[Finding]:
+def check_convergence(phases: Sequence[PhaseSummary]) -> Iterator[Finding]:
     """Find fits that stopped before they reached their tolerance.
 
     Parameters
     ----------
-    phases : sequence of Phase
+    phases : sequence of PhaseSummary
         The fits that were made.
 
     Yields
@@ -191,7 +191,7 @@ def check_tracked_trial(
     -------
     tuple of Finding
     """
-    problem, motion = trial.body, trial.motion
+    problem, motion = trial.whole_body_problem, trial.motion
     measured = problem.data.measured.transpose(2, 0, 1)
     # Positions that were not measured are zero in the data of a problem.
     observed: BoolArray = np.any(measured != 0.0, axis=2)
@@ -332,14 +332,14 @@ def list_trials_with_faulty_legs(checked: Sequence[Finding]) -> frozenset[str]:
     )
 
 
-def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
+def diagnose_forces(state: CalibrationState) -> ForceDiagnosis:
     """Diagnose the forces of the tracked trials by their motions and nominal inertial parameters.
 
     A trial whose markers are in doubt by the checks has a doubtful motion.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After tracking.
 
     Returns
@@ -347,11 +347,11 @@ def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
     ForceDiagnosis
         Empty if the nominal bodies are impossible.
     """
-    model, checked = session.model, session.checked
+    model, checked = state.model, state.checked
     doubtful = list_trials_with_faulty_legs(checked) | {
         f.where for f in checked if f.topic == ONE_MARKER and f.cause
     }
-    parameters = session.parameters.with_inertial(model.nominal.inertial)
+    parameters = state.parameters.with_inertial(model.nominal.inertial)
     if find_impossible_bodies(parameters.inertial):
         return ForceDiagnosis()
     evidence = (
@@ -363,7 +363,7 @@ def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
             t.motion,
             t.reactions,
         )
-        for t in session.trials
+        for t in state.trials
         if t.reactions is not None
     )
     return find_force_faults(
@@ -371,12 +371,12 @@ def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
     )
 
 
-def note_trials_without_masses(session: CalibrationState) -> list[str]:
+def note_trials_without_masses(state: CalibrationState) -> list[str]:
     """Note the trials that are left out of the inertial fit, and why.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         After tracking.
 
     Returns
@@ -384,12 +384,12 @@ def note_trials_without_masses(session: CalibrationState) -> list[str]:
     list of str
         One note for each reason.
     """
-    faulty = session.forces.faulty
-    faulty_legs = list_trials_with_faulty_legs(session.checked)
+    faulty = state.force_diagnosis.faulty
+    faulty_legs = list_trials_with_faulty_legs(state.checked)
     reasons = {
-        "faulty forces": [t.name for t in session.trials if t.name in faulty],
+        "faulty forces": [t.name for t in state.trials if t.name in faulty],
         "a leg whose markers do not determine its motion": [
-            t.name for t in session.walks if t.name in faulty_legs and t.name not in faulty
+            t.name for t in state.walks if t.name in faulty_legs and t.name not in faulty
         ],
     }
     return [

@@ -52,7 +52,7 @@ JointFitter = Callable[
 
 
 def fit_joints(
-    session: CalibrationState, progress: Progress = silent, *, leave_out: bool = False
+    state: CalibrationState, progress: Progress = silent, *, compute_held_out: bool = False
 ) -> CalibrationState:
     """Fit the joint parameters that the settings ask for.
 
@@ -60,11 +60,11 @@ def fit_joints(
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         From `prepare_calibration`.
     progress : callable
         Called with a line of text at the beginning of each step.
-    leave_out : bool
+    compute_held_out : bool
         Also compute the held-out error.
 
     Returns
@@ -73,9 +73,9 @@ def fit_joints(
         With the joint fit, its parameters, the soft tissue of every trial, and the findings of a
         robust loss.
     """
-    settings, nominal = session.settings, session.model.parameters
-    trials, findings = session.trials, session.findings
-    fit = partial(fit_joint_parameters, session)
+    settings, nominal = state.settings, state.model.parameters
+    trials, findings = state.trials, state.findings
+    fit = partial(fit_joint_parameters, state)
     if settings.jp and trials:
         progress("joint parameters")
     if settings.robust == "none":
@@ -86,7 +86,7 @@ def fit_joints(
         )
         findings += outliers
     if joint is not None:
-        if leave_out:
+        if compute_held_out:
             progress("joint parameters with blocks of time left out")
             errors = compute_held_out_errors(trials, nominal, fit)
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
@@ -95,17 +95,17 @@ def fit_joints(
             parameters = parameters.with_inertial(
                 move_limb_inertia(parameters.inertial, nominal, parameters)
             )
-    return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
+    return replace(state, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
 
 def fit_joint_parameters(
-    session: CalibrationState, trials: Sequence[MovingTrial]
+    state: CalibrationState, trials: Sequence[MovingTrial]
 ) -> tuple[joint_phases.JointCalibration | None, Parameters]:
     """Fit the joint parameters that the settings of a session ask for to some of its trials.
 
     Parameters
     ----------
-    session : CalibrationState
+    state : CalibrationState
         With settings, nominal model and prior.
     trials : sequence of MovingTrial
         The trials to fit to.
@@ -117,17 +117,20 @@ def fit_joint_parameters(
     parameters : Parameters
         The fitted parameters, or the nominal ones.
     """
-    settings, nominal = session.settings, session.model.parameters
+    settings, nominal = state.settings, state.model.parameters
     if not settings.jp or not trials:
         return None, nominal
     fit_settings = JointSettings(
         position_bound=1e-3 * settings.position_bound_mm,
         orientation_bound=np.deg2rad(settings.orientation_bound_deg),
-        prior=session.prior,
+        prior=state.prior,
     )
     problems = [
         joint_phases.JointProblem(
-            t.body, t.joints, t.joint, t.name if t.role is Role.MOTION else ""
+            t.whole_body_problem,
+            t.joint_fit_problem,
+            t.joint,
+            t.name if t.role is Role.MOTION else "",
         )
         for t in trials
     ]
@@ -193,7 +196,7 @@ def compute_held_out_errors(
     dict
         Trial -> error; without trials that have no marker with weight.
     """
-    before = {t.name: compute_marker_distances(t.fitted, nominal) for t in trials}
+    before = {t.name: compute_marker_distances(t.reported_problem, nominal) for t in trials}
     after = {name: np.full_like(d, np.nan) for name, d in before.items()}
     folds = {t.name: assign_folds(t) for t in trials}
     for fold in range(FOLDS):
@@ -207,13 +210,20 @@ def compute_held_out_errors(
                     t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
                 )
                 fitted = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-                after[t.name][held] = compute_marker_distances(tissued.fitted, fitted)[held]
+                after[t.name][held] = compute_marker_distances(tissued.reported_problem, fitted)[
+                    held
+                ]
     out = {}
     for t in trials:
         first, last = before[t.name], after[t.name]
         if not np.isfinite(first).any():
             continue
-        lower = np.array([t.fitted.chain.segments[s] in LOWER_BODY for s in t.fitted.data.segment])
+        lower = np.array(
+            [
+                t.reported_problem.chain.segments[s] in LOWER_BODY
+                for s in t.reported_problem.data.segment
+            ]
+        )
         legs = None if t.joint else (_compute_rms(first[:, lower]), _compute_rms(last[:, lower]))
         count = len(np.unique(folds[t.name]))
         out[t.name] = HeldOut(_compute_rms(first), _compute_rms(last), count, legs)
@@ -233,7 +243,7 @@ def assign_folds(trial: MovingTrial) -> IntArray:
     (nf,) array of int
         The fold that leaves out each frame. A trial with fewer blocks than folds is in fewer folds.
     """
-    elapsed = trial.fitted.basis.time - trial.fitted.basis.time[0]
+    elapsed = trial.reported_problem.basis.time - trial.reported_problem.basis.time[0]
     block = (elapsed / BLOCK_S + 1e-9).astype(np.intp)
     folds: IntArray = (
         block % FOLDS if elapsed[-1] >= FOLDS * BLOCK_S else np.minimum(block, FOLDS - 1)
@@ -259,7 +269,11 @@ def mask_frames(trial: MovingTrial, held: BoolArray) -> MovingTrial:
     def mask(problem: MotionProblem) -> MotionProblem:
         return problem.with_weight(np.where(held, 0.0, problem.data.weight))
 
-    return replace(trial, body=mask(trial.body), joints=mask(trial.joints))
+    return replace(
+        trial,
+        whole_body_problem=mask(trial.whole_body_problem),
+        joint_fit_problem=mask(trial.joint_fit_problem),
+    )
 
 
 def compute_marker_distances(problem: MotionProblem, parameters: Parameters) -> Array:
@@ -322,8 +336,8 @@ def calibrate_robustly(
         for t in trials:
             factor = last[t.name].factor if t.name in last else None
             fitted = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-            last[t.name] = track_robustly(t.joints, fitted, loss, factor)
-        return [replace(t, joints=last[t.name].problem) for t in trials]
+            last[t.name] = track_robustly(t.joint_fit_problem, fitted, loss, factor)
+        return [replace(t, joint_fit_problem=last[t.name].problem) for t in trials]
 
     joint, parameters = fit(reweight(None, nominal))
     change, count = np.inf, 1
@@ -333,11 +347,22 @@ def calibrate_robustly(
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
     finished, findings = [], []
     for t in trials:
-        body = track_robustly(t.body, parameters, loss)
+        body = track_robustly(t.whole_body_problem, parameters, loss)
         phase_parameters = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-        fitted = body if t.joint is None else track_robustly(t.fitted, phase_parameters, loss)
-        joints = fitted.problem if t.joints is t.fitted else last[t.name].problem
-        finished.append(replace(t, body=body.problem, fitted=fitted.problem, joints=joints))
+        fitted = (
+            body if t.joint is None else track_robustly(t.reported_problem, phase_parameters, loss)
+        )
+        joints = (
+            fitted.problem if t.joint_fit_problem is t.reported_problem else last[t.name].problem
+        )
+        finished.append(
+            replace(
+                t,
+                whole_body_problem=body.problem,
+                reported_problem=fitted.problem,
+                joint_fit_problem=joints,
+            )
+        )
         findings += _report_outliers(t.name, fitted)
     if joint is not None and change > SETTLED:
         findings.append(

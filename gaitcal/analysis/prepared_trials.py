@@ -7,7 +7,7 @@ feet for every model of the calibration (`track_trial`).
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,14 +33,14 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.quality.force_diagnosis import ForceDiagnosis
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study_trial import Trial
 from gaitcal.tracking import rigid, spline
 from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.motion import Motion, track_motion
 from gaitcal.tracking.soft_tissue import SoftTissue
-from gaitcal.tracking.trial_problem import FEWEST_FRAMES, MotionProblem, build_trial_problem
+from gaitcal.tracking.trial_problem import FEWEST_TRACKED_FRAMES, MotionProblem, build_trial_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,18 +53,18 @@ class MovingTrial(Trial):
     in_file_axes: Recording
     """The recording in the axes of its file."""
     bandwidth: Bandwidth
-    body: MotionProblem
+    whole_body_problem: MotionProblem
     """The whole body, with the bandwidth of the final motion."""
-    fitted: MotionProblem
+    reported_problem: MotionProblem
     """What marker errors are reported of: the segments of a functional trial's joint alone, or the
     whole body.
     """
-    joints: MotionProblem
-    """What joint parameters are fitted to: `fitted`, or pelvis and legs if all trials are fitted at
-    once.
+    joint_fit_problem: MotionProblem
+    """What joint parameters are fitted to: `reported_problem`, or pelvis and legs if all trials are
+    fitted at once.
     """
     tissue: SoftTissue | None = None
-    """Soft tissue artefact of the markers of `body`, for the error bars."""
+    """Soft tissue artefact of the markers of `whole_body_problem`, for the error bars."""
     stages: Mapping[Stage, tuple[Parameters, Motion]] = field(default_factory=dict)
     """Every model so far, in order, each with the whole-body motion tracked with it; the nominal
     motion of a functional trial is of the segments of its joint."""
@@ -88,7 +88,7 @@ class MovingTrial(Trial):
         -------
         MovingTrial
         """
-        body = found.displace_markers(replace(self.body, tissue=tissue))
+        body = found.displace_markers(replace(self.whole_body_problem, tissue=tissue))
         if body.data.shift is None:
             return replace(self, tissue=tissue)
         shift = dict(zip(body.labels, body.data.shift, strict=True))
@@ -99,15 +99,15 @@ class MovingTrial(Trial):
         return replace(
             self,
             tissue=tissue,
-            body=displace(self.body),
-            fitted=displace(self.fitted),
-            joints=displace(self.joints),
+            whole_body_problem=displace(self.whole_body_problem),
+            reported_problem=displace(self.reported_problem),
+            joint_fit_problem=displace(self.joint_fit_problem),
         )
 
     @property
     def body_with_tissue(self) -> MotionProblem:
         """The whole body with the soft tissue artefact of its error bars."""
-        return replace(self.body, tissue=self.tissue)
+        return replace(self.whole_body_problem, tissue=self.tissue)
 
     @property
     def nominal(self) -> Motion:
@@ -179,7 +179,7 @@ class CalibrationState:
     trials: tuple[MovingTrial, ...]
     static: Recording | None = None
     """The static trial, completed; None if further trials are analysed."""
-    prior: JointPrior = field(default_factory=lambda: joint_prior.make_study_prior({}))
+    prior: JointPrior = field(default_factory=lambda: joint_prior.combine_joint_priors({}))
     """Of anatomy, study and cohort."""
     checked: tuple[Finding, ...] = ()
     """What the checks found before the fits."""
@@ -191,7 +191,7 @@ class CalibrationState:
     """None if the settings keep the joints."""
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad, of the last model in the static posture."""
-    forces: ForceDiagnosis = field(default_factory=ForceDiagnosis)
+    force_diagnosis: ForceDiagnosis = field(default_factory=ForceDiagnosis)
     inertial: inertial_calibration.InertialFit | None = None
     combined: CombinedFit | None = None
     uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(None, None))
@@ -228,9 +228,11 @@ def prepare_calibration(
     trials = tuple(
         prepare_trial(evidence.trial, model, study.settings) for evidence in preprocessed.moving
     )
-    prior = joint_prior.make_study_prior(study.settings.joint_prior, study.joint_prior, model.noise)
-    moves = preprocessed.find_possible_moves()
-    possible_errors = _collect_possible_errors(moves, study.moving)
+    prior = joint_prior.combine_joint_priors(
+        study.settings.joint_prior, study.joint_prior, model.noise
+    )
+    possible_moves = preprocessed.find_possible_moves()
+    possible_errors = _collect_possible_errors(possible_moves, study.moving)
     return CalibrationState(
         model=model,
         settings=study.settings,
@@ -238,13 +240,13 @@ def prepare_calibration(
         trials=trials,
         static=preprocessed.completed.static,
         prior=replace(prior.widen(study.loosened), doubted=possible_errors),
-        possible_moves=moves,
+        possible_moves=possible_moves,
         checked=tuple(checked),
     )
 
 
 def _collect_possible_errors(
-    moves: Mapping[str, Mapping[str, PossibleMove]], trials: Sequence[Trial]
+    possible_moves: Mapping[str, Mapping[str, PossibleMove]], trials: Sequence[Trial]
 ) -> dict[str, float]:
     """Collect joint parameter -> m or rad by which it is wrong if markers moved in any trial.
 
@@ -254,7 +256,7 @@ def _collect_possible_errors(
     for trial in trials:
         names = JP_NAMES if trial.joint is None else list_isolated_parameters(trial.joint)
         for p in JOINT_PARAMETERS:
-            move = moves.get(trial.name, {}).get(p.segment)
+            move = possible_moves.get(trial.name, {}).get(p.segment)
             if move is None or p.name not in names:
                 continue
             size = move.shift if p.kind is ParameterKind.POSITION else float(move.rotation[p.axis])
@@ -295,7 +297,9 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     """
     direction = estimate_forward_direction(model, trial.recording)
     recording = rotate_to_progression(trial.recording, direction)
-    rule = spline.NodeRule(settings.nodes_per_second or spline.NODES_PER_SECOND, settings.nodes)
+    rule = spline.ControlPointRule(
+        settings.nodes_per_second or spline.NODES_PER_SECOND, settings.nodes
+    )
     joint = trial.joint
 
     def build_part(segments: Sequence[str]) -> MotionProblem:
@@ -310,7 +314,12 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
         )
 
     body = build_trial_problem(
-        trial.name, model, recording, rule, carrier=find_base_segment(joint), isolated=joint
+        trial.name,
+        model,
+        recording,
+        rule,
+        fallback_base_segment=find_base_segment(joint),
+        isolated=joint,
     )
     recording = recording.with_notes(*_describe_assumptions(body, joint))
     alone = body if joint is None else build_part(list_joint_segments(joint))
@@ -333,14 +342,13 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
             # A functional trial without pelvis markers is fitted by its joint alone.
             if joint is None:
                 raise
-    columns = {f.name: getattr(rotated, f.name) for f in fields(Trial)}
     return MovingTrial(
-        **columns,
+        **rotated.collect_fields(),
         in_file_axes=trial.recording,
         bandwidth=bandwidth,
-        body=body,
-        fitted=fitted,
-        joints=joints,
+        whole_body_problem=body,
+        reported_problem=fitted,
+        joint_fit_problem=joints,
     )
 
 
@@ -401,19 +409,19 @@ def build_static_problem(model: SubjectModel, static: Recording) -> MotionProble
         warnings.simplefilter("ignore", RuntimeWarning)
         # One order of memory, so that a file and its conversion give the same bits.
         mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
-    posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
-    window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
-    return build_trial_problem("static", model, window, spline.NodeRule())
+    posture = np.repeat(mean[None], FEWEST_TRACKED_FRAMES, axis=0)
+    window = replace(static, time=np.arange(FEWEST_TRACKED_FRAMES) / 100.0, markers=posture)
+    return build_trial_problem("static", model, window, spline.ControlPointRule())
 
 
-def track_trial(trial: MovingTrial, session: CalibrationState, stage: Stage) -> MovingTrial:
+def track_trial(trial: MovingTrial, state: CalibrationState, stage: Stage) -> MovingTrial:
     """Track a trial with the nominal and the last model and compute its ground reactions.
 
     Parameters
     ----------
     trial : MovingTrial
         From `prepare_trial`.
-    session : CalibrationState
+    state : CalibrationState
         With the nominal and the last model.
     stage : Stage
         Of the last model.
@@ -423,8 +431,8 @@ def track_trial(trial: MovingTrial, session: CalibrationState, stage: Stage) -> 
     MovingTrial
         With motions, ground reactions (whole body on force plates) and marker scores.
     """
-    model, parameters = session.model, session.parameters
-    part = trial.body if trial.joint is None else trial.fitted
+    model, parameters = state.model, state.parameters
+    part = trial.whole_body_problem if trial.joint is None else trial.reported_problem
     nominal = track_motion(part.shift_markers(None), model.nominal)
     trial = trial.with_stage(Stage.NOMINAL, model.nominal, nominal)
     if trial.joint is not None and stage is Stage.NOMINAL:
@@ -432,13 +440,13 @@ def track_trial(trial: MovingTrial, session: CalibrationState, stage: Stage) -> 
         # body is a further stage.
         stage = Stage.JP
     if stage is not Stage.NOMINAL:
-        trial = trial.with_stage(stage, parameters, track_motion(trial.body, parameters))
-    if trial.joint is None and trial.recording.plates:
-        reactions = compute_trial_reactions(
-            trial, model, parameters, trial.motion, session.settings
+        trial = trial.with_stage(
+            stage, parameters, track_motion(trial.whole_body_problem, parameters)
         )
+    if trial.joint is None and trial.recording.plates:
+        reactions = compute_trial_reactions(trial, model, parameters, trial.motion, state.settings)
         trial = replace(trial, reactions=reactions)
-    return trial.with_marker_scores(session.uncertainty)
+    return trial.with_marker_scores(state.uncertainty)
 
 
 def compute_trial_reactions(

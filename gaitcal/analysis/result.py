@@ -157,7 +157,7 @@ class TrialResult(Displayed):
     """Foot strikes and foot offs, each with its source; none in a functional trial."""
     strides: tuple[spatiotemporal.Stride, ...] = ()
     """Speed, steps, stance and swing of each stride of both feet; none in a functional trial."""
-    doubts: tuple[Finding, ...] = ()
+    tracking_findings: tuple[Finding, ...] = ()
     """Findings on residuals, angles and torques of `body`; of a further trial also on its forces,
     which a calibration reports for all its trials together."""
 
@@ -249,7 +249,7 @@ class TrialResult(Displayed):
             *(self.bandwidth.findings if self.bandwidth else ()),
             *self._check_loads(),
             *of_events,
-            *self.doubts,
+            *self.tracking_findings,
         )
 
     def _check_loads(self) -> tuple[Finding, ...]:
@@ -366,7 +366,7 @@ class Calibration(Displayed):
     """The model with the calibrated parameters."""
     trials: tuple[TrialResult, ...]
     """Every moving trial, in the order of the study."""
-    phases: tuple[joint_phases.Phase, ...]
+    phases: tuple[joint_phases.PhaseSummary, ...]
     """The fits that were made, in their order, each with its convergence."""
     joint: joint_phases.JointCalibration | None
     """The fit of the joint parameters; None if the settings keep them."""

@@ -132,7 +132,7 @@ def _take_given_nodes(problem: trial_problem.MotionProblem) -> Bandwidth:
 
     Least squares passes half of the amplitude at 0.5 oscillations per span.
     """
-    time, nodes = problem.basis.time, problem.basis.nodes
+    time, nodes = problem.basis.time, problem.basis.control_points
     hz = 0.5 * (nodes - spline.DEGREE) / float(time[-1] - time[0])
     note = f"motion limited to {hz:.1f} Hz (half amplitude) by {nodes} spline nodes, as set"
     return Bandwidth(

@@ -80,7 +80,7 @@ def analyse(
     trial: Trial,
     settings: CalibrationSettings,
     uncertainty: Uncertainty,
-    moves: Mapping[str, PossibleMove],
+    possible_displacements: Mapping[str, PossibleMove],
 ) -> TrialResult:
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
@@ -95,7 +95,7 @@ def analyse(
         Of the calibration: splines, force filter and errors of force plates.
     uncertainty : Uncertainty
         Of the calibration, for standard errors.
-    moves : mapping
+    possible_displacements : mapping
         Segment -> possible displacement of its markers since the static trial
         (`find_possible_moves_of_trial`).
 
@@ -114,94 +114,103 @@ def analyse(
         activity = trial.name if trial.role is Role.MOTION else ""
         kind = soft_tissue_artefact.choose_kind_for_trial(found, activity)
         tissue = soft_tissue_artefact.make_further_tissue(
-            prepared.body,
-            joint_phases.take_segments(prepared.joints, LOWER_BODY, model.nominal),
+            prepared.whole_body_problem,
+            joint_phases.take_segments(prepared.joint_fit_problem, LOWER_BODY, model.nominal),
             model.nominal,
-            uncertainty.joint.free,
+            uncertainty.joint.names,
             found,
             kind,
         )
         prepared = prepared.with_tissue(tissue, found)
-    session = CalibrationState(
+    state = CalibrationState(
         model=model,
         settings=settings,
         parameters=model.parameters,
         trials=(prepared,),
-        possible_moves={trial.name: moves},
+        possible_moves={trial.name: possible_displacements},
         uncertainty=uncertainty,
     )
-    session = replace(session, trials=(track_trial(prepared, session, Stage.JP_IP),))
-    session = replace(session, forces=diagnose_forces(session))
-    result = assemble_trial_result(session.trials[0], session)
-    return replace(result, doubts=(*result.doubts, *session.forces.findings))
+    state = replace(state, trials=(track_trial(prepared, state, Stage.JP_IP),))
+    state = replace(state, force_diagnosis=diagnose_forces(state))
+    result = assemble_trial_result(state.trials[0], state)
+    return replace(
+        result, tracking_findings=(*result.tracking_findings, *state.force_diagnosis.findings)
+    )
 
 
-def assemble_trial_result(trial: MovingTrial, session: CalibrationState) -> TrialResult:
+def assemble_trial_result(trial: MovingTrial, state: CalibrationState) -> TrialResult:
     """Assemble the result of a tracked trial of a session.
 
     Parameters
     ----------
     trial : MovingTrial
         After the last fit.
-    session : CalibrationState
+    state : CalibrationState
         With models, errors and the force diagnosis.
 
     Returns
     -------
     TrialResult
     """
-    moves = None
+    motion_sensitivity = None
     if trial.joint is None:
-        joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
-        moves = error_sources.compute_motion_sensitivity(
+        joint, coefficients = state.uncertainty.joint, trial.motion.coefficients
+        motion_sensitivity = error_sources.compute_motion_sensitivity(
             trial.body_with_tissue, coefficients, trial.parameters, joint, trial.scores
         )
     deviations = estimate_axis_deviations(
-        session.settings, session.model, session.possible_moves.get(trial.name)
+        state.settings, state.model, state.possible_moves.get(trial.name)
     )
     axes = AxisErrors(trial.parameters, deviations)
-    forces = _make_force_errors(trial, session, axes, moves)
+    forces = _make_force_errors(trial, state, axes, motion_sensitivity)
     if forces is None:
-        return _assemble_without_torque_errors(trial, session, axes, moves)
+        return _assemble_without_torque_errors(trial, state, axes, motion_sensitivity)
     # Variances are products of matrices, which let this thread compute the rest meanwhile.
     with ThreadPoolExecutor(1) as pool:
         parts = pool.map(with_one_blas_thread(forces.compute_variances), forces.parts)
-        result = _assemble_without_torque_errors(trial, session, axes, moves)
+        result = _assemble_without_torque_errors(trial, state, axes, motion_sensitivity)
     errors = torque_errors.join_variances(list(parts))
-    return _with_torque_errors(result, errors, session.model.subject.weight)
+    return _with_torque_errors(result, errors, state.model.subject.weight)
 
 
 def _assemble_without_torque_errors(
     trial: MovingTrial,
-    session: CalibrationState,
+    state: CalibrationState,
     axes: AxisErrors,
-    moves: error_sources.MotionSensitivity | None,
+    motion_sensitivity: error_sources.MotionSensitivity | None,
 ) -> TrialResult:
     """Assemble all of the result but the errors of torques."""
-    body, final, subject = trial.motion, trial.parameters, session.model.subject
-    events, strides = _detect_events(trial, session.model.with_parameters(final))
-    lines = assign_stride_lines(strides, body.time)
-    long_axes, by_coordinate = compute_foot_axes(body, final, lines)
+    whole_body_motion, final, subject = trial.motion, trial.parameters, state.model.subject
+    events, strides = _detect_events(trial, state.model.with_parameters(final))
+    lines = assign_stride_lines(strides, whole_body_motion.time)
+    long_axes, by_coordinate = compute_foot_axes(whole_body_motion, final, lines)
     variances, coordinate_errors, trial_errors = None, None, None
-    if moves is not None:
-        count = body.q.shape[1]
+    if motion_sensitivity is not None:
+        count = whole_body_motion.q.shape[1]
         # The columns after the coordinates are the directions of the feet.
-        variances = error_sources.compute_coordinate_variances(trial.body, moves, by_coordinate)
+        variances = error_sources.compute_coordinate_variances(
+            trial.whole_body_problem, motion_sensitivity, by_coordinate
+        )
         coordinate_errors = error_sources.compute_coordinate_errors(
-            trial.body, moves, axes.compute_coordinate_errors(body.q), variances[0][:, :count]
+            trial.whole_body_problem,
+            motion_sensitivity,
+            axes.compute_coordinate_errors(whole_body_motion.q),
+            variances[0][:, :count],
         )
         trial_errors = np.sqrt(variances[1][:, :count])
     feet = None
     if not trial.joint:
-        rotations = axes.compute_segment_rotations(body.q)
+        rotations = axes.compute_segment_rotations(whole_body_motion.q)
         feet = _estimate_foot_axes(long_axes, lines, variances, rotations)
     loads = _compute_loads(trial, subject.bwh)
-    phase_parameters = joint_phases.get_parameters_for_trial(session.joint, trial.name, final)
-    calibrated, last = body, body
+    phase_parameters = joint_phases.get_parameters_for_trial(state.joint, trial.name, final)
+    phase_motion, final_motion = whole_body_motion, whole_body_motion
     if trial.joint is not None:
-        last = track_motion(trial.fitted, final)
-        calibrated = (
-            last if phase_parameters is final else track_motion(trial.fitted, phase_parameters)
+        final_motion = track_motion(trial.reported_problem, final)
+        phase_motion = (
+            final_motion
+            if phase_parameters is final
+            else track_motion(trial.reported_problem, phase_parameters)
         )
     floor_parameters = final if trial.joint is None else phase_parameters
     return TrialResult(
@@ -210,11 +219,11 @@ def _assemble_without_torque_errors(
         joint=trial.joint,
         recording=trial.recording,
         nominal=trial.nominal,
-        calibrated=calibrated,
-        final=last,
-        floor=compute_rigid_floor(trial.fitted),
-        joint_floor=compute_joint_floor(trial.fitted, floor_parameters, calibrated.q),
-        body=body,
+        calibrated=phase_motion,
+        final=final_motion,
+        floor=compute_rigid_floor(trial.reported_problem),
+        joint_floor=compute_joint_floor(trial.reported_problem, floor_parameters, phase_motion.q),
+        body=whole_body_motion,
         loads=loads,
         coordinate_errors=coordinate_errors,
         trial_coordinate_errors=trial_errors,
@@ -223,10 +232,12 @@ def _assemble_without_torque_errors(
         bandwidth=trial.bandwidth,
         events=events,
         strides=strides,
-        doubts=(
+        tracking_findings=(
             *check_tracked_trial(trial, loads, subject.weight),
             *check_strides(trial.name, strides),
-            *_check_crouches(trial.name, body, events, activity=trial.role is Role.MOTION),
+            *_check_crouches(
+                trial.name, whole_body_motion, events, activity=trial.role is Role.MOTION
+            ),
         ),
     )
 
@@ -342,7 +353,7 @@ def _estimate_foot_axes(
 def estimate_axis_deviations(
     settings: CalibrationSettings,
     model: SubjectModel,
-    moves: Mapping[str, PossibleMove] | None = None,
+    possible_displacements: Mapping[str, PossibleMove] | None = None,
 ) -> Mapping[str, tuple[float, float, float]]:
     """Estimate by how much the axes of segments may deviate from the anatomical ones.
 
@@ -352,14 +363,14 @@ def estimate_axis_deviations(
         With `segment_axes`: zero if `exact`.
     model : SubjectModel
         Its `noise` scales the deviations of palpated landmarks.
-    moves : mapping, optional
+    possible_displacements : mapping, optional
         Segment of one side -> possible displacement of its markers in a trial.
 
     Returns
     -------
     mapping
         Segment -> standard deviations, deg, about its x, y and z axis; of both sides together, and
-        of a single side if it is in `moves`.
+        of a single side if it is in `possible_displacements`.
     """
     if settings.segment_axes == "exact":
         return EXACT_AXES
@@ -367,7 +378,7 @@ def estimate_axis_deviations(
     out = {
         segment: (scale * x, scale * y, scale * z) for segment, (x, y, z) in PALPATED_DEG.items()
     }
-    for segment, move in (moves or {}).items():
+    for segment, move in (possible_displacements or {}).items():
         x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.rotation)).tolist()
         out[segment] = x, y, z
     return out
@@ -385,14 +396,14 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
         else check_pelvis_residual(result.name, expected, not is_trunk_unmeasured(body))
     )
     loads = replace(result.loads, errors=errors, expected=expected)
-    return replace(result, loads=loads, doubts=(*result.doubts, *beyond))
+    return replace(result, loads=loads, tracking_findings=(*result.tracking_findings, *beyond))
 
 
 def _make_force_errors(
     trial: MovingTrial,
-    session: CalibrationState,
+    state: CalibrationState,
     axes: AxisErrors,
-    moves: error_sources.MotionSensitivity | None,
+    motion_sensitivity: error_sources.MotionSensitivity | None,
 ) -> torque_errors.ForceErrors | None:
     """Set up the errors of the final moments.
 
@@ -400,16 +411,16 @@ def _make_force_errors(
     """
     if trial.reactions is None or find_impossible_bodies(trial.parameters.inertial):
         return None
-    plates = PlateErrors.from_table(session.settings.plate_error)
+    plates = PlateErrors.from_table(state.settings.plate_error)
     return torque_errors.ForceErrors(
-        trial.body,
+        trial.whole_body_problem,
         trial.motion.coefficients,
         trial.parameters,
         trial.reactions.wrench,
-        session.uncertainty.joint,
-        session.uncertainty.inertial,
-        moves,
-        plates.add(session.forces.possible.get(trial.name)),
+        state.uncertainty.joint,
+        state.uncertainty.inertial,
+        motion_sensitivity,
+        plates.add(state.force_diagnosis.possible.get(trial.name)),
         axes,
     )
 

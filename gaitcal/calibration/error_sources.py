@@ -38,7 +38,7 @@ from gaitcal.model.chain import LinkageModel
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind, Parameters
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.tracking.banded import eliminate
 from gaitcal.tracking.spline import ORDER, SplineBasis
 from gaitcal.tracking.trial_problem import MotionProblem
@@ -53,26 +53,26 @@ BLOCK = 125
 class ErrorSources:
     """Effects of independent error sources on the joint parameters."""
 
-    free: tuple[str, ...]
-    parameters: Array  # (np, nc) d p_c, m and rad
+    names: tuple[str, ...]  # (np,) joint parameters
+    effects: Array  # (np, nc) d p_c, m and rad
     # (nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`
-    clusters: tuple[str, ...]
+    sources: tuple[str, ...]
 
     @property
     def covariance(self) -> Array:
         """(np, np) covariance; zero along directions that no trial determines."""
-        return self.parameters @ self.parameters.T
+        return self.effects @ self.effects.T
 
     @property
     def standard_errors(self) -> dict[str, float]:
         """Standard error (m, rad) of each free joint parameter."""
-        errors = np.sqrt((self.parameters**2).sum(axis=1))
-        return {name: float(e) for name, e in zip(self.free, errors, strict=True)}
+        errors = np.sqrt((self.effects**2).sum(axis=1))
+        return {name: float(e) for name, e in zip(self.names, errors, strict=True)}
 
     def select(self, names: Sequence[str]) -> "ErrorSources":
         """Select some of the parameters, in the order of `names`."""
         return ErrorSources(
-            tuple(names), self.parameters[[self.free.index(n) for n in names]], self.clusters
+            tuple(names), self.effects[[self.names.index(n) for n in names]], self.sources
         )
 
     def replace_errors(self, other: "ErrorSources") -> "ErrorSources":
@@ -88,11 +88,11 @@ class ErrorSources:
         ErrorSources
             Without sources that have no effect any more.
         """
-        kept = self.select([name for name in self.free if name not in other.free])
-        moving = np.flatnonzero(kept.parameters.any(axis=0)).tolist()
-        errors = block_diag(kept.parameters[:, moving], other.parameters)
-        clusters = [self.clusters[c] for c in moving]
-        return ErrorSources((*kept.free, *other.free), errors, (*clusters, *other.clusters))
+        kept = self.select([name for name in self.names if name not in other.names])
+        moving = np.flatnonzero(kept.effects.any(axis=0)).tolist()
+        errors = block_diag(kept.effects[:, moving], other.effects)
+        sources = [self.sources[c] for c in moving]
+        return ErrorSources((*kept.names, *other.names), errors, (*sources, *other.sources))
 
 
 def make_nominal_errors(
@@ -172,7 +172,7 @@ def propagate_errors(
     arrow : Arrow
         H and Lambda.
     held : (np, nk) array
-        S_pk, in the order of those of `known.free` that were not fitted.
+        S_pk, in the order of those of `known.names` that were not fitted.
     known : ErrorSources
         Errors before the fit, of the priors' centres and of fixed parameters.
 
@@ -181,19 +181,19 @@ def propagate_errors(
     ErrorSources
         Of `free`, then of the others.
     """
-    others = known.select([name for name in known.free if name not in free])
-    centre = np.zeros((len(free), len(known.clusters)))
-    given = [name in known.free for name in free]
-    centre[given] = known.select([name for name in free if name in known.free]).parameters
-    kept = others.parameters
+    others = known.select([name for name in known.names if name not in free])
+    centre = np.zeros((len(free), len(known.sources)))
+    given = [name in known.names for name in free]
+    centre[given] = known.select([name for name in free if name in known.names]).effects
+    kept = others.effects
     of_known = arrow.solve(arrow.multiply_by_precision(centre) - held @ kept)
     fitted = np.vstack(
-        [arrow.solve(scores.parameters), np.zeros((len(kept), scores.parameters.shape[1]))]
+        [arrow.solve(scores.effects), np.zeros((len(kept), scores.effects.shape[1]))]
     )
     return ErrorSources(
-        (*free, *others.free),
+        (*free, *others.names),
         np.hstack([fitted, np.vstack([of_known, kept])]),
-        (*scores.clusters, *known.clusters),
+        (*scores.sources, *known.sources),
     )
 
 
@@ -231,7 +231,7 @@ class CoefficientErrors:
             frames
         ]
         first = basis.first[frames]
-        by_node = self.nodes.reshape(basis.nodes, -1)
+        by_node = self.nodes.reshape(basis.control_points, -1)
         out = np.empty((len(first), derivatives, by_node.shape[1]))
         # frames between the same nodes together
         for start, stop in pairwise(
@@ -399,7 +399,7 @@ def compute_marker_scores(
     MarkerScores
         Columns of markers, bandwidth and posture.
     """
-    problem = problem.with_free(joint.free if joint else ())
+    problem = problem.with_free(joint.names if joint else ())
     body = problem.build_body(parameters)
     eliminated = eliminate(problem.assemble_equations(coefficients, body))
     columns = [_compute_cluster_gradients(problem, body, coefficients)]
@@ -435,7 +435,7 @@ def _compute_cluster_gradients(
     )
     inverse = _invert_frame_hessians(problem, body, q)
     matrix = basis.matrices[0]
-    by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
+    by_node = np.zeros((basis.control_points, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
         moving = np.flatnonzero(chain.support[:nq, segment])
         v, w = spatial[moving, :3], spatial[moving, 3:]
@@ -454,7 +454,7 @@ def _compute_cluster_gradients(
         pull = velocity * (data.weight[m] * inflated)
         for i in range(3):
             by_node[:, moving, 3 * of_one[m] + i] += (pull[:, i] @ matrix).T
-    return by_node.reshape(basis.nodes * nq, -1)
+    return by_node.reshape(basis.control_points * nq, -1)
 
 
 def _find_first_duplicates(measured: Array) -> IntArray:
@@ -511,8 +511,8 @@ def compute_motion_sensitivity(
     ]
     shift, others = np.zeros((scores.sensitivity.shape[1], 0)), list[ErrorSource]()
     if joint is not None:
-        errors = joint.parameters[problem.with_free(joint.free).locate_in(joint.free)]
-        named = [classify_source(name) for name in joint.clusters]
+        errors = joint.effects[problem.with_free(joint.names).locate_in(joint.names)]
+        named = [classify_source(name) for name in joint.sources]
         for source in dict.fromkeys(named):
             columns = errors[
                 :, [k for k, column in enumerate(named) if column is source and errors[:, k].any()]

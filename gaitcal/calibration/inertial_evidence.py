@@ -155,7 +155,7 @@ def estimate_residual_noise(
     total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))
     summed: dict[str, Array] = {}
     """Source -> (n,) its scores, over all trials."""
-    of_sources = np.zeros((chart.size, len(sources.clusters)))
+    of_sources = np.zeros((chart.size, len(sources.sources)))
     """(n, nc) the scores of errors of joint parameters and soft tissue."""
     dynamics, frames = inverse_dynamics.Dynamics(parameters), 0
     feet = [
@@ -165,12 +165,12 @@ def estimate_residual_noise(
     ]
     for trial in trials:
         basis, wrenches = trial.problem.basis, trial.reactions.wrench
-        opened = trial.problem.with_free(sources.free)
+        opened = trial.problem.with_free(sources.names)
         moves = trial.scores or compute_marker_scores(
             trial.problem, trial.coefficients, parameters, sources
         )
         shift, marker_columns = (
-            sources.parameters[opened.locate_in(sources.free)],
+            sources.effects[opened.locate_in(sources.names)],
             moves.coefficients.shape[1],
         )
         unit_moves = moves.append_unknowns()
@@ -223,7 +223,7 @@ def estimate_residual_noise(
                 + len(at) * rest**2
             )
             frames += len(at)
-    for name, score in zip(sources.clusters, of_sources.T, strict=True):
+    for name, score in zip(sources.sources, of_sources.T, strict=True):
         summed[name] = summed.get(name, 0.0) + score
     scores = np.stack(list(summed.values()), axis=1)
     mean = np.sqrt(total.reshape(2, 3).mean(axis=1) / max(frames, 1))
@@ -244,7 +244,7 @@ def _refit_coarser(
     basis: spline.SplineBasis, coefficients: Array
 ) -> tuple[spline.SplineBasis, Array]:
     """Refit the same motion with longer knot spans."""
-    spans = max(round((basis.nodes - spline.MINIMUM_NODES + 1) / COARSER_SPANS), 1)
+    spans = max(round((basis.control_points - spline.MINIMUM_NODES + 1) / COARSER_SPANS), 1)
     coarse = spline.build_spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
     return coarse, coarse.fit(basis.evaluate(coefficients))
 

@@ -9,7 +9,7 @@ of every kind of task with its prior (`soft_tissue_artefact.py`). Motions and z 
 2007, eq. 1) is this with z = 0, without a prior (or with a weak one), and with one f nu^2 for all
 trials of a phase, the mean of theirs.
 
-nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its kind of
+nu_t is the noise of the trial's independent samples (`trial_noise.py`), from a fit of its kind of
 task alone: a disagreement with gait is no noise of a functional trial. f_t accounts for errors that
 trials share (`trial_agreement.py`). Errors by source are in `estimate_errors.py`.
 """
@@ -32,21 +32,20 @@ from gaitcal.calibration.estimate_errors import (
     compute_scores,
     list_columns,
 )
-from gaitcal.calibration.joint_prior import (
-    ANATOMY,
+from gaitcal.calibration.joint_prior import ANATOMY, select_prior
+from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, make_secondary_prior
+from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
+from gaitcal.calibration.trial_agreement import compute_birge_ratio, count_effective_trials
+from gaitcal.calibration.trial_noise import (
     NoisePrior,
     compute_least_noise,
     estimate_forbidden_noise,
     estimate_trial_noises,
     get_noise_prior,
-    select_prior,
 )
-from gaitcal.calibration.reduced_problem import NULL, ReducedProblem, ReducedState
-from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, make_secondary_prior
-from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
-from gaitcal.calibration.trial_agreement import compute_birge_ratio, count_effective_trials
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.tracking.coordinate_prior import find_undetermined_joints
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.soft_tissue import SoftTissue
@@ -77,7 +76,7 @@ class JointSettings:
     """About nominal values; None: parameters that the trials do not determine are frozen."""
     equal_weights: bool = False
     """Whether all trials of a phase get the mean of their noise; else each gets its noise, for
-    which that of people is a prior (`joint_prior.get_noise_prior`)."""
+    which that of people is a prior (`trial_noise.get_noise_prior`)."""
     fits_tissue: bool = True
     """Whether soft tissue is fitted; else it is zero, and a source of error."""
 
@@ -433,11 +432,11 @@ def estimate_joints(
     of_kinds = split_by_kind(tissue, opened)
     tissue_keys = [key for of_kind in of_kinds for key in of_kind.keys]
     known = ErrorSources(
-        (*known.free, *tissue_keys),
-        block_diag(known.parameters, *(of_kind.root for of_kind in of_kinds)),
-        (*known.clusters, *(f"skin/{key}" for key in tissue_keys)),
+        (*known.names, *tissue_keys),
+        block_diag(known.effects, *(of_kind.root for of_kind in of_kinds)),
+        (*known.sources, *(f"skin/{key}" for key in tissue_keys)),
     )
-    considered = tuple(name for name in known.free if name not in unknowns)
+    considered = tuple(name for name in known.names if name not in unknowns)
     coupling = compute_coupling(
         with_columns, fit.parameters, fit.values, fit.coefficients, unknowns, considered, weighed
     )

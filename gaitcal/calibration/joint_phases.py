@@ -43,7 +43,7 @@ from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, list_isolated_parameters
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.trial_problem import MotionProblem
@@ -85,7 +85,7 @@ class JointProblem:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Phase:
+class PhaseSummary:
     """Summary of one phase of a calibration."""
 
     name: str
@@ -113,7 +113,7 @@ class JointCalibration:
     """Result of all phases together."""
 
     parameters: Parameters
-    phases: tuple[Phase, ...]
+    phases: tuple[PhaseSummary, ...]
     free: tuple[str, ...]
     """Every joint parameter that was fitted."""
     errors: ErrorSources
@@ -158,7 +158,7 @@ def get_parameters_for_trial(
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointPhase:
+class PhasePlan:
     """Trials and free parameters of a phase."""
 
     name: str
@@ -169,7 +169,7 @@ class JointPhase:
     tissue: soft_tissue_artefact.TissuePrior = soft_tissue_artefact.NO_TISSUE
     """Of the columns that its problems have."""
 
-    def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> "JointPhase":
+    def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> "PhasePlan":
         """Return the same phase with soft tissue on its markers."""
         names = iter(self.recordings)
         tasks = {}
@@ -198,12 +198,12 @@ class JointPhase:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FittedPhase:
+class PhaseResult:
     """Result of the fit of a phase."""
 
     estimate: JointEstimate
     errors: ErrorSources
-    summary: Phase
+    summary: PhaseSummary
     frozen: tuple[str, ...] = ()
     """Joint parameters that were to be fitted and are not observable from these trials."""
     turned: identifiability.RangesOfMotion = field(default_factory=dict)
@@ -213,17 +213,17 @@ class FittedPhase:
 
 
 def fit_phase(
-    plan: JointPhase,
+    plan: PhasePlan,
     nominal: Parameters,
     settings: JointSettings,
     present: Parameters | None = None,
     known: ErrorSources | None = None,
-) -> FittedPhase:
+) -> PhaseResult:
     """Fit one phase.
 
     Parameters
     ----------
-    plan : JointPhase
+    plan : PhasePlan
         Trials and free parameters.
     nominal : Parameters
         Centre of the prior and of the bounds.
@@ -236,7 +236,7 @@ def fit_phase(
 
     Returns
     -------
-    FittedPhase
+    PhaseResult
         Estimate, errors and findings.
     """
     fit = partial(
@@ -276,7 +276,7 @@ def fit_phase(
         for finding in identifiability.report_small_ranges(problem, coefficients, joint)
     )
     weighed = settings.equal_weights and settings.prior is not None
-    summary = Phase(
+    summary = PhaseSummary(
         name=plan.name,
         trials=tuple(dict.fromkeys(plan.recordings)),
         parameters=len(estimate.values),
@@ -287,7 +287,7 @@ def fit_phase(
         marker_noise=float(np.sqrt(np.mean(np.square(estimate.noise)))) if weighed else None,
         noise=dict(zip(plan.recordings, estimate.noise, strict=True)),
     )
-    return FittedPhase(
+    return PhaseResult(
         estimate=estimate,
         errors=errors,
         summary=summary,
@@ -299,7 +299,7 @@ def fit_phase(
 
 def plan_sequential_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
-) -> list[JointPhase]:
+) -> list[PhasePlan]:
     """Plan a phase for each functional joint (6, 9 or 12 parameters), then one for the gait trials.
 
     Parameters
@@ -311,7 +311,7 @@ def plan_sequential_phases(
 
     Returns
     -------
-    list of JointPhase
+    list of PhasePlan
         Phases with free parameters.
     """
     phases = []
@@ -329,7 +329,7 @@ def plan_sequential_phases(
 
 def plan_simultaneous_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
-) -> list[JointPhase]:
+) -> list[PhasePlan]:
     """Plan one phase of all trials.
 
     Parameters
@@ -341,7 +341,7 @@ def plan_simultaneous_phases(
 
     Returns
     -------
-    list of JointPhase
+    list of PhasePlan
         One phase, or none if nothing is free.
     """
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
@@ -356,7 +356,7 @@ def plan_simultaneous_phases(
     return [phase] if phase.free else []
 
 
-def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
+def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> PhasePlan:
     """Make a phase of some trials, with those of the wanted parameters in their linkages."""
     tasks = dict[str, tuple[MotionProblem, ...]]()
     recordings, problems = list[str](), list[MotionProblem]()
@@ -367,17 +367,17 @@ def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ..
         recordings += [trial.name for trial in of_kind]
         problems += tasks[kind]
     free = select_parameters_in_linkage(problems, wanted)
-    return JointPhase(name=name, tasks=tasks, free=free, recordings=tuple(recordings))
+    return PhasePlan(name=name, tasks=tasks, free=free, recordings=tuple(recordings))
 
 
 def calibrate_in_phases(
-    phases: Sequence[JointPhase], nominal: Parameters, settings: JointSettings
+    phases: Sequence[PhasePlan], nominal: Parameters, settings: JointSettings
 ) -> JointCalibration:
     """Fit one phase after the other; the posterior of each is the prior of the next.
 
     Parameters
     ----------
-    phases : sequence of JointPhase
+    phases : sequence of PhasePlan
         The protocol.
     nominal : Parameters
         Centre of the prior and of the bounds.
@@ -390,7 +390,7 @@ def calibrate_in_phases(
         All phases together.
     """
     present, known, following = nominal, make_nominal_errors(), settings
-    done: list[FittedPhase] = []
+    done: list[PhaseResult] = []
     for plan in phases:
         found = fit_phase(plan, nominal, following, present, known)
         estimate, known = found.estimate, found.errors
@@ -443,7 +443,7 @@ def calibrate_by_evidence(
     free = select_movable_parameters(
         [t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides]
     )
-    done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
+    done, tissue = list[PhaseResult](), dict[str, SoftTissue]()
     artefact = soft_tissue_artefact.NO_FOUND_TISSUE
     with ThreadPoolExecutor(1) as pool:
         upper = pool.submit(with_one_blas_thread(_fit_trunk_and_arms), trials, nominal, search)
@@ -467,18 +467,18 @@ def calibrate_by_evidence(
     return replace(calibration, tissue=tissue, artefact=artefact)
 
 
-def _with_untracked_tissue(phase: FittedPhase) -> ErrorSources:
+def _with_untracked_tissue(phase: PhaseResult) -> ErrorSources:
     """Add the found soft tissue that motions are tracked without as an error of these."""
     estimate, errors = phase.estimate, phase.errors
     if not estimate.keys:
         return errors
     tracked = [soft_tissue_artefact.is_from_bones(key) for key in estimate.keys]
-    column = np.zeros((len(errors.free), 1))
+    column = np.zeros((len(errors.names), 1))
     column[len(estimate.free) : len(estimate.free) + len(tracked), 0] = np.where(
         tracked, 0.0, estimate.tissue
     )
     return ErrorSources(
-        errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found")
+        errors.names, np.hstack([errors.effects, column]), (*errors.sources, "skin/found")
     )
 
 
@@ -542,13 +542,13 @@ def take_segments(
 
 def _fit_trunk_and_arms(
     trials: Sequence[JointProblem], nominal: Parameters, settings: JointSettings
-) -> list[FittedPhase]:
+) -> list[PhaseResult]:
     """Fit gait separately above the pelvis; empty if nothing is free."""
     walks = [t for t in trials if t.joint is None]
     parts = [take_segments(t.fitted, UPPER_BODY, nominal) for t in walks]
     # the pelvis' markers take part again: their effects here have a separate source name
     problems = tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts)
-    plan = JointPhase(
+    plan = PhasePlan(
         name="joint parameters of trunk and arms",
         tasks={soft_tissue_artefact.GAIT: problems},
         free=select_movable_parameters(problems, UPPER_PARAMETERS),
@@ -567,7 +567,7 @@ def _fit_trunk_and_arms(
 
 
 def _assemble_calibration(
-    done: Sequence[FittedPhase],
+    done: Sequence[PhaseResult],
     nominal: Parameters,
     settings: JointSettings,
     known: ErrorSources,

@@ -46,7 +46,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.tracking.banded import Elimination, NormalEquations, eliminate
 from gaitcal.tracking.descent import STALE_RATIO, DescentSettings, Evaluation, descend
-from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
 
 KEPT_WITHIN = 0.005
@@ -142,7 +142,7 @@ class OpenMotion:
 
     def coefficients(self, x: Array) -> Array:
         """Reshape a vector to coefficients (nn, nq)."""
-        return x.reshape(self.problem.basis.nodes, -1)
+        return x.reshape(self.problem.basis.control_points, -1)
 
     def evaluate(self, x: Array) -> OpenEvaluation:
         """Evaluate cost and half gradients."""
@@ -602,7 +602,7 @@ class ReducedProblem:
             # then a small gain may be the damping's
             damped = self.settings.first_damping > 0.0
             about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
-            predicted = track_nodes(
+            predicted = track_coefficients(
                 fixed,
                 fixed.build_body(self._get_trial_parameters(t, values)),
                 self.starts[t],
@@ -635,7 +635,7 @@ class ReducedProblem:
     ) -> MotionState:
         """Track the motion, and take one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=curved)
-        tracked = track_nodes(
+        tracked = track_coefficients(
             fixed,
             fixed.build_body(self._get_trial_parameters(t, motion.values)),
             coefficients,

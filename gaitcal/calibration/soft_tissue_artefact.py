@@ -53,7 +53,7 @@ segment are
            j: segments,
 
 P is the projector that removes translations and rotations of a segment's markers. nu is the noise
-that no angle explains, with frames counted as far as they are independent (`joint_prior.py`). A
+that no angle explains, with frames counted as far as they are independent (`trial_noise.py`). A
 cluster that slides as a whole shows no deformation, so its sliding depends on the person's s, not
 on the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), z has the mean q mu and the
 covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T. The limits of 1 are for markers that swing or
@@ -74,17 +74,17 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_prior import (
-    LEAST_SAMPLES,
-    compute_least_noise,
-    estimate_frames_per_sample,
-)
 from gaitcal.calibration.soft_tissue_table import (
     THIGH_M,
     SkinField,
     SkinTable,
     evaluate_place_functions,
     load_people_table,
+)
+from gaitcal.calibration.trial_noise import (
+    LEAST_SAMPLES,
+    compute_least_noise,
+    estimate_frames_per_sample,
 )
 from gaitcal.model.linkage import (
     BENDS,

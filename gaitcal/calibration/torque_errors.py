@@ -81,7 +81,7 @@ class ForceErrors:
             Errors of the directions of segments' axes; exact if not given.
         """
         self.problem, self.parameters, self.wrenches = problem, parameters, wrenches
-        self.free: tuple[str, ...] = joint.free if joint else ()
+        self.free: tuple[str, ...] = joint.names if joint else ()
         self.moves = moves or compute_motion_sensitivity(problem, coefficients, parameters, joint)
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, joint_kinetics.HELD)

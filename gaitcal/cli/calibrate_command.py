@@ -81,7 +81,7 @@ def calibrate_study(
         normal_bands.read_normal_bands(normal)
     source = find_or_draft_study(study, check_person_options(mass, height, sex, age), console)
     require_one_prior(source, priors)
-    settings = RunSettings(normal=normal, priors=priors, leave_out=hold_out, force=force)
+    settings = RunSettings(normal=normal, priors=priors, compute_held_out=hold_out, force=force)
     with console.show_progress() as step:
         try:
             run = run_found_study(source, out, settings, step)
@@ -93,7 +93,7 @@ def calibrate_study(
         console.print_line(f"priors: {note}")
     _warn_of_changed_inputs(console, run.study.changed_inputs())
     print_kept_folders(console, run.kept)
-    if run.drafted:
+    if run.was_drafted:
         console.print_line(
             f"study:  {out / STUDY} (drafted; review it, and calibrate again if you change it)"
         )

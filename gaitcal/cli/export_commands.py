@@ -14,7 +14,7 @@ import numpy as np
 import typer
 from rich.text import Text
 
-from gaitcal.calibration.joint_prior import make_study_prior
+from gaitcal.calibration.joint_prior import combine_joint_priors
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, make_frameless_table
 from gaitcal.cli.options import MODELS
@@ -403,7 +403,7 @@ def export_into(
         saved.model,
         model,
         errors=saved.uncertainty.joint,
-        prior=make_study_prior(saved.settings.joint_prior),
+        prior=combine_joint_priors(saved.settings.joint_prior),
         names=names,
         recorded=load_recorded_coordinates(result),
         marker_set=saved.marker_set,

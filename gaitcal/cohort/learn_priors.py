@@ -25,9 +25,9 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import (
+    combine_joint_priors,
     factor_prior,
     get_prior_deviations,
-    make_study_prior,
     select_prior,
 )
 from gaitcal.cohort.cohort_people import Cohort
@@ -50,6 +50,7 @@ from gaitcal.results.session_difference import list_observed_parameters
 from gaitcal.results.summary import JOINT_PRIOR, SUMMARY
 from gaitcal.runtime import Progress, silent
 from gaitcal.study import cohort_prior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import Protocol
 
 PRIORS, PRIORS_CSV = "priors.json", "priors.csv"
@@ -166,7 +167,7 @@ def read_evidence(folder: Path, name: str) -> SessionEvidence:
     if errors is not None and settings.decided_by is Protocol.EVIDENCE and settings.jp:
         deviation = saved.model.parameters.joint - saved.model.nominal.joint
         parts = compute_part_evidence(
-            errors, deviation, JP_NAMES, make_study_prior(settings.joint_prior)
+            errors, deviation, JP_NAMES, combine_joint_priors(settings.joint_prior)
         )
     if parts is None:
         raise NotUsedError("its joint parameters were not calibrated by the default protocol")
@@ -184,10 +185,7 @@ def read_evidence(folder: Path, name: str) -> SessionEvidence:
 
 
 def compute_part_evidence(
-    errors: ErrorSources,
-    deviation: Array,
-    names: tuple[str, ...],
-    prior: cohort_prior.JointPrior | None,
+    errors: ErrorSources, deviation: Array, names: tuple[str, ...], prior: JointPrior | None
 ) -> dict[str, PartEvidence] | None:
     """Compute the likelihood of the joint parameters of every part of the body.
 
@@ -214,7 +212,7 @@ def compute_part_evidence(
         if free:
             mean, root = select_prior(free, prior)[0], factor_prior(free, prior)
             rows = np.linalg.solve(
-                root, errors.parameters[[errors.free.index(name) for name in free]]
+                root, errors.effects[[errors.names.index(name) for name in free]]
             )
             values, vectors = np.linalg.eigh(rows @ rows.T)
             if values[0] <= RANK * values[-1]:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.measurement_errors import compute_distance_outside
+from gaitcal.dynamics.plate_outline import compute_distance_outside
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, compute_centre_on_ground
 from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
@@ -36,7 +36,7 @@ MIN_SWING_SPEED = 0.25
 """m/s against the belt that a foot in swing exceeds, as in `gait/events.py`."""
 SWING_QUANTILE = 0.9
 """Quantile, over all points and frames, of the speed that swing exceeds."""
-EDGE_S = 0.08
+CONTACT_TOLERANCE_S = 0.08
 """s by which resting and loading of a plate may differ at the beginning and end of one contact."""
 LANDING_S, LEAVING_S = 0.05, 0.10
 """s before and after resting on the floor in which a foot may carry load."""
@@ -129,7 +129,7 @@ def estimate_ground_velocity(points: Array, velocity: Array) -> Array:
 
 
 def mark_near(marked: BoolArray, time: Array) -> BoolArray:
-    """Mark the frames within `EDGE_S` of a marked one.
+    """Mark the frames within `CONTACT_TOLERANCE_S` of a marked one.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def mark_near(marked: BoolArray, time: Array) -> BoolArray:
         return marked.copy()
     after = np.clip(np.searchsorted(times, time), min(1, len(times) - 1), len(times) - 1)
     gap = np.minimum(np.abs(time - times[after]), np.abs(time - times[np.maximum(after - 1, 0)]))
-    return marked | (gap <= EDGE_S)
+    return marked | (gap <= CONTACT_TOLERANCE_S)
 
 
 def detect_floor_contact(

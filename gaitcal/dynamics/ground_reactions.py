@@ -17,7 +17,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.display import Displayed
-from gaitcal.dynamics import inverse_dynamics, measurement_errors, off_sole
+from gaitcal.dynamics import inverse_dynamics, off_sole, plate_outline
 from gaitcal.dynamics.foot_contact import (
     FOOT_BREADTH,
     RESTING_SPEED,
@@ -386,7 +386,7 @@ def compute_motion_reactions(
     GroundReactions
     """
     feet = compute_foot_points(model, motion, parameters)
-    ends = END_SPANS * float(np.ptp(motion.basis.knots)) / (motion.basis.nodes - DEGREE)
+    ends = END_SPANS * float(np.ptp(motion.basis.knots)) / (motion.basis.control_points - DEGREE)
     if motion.smoothed_hz is not None:
         ends = max(ends, END_CYCLES / motion.smoothed_hz)
     measured = compute_foot_reactions(
@@ -557,9 +557,7 @@ def compute_foot_points(model: SubjectModel, motion: Motion, parameters: Paramet
     return FootPoints(
         heel=points["heel"],
         toe=points["toe"],
-        tip=measurement_errors.compute_foot_tip(
-            points["heel"], points["toe"], model.subject.height
-        ),
+        tip=plate_outline.compute_foot_tip(points["heel"], points["toe"], model.subject.height),
         heel_speed=speed["heel"],
         toe_speed=speed["toe"],
         width=FOOT_BREADTH * model.subject.height,

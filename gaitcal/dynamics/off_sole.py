@@ -34,7 +34,7 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics import foot_contact, measurement_errors
+from gaitcal.dynamics import foot_contact, plate_outline
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, compute_centre_on_ground
 from gaitcal.io.recording import ForcePlate, find_runs, format_spans
@@ -228,11 +228,11 @@ def _detect_other_foot(
     foot = 1 - loading.foot
     sole = foot_contact.build_sole(feet, foot, loading.frames)
     here = sole.resting.copy()
-    if measurement_errors.has_known_outline(loading.plate, LOADED_N):
+    if plate_outline.has_known_outline(loading.plate, LOADED_N):
         here &= ~sole.find_cells_off_plates([loading.plate])
     for other in others:
         meanwhile = _mark_frames(other.frames, count)[loading.frames]
-        if measurement_errors.has_known_outline(other.plate, LOADED_N):
+        if plate_outline.has_known_outline(other.plate, LOADED_N):
             here &= ~(meanwhile[:, None] & ~sole.find_cells_off_plates([other.plate]))
         elif other.foot == foot:
             here &= ~meanwhile[:, None]
@@ -390,7 +390,7 @@ def find_partial_contact(
     list of Finding
     """
     partly, findings = np.zeros_like(loaded), []
-    surface = [plate for plate in plates if measurement_errors.has_known_outline(plate, LOADED_N)]
+    surface = [plate for plate in plates if plate_outline.has_known_outline(plate, LOADED_N)]
     down: BoolArray = loaded | feet.resting
     for foot, side in enumerate(SIDES):
         for contact in find_runs(down[:, foot]):
@@ -398,7 +398,7 @@ def find_partial_contact(
             unknown = [
                 step
                 for step in carriers
-                if not measurement_errors.has_known_outline(step.plate, LOADED_N)
+                if not plate_outline.has_known_outline(step.plate, LOADED_N)
             ]
             for step in unknown:
                 if step.plate.corners is not None:
@@ -512,10 +512,10 @@ def find_shared_plates(
         list[Finding](),
         dict[str, BoolArray](),
     )
-    surface = [plate for plate in plates if measurement_errors.has_known_outline(plate, LOADED_N)]
+    surface = [plate for plate in plates if plate_outline.has_known_outline(plate, LOADED_N)]
     for step in steps:
         other, stance = 1 - step.foot, _mark_frames(step.frames, len(time))
-        if measurement_errors.has_known_outline(step.plate, LOADED_N):
+        if plate_outline.has_known_outline(step.plate, LOADED_N):
             # The other foot rests on this plate and on no other one. An edge between two plates is
             # not known to the millimetre.
             sole = foot_contact.build_sole(feet, other, step.frames)

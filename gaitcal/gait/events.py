@@ -70,7 +70,7 @@ PLATE_AGREES = 0.1
 """s between the loading of a plate and the strike of the motion: with more, the foot did not come
 down on the plate.
 """
-EDGE_S = 0.2
+UNRECORDED_SWING_S = 0.2
 """s at both ends of a trial, where the swing before a strike or after an off is not recorded."""
 STRIKE: Final = 0.10
 """Threshold of a strike, relative to the peak of the swing."""
@@ -244,7 +244,11 @@ def _select_confirmed_plate_events(
 
     def is_confirmed(event: FootEvent) -> bool:
         times = select_event_times(motion, event.side, event.moment)
-        if not times or event.time < time[0] + EDGE_S or event.time > time[-1] - EDGE_S:
+        if (
+            not times
+            or event.time < time[0] + UNRECORDED_SWING_S
+            or event.time > time[-1] - UNRECORDED_SWING_S
+        ):
             return True
         return min(abs(t - event.time) for t in times) <= PLATE_AGREES
 

@@ -66,7 +66,7 @@ def get_moment(forces: Moments | TorqueErrors, name: str) -> Array:
     return forces.tau[:, COORDINATE_INDEX[name]]
 
 
-def get_marker_error(errors: TorqueErrors, name: str) -> Array | None:
+def get_trial_marker_se(errors: TorqueErrors, name: str) -> Array | None:
     """Get the part of a moment's standard error that the markers of the trial make.
 
     Parameters

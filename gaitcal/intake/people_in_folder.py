@@ -53,7 +53,7 @@ segment.
 """
 ALL_APART_M = 0.008
 """m, median d_s from which they differ, too."""
-FEWEST_FRAMES = 5
+FEWEST_DISTANCE_FRAMES = 5
 MOST_FRAMES = 500
 """Frames, evenly spread, for a median distance."""
 FEWEST_COMMON = 4
@@ -113,8 +113,8 @@ def measure_pair_distances(recording: Recording, marker_set: MarkerSet) -> Dista
         # with a straight leg, if that is visible
         side = segment_of.get(a, "")[-1:]
         near = distance[straight[side][0]] if side in straight else distance
-        distance = near if np.isfinite(near).sum() >= FEWEST_FRAMES else distance
-        if np.isfinite(distance).sum() >= min(FEWEST_FRAMES, len(distance)):
+        distance = near if np.isfinite(near).sum() >= FEWEST_DISTANCE_FRAMES else distance
+        if np.isfinite(distance).sum() >= min(FEWEST_DISTANCE_FRAMES, len(distance)):
             out[frozenset((a, b))] = float(np.nanmedian(distance))
     noise = marker_set.noise
     if noise is None:
@@ -135,7 +135,7 @@ def _find_straight_legs(
     for side in SIDES:
         foot = compute_segment_middle(recording, marker_set, f"foot_{side}")
         length = np.linalg.norm(foot - pelvis, axis=1)[::step]
-        if np.isfinite(length).sum() >= FEWEST_FRAMES:
+        if np.isfinite(length).sum() >= FEWEST_DISTANCE_FRAMES:
             longest = np.nanpercentile(length, 100.0 - NEAREST_PERCENT)
             near = np.nan_to_num(length) >= longest * np.cos(0.5 * NEAR_RAD)
             out[side] = near, float(np.median(length[near]))

@@ -304,7 +304,7 @@ squat or sitting down.
 """
 SHORTEST_S = 0.3
 """s, shortest recording of a movement."""
-FEWEST_FRAMES = 15
+FEWEST_MOVEMENT_FRAMES = 15
 """Of a recording of a movement."""
 FLYING = 0.2
 """Share of the fastest marker's speed that every foot marker exceeds in flight."""
@@ -370,7 +370,7 @@ def classify_movement(
         if len(time) == 1:
             evidence = "upright in its only frame"
         return RecordedMovement(kind=MovementKind.STANDS, evidence=evidence)
-    if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
+    if len(time) < FEWEST_MOVEMENT_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return RecordedMovement(
             kind=MovementKind.NOTHING, evidence=f"{len(time)} frames, too short to classify"
         )
@@ -480,7 +480,7 @@ def _classify_walk(
 ) -> tuple[MovementKind, str, bool] | None:
     """Classify walking and other movements of the whole body; None if the body stays."""
     known: BoolArray = np.asarray(np.isfinite(pelvis).all(axis=1))
-    if known.sum() < FEWEST_FRAMES:
+    if known.sum() < FEWEST_MOVEMENT_FRAMES:
         return None
     middle = pelvis[known]
     travel = float(np.linalg.norm(np.ptp(middle[:, [0, 2]], axis=0)))
@@ -498,7 +498,7 @@ def _classify_walk(
             & np.isfinite(feet[1]).all(axis=1)
             & np.isfinite(facing[:, 0])
         )
-        if both.sum() >= FEWEST_FRAMES:
+        if both.sum() >= FEWEST_MOVEMENT_FRAMES:
             unit = facing[both] / np.linalg.norm(facing[both], axis=1, keepdims=True)
             # positions of the feet forward of the pelvis
             right, left = (

@@ -60,7 +60,7 @@ two: skin and flesh against bone move by 5 mm RMS, give or take a factor of two 
 Gait Posture 21:212-225, 2005)."""
 MOST_FRAMES = 150
 """Frames, evenly spread, that are used of a recording."""
-FEWEST_FRAMES = 10
+FEWEST_PATH_FRAMES = 10
 LAG_S = 0.05
 """s, half of the time over which velocities are computed."""
 LOW_M = 0.16
@@ -133,13 +133,13 @@ def compute_distance_scatter(
         markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)][:, columns]
         visible = find_visible(markers)
         both = visible.T.astype(np.float64) @ visible
-        if not (both >= FEWEST_FRAMES).any():
+        if not (both >= FEWEST_PATH_FRAMES).any():
             continue
         distance = np.linalg.norm(markers[:, :, None] - markers[:, None], axis=3)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            scatter = np.where(both >= FEWEST_FRAMES, np.nanstd(distance, axis=0), np.nan)
-            mean = np.where(both >= FEWEST_FRAMES, np.nanmean(distance, axis=0), np.nan)
+            scatter = np.where(both >= FEWEST_PATH_FRAMES, np.nanstd(distance, axis=0), np.nan)
+            mean = np.where(both >= FEWEST_PATH_FRAMES, np.nanmean(distance, axis=0), np.nan)
         indices = [number[recording.labels[c]] for c in columns]
         rows = np.ix_(indices, indices)
         out[rows] = np.fmax(out[rows], scatter)
@@ -204,7 +204,7 @@ def place_missing_markers(
                 continue
             paths = recording.markers[:, [recording.labels.index(label) for label in wanted]]
             paths = paths[find_visible(paths).all(axis=1)][:MOST_FRAMES]
-            if len(paths) < FEWEST_FRAMES:
+            if len(paths) < FEWEST_PATH_FRAMES:
                 continue
             # rigid motion from the frames to the static trial
             middle, centre = paths[:, 1:].mean(axis=1), points[companions].mean(axis=0)
@@ -259,7 +259,7 @@ def estimate_forward_direction(
     for recording in recordings:
         columns = [c for c, label in enumerate(recording.labels) if label in known]
         lag = max(1, round(LAG_S * recording.rate)) if len(recording.time) > 1 else 1
-        if len(columns) < 4 or len(recording.time) < FEWEST_FRAMES + 2 * lag:
+        if len(columns) < 4 or len(recording.time) < FEWEST_PATH_FRAMES + 2 * lag:
             continue
         names = [recording.labels[c] for c in columns]
         standing = points[[known[name] for name in names]]

@@ -58,11 +58,11 @@ class AxisPermutation:
         Array
             (..., 3) in the new axes.
         """
-        turned = vectors[..., list(self.source)]
+        rotated = vectors[..., list(self.source)]
         for axis, sign in enumerate(self.sign):
             if sign < 0:
-                turned[..., axis] = -turned[..., axis]
-        return np.asarray(turned)
+                rotated[..., axis] = -rotated[..., axis]
+        return np.asarray(rotated)
 
 
 UP_TO_Y = {
@@ -206,14 +206,14 @@ def find_body_vertical(markers: Array) -> Vertical | None:
     return Vertical(axis, 1, "the spread of the markers") if clear else None
 
 
-def rotate_plate(plate: ForcePlate, turn: AxisPermutation) -> ForcePlate:
+def rotate_plate(plate: ForcePlate, rotation: AxisPermutation) -> ForcePlate:
     """Rotate force, point, moment and corners of a plate into new axes.
 
     Parameters
     ----------
     plate
         Plate in the old axes.
-    turn
+    rotation
         Rotation from the old axes to the new ones.
 
     Returns
@@ -222,20 +222,20 @@ def rotate_plate(plate: ForcePlate, turn: AxisPermutation) -> ForcePlate:
         The plate in the new axes.
     """
     force, point, moment = (
-        turn.apply(vectors) for vectors in (plate.force, plate.point, plate.moment)
+        rotation.apply(vectors) for vectors in (plate.force, plate.point, plate.moment)
     )
-    corners = None if plate.corners is None else turn.apply(plate.corners)
+    corners = None if plate.corners is None else rotation.apply(plate.corners)
     return replace(plate, force=force, point=point, moment=moment, corners=corners)
 
 
-def rotate_recording(recording: Recording, turn: AxisPermutation) -> Recording:
+def rotate_recording(recording: Recording, rotation: AxisPermutation) -> Recording:
     """Rotate markers, computed points and plates of a recording into new axes.
 
     Parameters
     ----------
     recording
         Recording in the old axes.
-    turn
+    rotation
         Rotation from the old axes to the new ones.
 
     Returns
@@ -243,14 +243,14 @@ def rotate_recording(recording: Recording, turn: AxisPermutation) -> Recording:
     Recording
         The recording in the new axes.
     """
-    if turn.is_identity:
+    if rotation.is_identity:
         return recording
-    plates = tuple(rotate_plate(plate, turn) for plate in recording.plates)
+    plates = tuple(rotate_plate(plate, rotation) for plate in recording.plates)
     computed = recording.computed
     if computed is not None:
-        computed = ComputedPoints(computed.labels, turn.apply(computed.points))
+        computed = ComputedPoints(computed.labels, rotation.apply(computed.points))
     return replace(
-        recording, markers=turn.apply(recording.markers), plates=plates, computed=computed
+        recording, markers=rotation.apply(recording.markers), plates=plates, computed=computed
     )
 
 
@@ -290,8 +290,8 @@ def rotate_vertical_to_y(recording: Recording, vertical: Vertical) -> Recording:
     Recording
         The recording with y up.
     """
-    turned = rotate_recording(recording, UP_TO_Y[vertical.axis, vertical.sign])
-    return turned.with_notes(
+    rotated = rotate_recording(recording, UP_TO_Y[vertical.axis, vertical.sign])
+    return rotated.with_notes(
         f"Vertical axis of the file is {vertical}, after {vertical.evidence}; y is up here."
     )
 
@@ -315,9 +315,9 @@ def measure_progression(recording: Recording) -> Array:
     for marker in np.flatnonzero(visible.sum(axis=0) > 0.5 * len(recording.time)):
         frames = np.flatnonzero(visible[:, marker])
         ways.append(recording.markers[frames[-1], marker] - recording.markers[frames[0], marker])
-    way = np.median(ways, axis=0) if ways else np.zeros(3)
-    way[1] = 0.0
-    return np.asarray(way)
+    displacement = np.median(ways, axis=0) if ways else np.zeros(3)
+    displacement[1] = 0.0
+    return np.asarray(displacement)
 
 
 def rotate_to_progression(recording: Recording, forward: Array | None = None) -> Recording:
@@ -338,13 +338,13 @@ def rotate_to_progression(recording: Recording, forward: Array | None = None) ->
     Recording
         The rotated recording, or the same one.
     """
-    way = measure_progression(recording)
-    walks = bool(np.hypot(way[0], way[2]) > LEAST_PROGRESSION_M)
+    displacement = measure_progression(recording)
+    walks = bool(np.hypot(displacement[0], displacement[2]) > LEAST_PROGRESSION_M)
     if not walks:
         if forward is None:
             return recording
-        way = np.asarray(forward, dtype=np.float64)
-    along = np.array([way[0], way[2], -way[0], -way[2]])
+        displacement = np.asarray(forward, dtype=np.float64)
+    along = np.array([displacement[0], displacement[2], -displacement[0], -displacement[2]])
     if not np.all(np.isfinite(along)) or not along.any():
         return recording
     choice = int(np.argmax(along))
@@ -353,7 +353,7 @@ def rotate_to_progression(recording: Recording, forward: Array | None = None) ->
         notes += (
             f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x.",
         )
-    ahead, _, right = QUARTER_ROTATIONS[choice].apply(way)
+    ahead, _, right = QUARTER_ROTATIONS[choice].apply(displacement)
     angle = float(np.rad2deg(np.arctan2(right, ahead)))
     if walks and abs(angle) > OFF_X_DEG:
         notes += (

@@ -370,7 +370,7 @@ def add_corners(forces: Forces, path: Path) -> Forces:
         return forces
     names = [plate.name for plate in forces.plates]
     corners = {
-        name: forces.turn.apply(plate_corners)
+        name: forces.rotation.apply(plate_corners)
         for name, plate_corners in _read_corners(table, path.name, names).items()
     }
     placed = tuple(

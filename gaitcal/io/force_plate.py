@@ -59,9 +59,9 @@ QUIET_N = 10.0  # An empty plate's reading stays this close to its median
 QUIET_S = 0.1
 """Shortest period (s) taken as empty.
 
-EDGE_S at either end is left out, where a foot may be landing or leaving.
+STEP_MARGIN_S at either end is left out, where a foot may be landing or leaving.
 """
-EDGE_S = 0.02
+STEP_MARGIN_S = 0.02
 LEAST_OFFSET_N = 0.1  # A smaller offset is not removed
 STANCE_S = 0.3  # A shorter loading is no step
 SIDE_RANGE_M = (0.1, 6.0)  # Sides of a plate; the longest are instrumented treadmills
@@ -159,7 +159,7 @@ def find_empty_samples(
         return quiet
     quiet &= np.abs(vertical - np.median(vertical[quiet])) < QUIET_N
     empty = np.zeros(len(vertical), dtype=bool)
-    edge = round(EDGE_S * rate)
+    edge = round(STEP_MARGIN_S * rate)
     for run in find_runs(quiet):
         if run.stop - run.start >= max(3, QUIET_S * rate):
             empty[run.start + edge : run.stop - edge] = True

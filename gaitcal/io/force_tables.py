@@ -51,7 +51,7 @@ class Forces:
     source: str
     plates: tuple[ForcePlate, ...]
     notes: tuple[str, ...] = ()
-    turn: AxisPermutation = UP_TO_Y[1, 1]  # From the axes of the file to ours
+    rotation: AxisPermutation = UP_TO_Y[1, 1]  # From the axes of the file to ours
     feet: Mapping[str, str] = field(default_factory=dict)
     """Plate -> "r" or "l", if the file gives the foot on which it acts."""
 
@@ -220,20 +220,20 @@ def orient_forces(
         With a note for each correction.
     """
     axis = find_force_axis(plates)
-    turn = UP_TO_Y[1 if axis is None else axis, 1]
-    if not turn.is_identity:
+    rotation = UP_TO_Y[1 if axis is None else axis, 1]
+    if not rotation.is_identity:
         notes += (
             f"Vertical axis of the forces is +{AXES[axis or 0]}, as they act along it; y is up "
             "here.",
         )
     ready = []
     for plate in plates:
-        turned = rotate_plate(plate, turn)
-        if is_reaction_on_plate(turned.force, UP):
-            turned = reverse_wrench(turned)
+        rotated = rotate_plate(plate, rotation)
+        if is_reaction_on_plate(rotated.force, UP):
+            rotated = reverse_wrench(rotated)
             notes += (f"Plate {plate.name}: {REVERSED_NOTE}",)
-        ready.append(turned)
-    return Forces(str(path), tuple(ready), notes, turn, feet or {})
+        ready.append(rotated)
+    return Forces(str(path), tuple(ready), notes, rotation, feet or {})
 
 
 def tabulate_plates(plates: tuple[ForcePlate, ...]) -> tuple[Array, Array]:

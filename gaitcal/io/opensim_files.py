@@ -39,7 +39,7 @@ from gaitcal.io.force_tables import (
 from gaitcal.io.labels import clean_label, find_common_prefix, is_unlabelled, number_repetitions
 from gaitcal.io.recording import ForcePlate, Recording, replace_zeros, require_plain_labels
 
-PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
+TRC_UNITS_PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
 AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)  # X1 Y1 Z1 X2 ..., or nothing
 USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not show it")
@@ -119,11 +119,12 @@ def parse_trc(path: Path) -> Recording:
         notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
     if not keep:
         raise text_file.FileFault("found no marker with a name", f"line {label_line + 1}")
-    unit = PER_METRE.get(facts.get("units", "mm").lower())
+    unit = TRC_UNITS_PER_METRE.get(facts.get("units", "mm").lower())
     if unit is None:
         name = facts["units"]
         raise text_file.FileFault(
-            f"found '{name[:20]}'; allowed are mm, cm and m{suggest_name(name, PER_METRE)}", "Units"
+            f"found '{name[:20]}'; allowed are mm, cm and m{suggest_name(name, TRC_UNITS_PER_METRE)}",
+            "Units",
         )
     if "units" not in facts:
         notes += ("The header names no unit; millimetres were taken.",)

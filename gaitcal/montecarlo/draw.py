@@ -246,7 +246,7 @@ def _build_undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
         source=case.name, time=case.time, labels=case.markers.labels, markers=markers
     )
     return build_trial_problem(
-        case.name, model, recording, spline.NodeRule(fixed=len(case.coefficients))
+        case.name, model, recording, spline.ControlPointRule(fixed=len(case.coefficients))
     )
 
 
@@ -457,7 +457,7 @@ def refit(
         curved=True,
     )
     factor = known or banded.BandFactor(problem.assemble_equations(start, body).band)
-    tracked = motion.track_nodes(problem, body, start, rule, factor)
+    tracked = motion.track_coefficients(problem, body, start, rule, factor)
     if tracked.ending is descent.Ending.MOST_STEPS:
         return Refit(tracked.x, tracked.steps, f"{tracked.steps} evaluations did not settle it")
     return Refit(tracked.x, tracked.steps, "" if tracked.converged else tracked.ending.value)

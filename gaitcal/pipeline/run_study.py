@@ -63,7 +63,7 @@ class RunSettings:
     """Joint priors of a cohort, for a study that names none."""
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     """Settings given outside the study file; those that the study file gives come first."""
-    leave_out: bool = False
+    compute_held_out: bool = False
     """Whether the marker error in frames left out of the fit is computed, too."""
     force: bool = False
     """Whether to continue after errors of the checks, with every trial."""
@@ -78,7 +78,7 @@ class StudyRun:
     calibration: Calibration
     kept: tuple[str, ...]
     """Folders of an earlier result that were kept."""
-    drafted: bool
+    was_drafted: bool
     """Whether the study was drafted from a folder."""
 
 
@@ -208,7 +208,7 @@ def run_found_study(
     InputError
         The study or a recording cannot be read, or `out` cannot be written.
     """
-    drafted = source if isinstance(source, Draft) else None
+    draft = source if isinstance(source, Draft) else None
     read = (
         drafts.list_files(source)
         if isinstance(source, Draft)
@@ -226,29 +226,25 @@ def run_found_study(
     findings = check_preprocessed(preprocessed)
     # Trials with errors are left out of a draft always, of a study file only if it could not run.
     faulty: dict[str, str] = {}
-    if not settings.force and (
-        drafted is not None or select_stopping_errors(findings, study.walks)
-    ):
+    if not settings.force and (draft is not None or select_stopping_errors(findings, study.walks)):
         faulty = drafting.find_faulty_trials(study, findings)
-        drafted = drafted and drafted.drop_trials(faulty)
+        draft = draft and draft.drop_trials(faulty)
     if faulty:
         # Reconstructed static markers depend on all trials, so everything is preprocessed again.
         study = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
         preprocessed = preprocess_study(study)
         findings = check_preprocessed(preprocessed)
-    if drafted is not None:
-        findings = (*findings, *drafting.find_rejected_forces(drafted))
+    if draft is not None:
+        findings = (*findings, *drafting.find_rejected_forces(draft))
     errors = () if settings.force else select_stopping_errors(findings, study.walks)
     if errors:
         raise FaultyStudyError(errors, source if isinstance(source, Path) else source.folder.path)
 
     calibration = calibrate_preprocessed(
-        preprocessed, findings, progress, leave_out=settings.leave_out
+        preprocessed, findings, progress, compute_held_out=settings.compute_held_out
     )
     source_notes = (
-        drafts.list_draft_notes(drafted)
-        if drafted is not None
-        else drafting.list_faulty_notes(faulty)
+        drafts.list_draft_notes(draft) if draft is not None else drafting.list_faulty_notes(faulty)
     )
     calibration = replace(
         calibration,
@@ -262,14 +258,14 @@ def run_found_study(
     bands_entries = (
         {} if normal is None else {"normal": normal.name, "normal_sha256": compute_sha256(normal)}
     )
-    text = None
-    if drafted is not None:
-        text = drafts.format_draft(drafted, out) + drafts.format_settings(
+    study_text = None
+    if draft is not None:
+        study_text = drafts.format_draft(draft, out) + drafts.format_settings(
             settings.calibration, settings.priors, out
         )
-    write_results(calibration, out, bands_entries, drafted=text, normal=bands)
+    write_results(calibration, out, bands_entries, drafted=study_text, normal=bands)
     return StudyRun(
-        study=study, calibration=calibration, kept=tuple(kept), drafted=drafted is not None
+        study=study, calibration=calibration, kept=tuple(kept), was_drafted=draft is not None
     )
 
 

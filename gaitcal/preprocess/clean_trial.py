@@ -16,7 +16,7 @@ part that shows three pelvis markers.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -271,7 +271,7 @@ def clean_trial(
         The trial with a clean recording, and what was removed.
     """
     recording, outliers = remove_outliers(trial.recording, segment_of)
-    given = {f.name: getattr(trial, f.name) for f in fields(Trial)}
+    given = trial.collect_fields()
     if trial.role is Role.STATIC:
         return CleanTrial(**{**given, "recording": recording}, outliers=outliers)
     recording, spikes = remove_spikes(recording, noise)

@@ -24,7 +24,7 @@ from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, Marker
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
 """Joint -> segment above and below it."""
-FEWEST_FRAMES = 5
+FEWEST_LINK_FRAMES = 5
 STANDS_RAD = np.deg2rad(15.0)
 """Rotation from the static posture that walks have in their nearest frames."""
 
@@ -158,7 +158,7 @@ def _compute_link(
 ) -> JointLink | None:
     """Relate two clusters at a joint centre (3,) m; None with too few common frames."""
     known = above.determined & below.determined
-    if known.sum() < FEWEST_FRAMES:
+    if known.sum() < FEWEST_LINK_FRAMES:
         return None
     upper, lower = above.rotation[known], below.rotation[known]
     relative = upper.transpose(0, 2, 1) @ lower

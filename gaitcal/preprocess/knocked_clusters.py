@@ -30,7 +30,7 @@ from gaitcal.study.study import Study
 
 KNEE_HALF_M = 0.05
 """m, half the distance of the epicondyles along the knee axis."""
-FEWEST_FRAMES = 20
+FEWEST_SHARED_FRAMES = 20
 """Frames in which all points and the cluster must be visible."""
 
 
@@ -173,7 +173,7 @@ def _locate_cluster(
             paths.append(trial.path(label))
     together = np.stack([*paths, *(trial.path(m) for m in labels)], axis=1)
     together = together[np.isfinite(together).all(axis=(1, 2))]
-    if len(together) < FEWEST_FRAMES:
+    if len(together) < FEWEST_SHARED_FRAMES:
         return None
     rotation, origin = segment_frames.fit_rigid_motions(
         np.array(points), together[:, : len(points)]

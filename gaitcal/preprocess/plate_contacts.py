@@ -7,7 +7,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
-from gaitcal.dynamics.measurement_errors import compute_foot_tip
+from gaitcal.dynamics.plate_outline import compute_foot_tip
 from gaitcal.io.force_plate import (
     BODY_N,
     LOADED_N,

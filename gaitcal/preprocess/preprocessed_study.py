@@ -42,7 +42,7 @@ class PreprocessedStudy:
     """The same with clean trials, before swapped labels are put back."""
     completed: MarkerReconstruction
     """The static trial with the markers that were reconstructed from the other trials."""
-    model: SubjectModel | None
+    model_or_none: SubjectModel | None
     """Nominal; None if the static trial gives none, or its unit is wrong."""
     faults: tuple[Finding, ...]
     """Why the static trial gives no model."""
@@ -60,8 +60,11 @@ class PreprocessedStudy:
 
     @property
     def nominal(self) -> SubjectModel:
-        """The nominal model, also of a static trial in a wrong unit; InputError without one."""
-        return self.model or build_nominal_from_clean(self.clean, self.completed)
+        """The nominal model, also of a static trial in a wrong unit, where `model_or_none` is None.
+
+        Raises InputError if the static trial gives none.
+        """
+        return self.model_or_none or build_nominal_from_clean(self.clean, self.completed)
 
     def find_possible_moves(self) -> dict[str, dict[str, PossibleMove]]:
         """Compute how far the pose of each segment may be wrong because its markers moved.
@@ -136,7 +139,7 @@ def preprocess_study(study: Study) -> PreprocessedStudy:
             study=study,
             clean=clean,
             completed=completed,
-            model=model,
+            model_or_none=model,
             faults=faults,
             trials=tuple(restore_swapped_labels(trial) for trial in measured),
             placed=placed,

@@ -44,7 +44,7 @@ FEWEST = 3
 """Points that determine the pose of a segment."""
 FLAT_M = 0.012
 """m, smallest RMS distance of the companions from a line: the rotation about a line is free."""
-FEWEST_FRAMES = 3
+FEWEST_RECONSTRUCTION_FRAMES = 3
 MOST_FRAMES = 200
 """Frames of a trial, evenly spaced, that are used."""
 LOOSE_M = 0.020
@@ -250,7 +250,7 @@ def _try_rebuilding(
         )
     paths = np.stack([points[name][1] for name in names], axis=1)
     frames = frames[np.isfinite(paths[frames]).all(axis=(1, 2))]
-    if len(frames) < FEWEST_FRAMES:
+    if len(frames) < FEWEST_RECONSTRUCTION_FRAMES:
         return f"it is never visible together with {', '.join(names)} of {segment}"
     frames = frames[:: max(1, len(frames) // MOST_FRAMES)]
     # p_f and p of the module's equations

@@ -25,7 +25,7 @@ from gaitcal.preprocess.rebuilt_markers import MarkerReconstruction, reconstruct
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 
-FEWEST_FRAMES = 20
+FEWEST_TRUNK_FRAMES = 20
 """Frames in which a trunk marker must be visible with three of the pelvis: a mean over fewer is not
 the usual posture.
 """
@@ -163,7 +163,7 @@ def build_model_with_trunk(
     positions = {
         label: np.concatenate(parts).mean(axis=0)
         for label, parts in found.items()
-        if sum(map(len, parts)) >= FEWEST_FRAMES
+        if sum(map(len, parts)) >= FEWEST_TRUNK_FRAMES
     }
     if not positions:
         return model

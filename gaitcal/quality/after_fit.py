@@ -393,7 +393,7 @@ def _compute_resolved_speed(motion: Motion, at: int) -> Array:
     """
     time, basis = motion.time, motion.basis
     # knot spacing of the splines
-    spacing = float(time[-1] - time[0]) / max(basis.nodes - DEGREE, 1)
+    spacing = float(time[-1] - time[0]) / max(basis.control_points - DEGREE, 1)
     end = min(0.5 * ORDER * spacing, LARGEST_END * float(time[-1] - time[0]))
     angle = np.rad2deg(motion.q[:, at])
     before, after = (np.interp(time + by * spacing, time, angle) for by in (-0.5, 0.5))

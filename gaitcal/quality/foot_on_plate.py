@@ -16,7 +16,6 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
-from gaitcal.dynamics.measurement_errors import has_known_outline
 from gaitcal.dynamics.off_sole import (
     MAX_OFF_PLATE_SHARE,
     PressurePosition,
@@ -25,6 +24,7 @@ from gaitcal.dynamics.off_sole import (
     find_divided_frames,
     locate_pressures,
 )
+from gaitcal.dynamics.plate_outline import has_known_outline
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import BODY_N, find_covered_frames
 from gaitcal.io.recording import find_runs, format_spans, measure_duration

@@ -85,7 +85,7 @@ FORCE_UNITS: dict[str, float] = {
 # Least time between frames: motion and forces contain nothing above about 10 Hz
 STEP_S = 0.02
 MOST_FRAMES = 300  # Frames of one trial, at most; a longer one is sampled in larger steps
-FEWEST_FRAMES = 10  # Less than a fifth of a second is not enough evidence
+FEWEST_EVIDENCE_FRAMES = 10  # Less than a fifth of a second is not enough evidence
 GRID_S = 0.01  # Sample time of a filtered plate's spline
 # Plates that carry less than this share of the most loaded plate in valid frames are left out
 LEAST_LOAD = 0.05
@@ -329,7 +329,7 @@ def build_force_evidence(
     if plates_on_ground is not plates or is_off_feet(plates_on_ground, feet, time, points):
         assigned = {**_assign_plates_by_time(plates_on_ground, feet), **trial.plates}
         frames = _reselect_frames(recording, model, parameters, motion, plates_on_ground, assigned)
-    if len(frames) < FEWEST_FRAMES:
+    if len(frames) < FEWEST_EVIDENCE_FRAMES:
         return None
     loads = [
         float(np.abs(np.nan_to_num(resample_wrench(p, time[frames]))[:, 1]).max()) for p in plates
@@ -400,7 +400,7 @@ def _reselect_frames(
             model, parameters, motion, replace(recording, plates=known), assigned, motion.cutoff_hz
         )
         frames = _select_frames(motion.time, reactions.valid)
-        if len(frames) >= FEWEST_FRAMES:
+        if len(frames) >= FEWEST_EVIDENCE_FRAMES:
             break
     return frames
 

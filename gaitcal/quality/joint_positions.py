@@ -49,7 +49,7 @@ from gaitcal.model.segment_frames import (
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess import trial_evidence
 from gaitcal.quality import verdict
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.tracking.rigid import FEWEST_MARKERS
 
 # Share of people with such a joint, which is the rate of false warnings for each tested position
@@ -161,12 +161,12 @@ class _FittedPositions:
         self._offset = fitted.joint - expected
         # errors by the prior itself are part of the scatter of people
         measured_clusters = [
-            k for k, name in enumerate(errors.clusters) if not name.startswith(PRIOR_SOURCE)
+            k for k, name in enumerate(errors.sources) if not name.startswith(PRIOR_SOURCE)
         ]
         self._sensitivity = np.zeros((len(JP_NAMES), len(measured_clusters)))
-        known = [(JP_INDEX[name], row) for row, name in enumerate(errors.free) if name in JP_INDEX]
+        known = [(JP_INDEX[name], row) for row, name in enumerate(errors.names) if name in JP_INDEX]
         for at, row in known:
-            self._sensitivity[at] = errors.parameters[row, measured_clusters]
+            self._sensitivity[at] = errors.effects[row, measured_clusters]
 
     def list_views(self, joint: str) -> Iterator[JointPosition]:
         """Yield the position of a joint in each adjacent segment."""

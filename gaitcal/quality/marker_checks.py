@@ -39,7 +39,7 @@ from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.tracking.coordinate_prior import MARKER_M, compute_uncertainty
 from gaitcal.tracking.motion import track_motion
 from gaitcal.tracking.rigid import FEWEST_MARKERS
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import (
     MIN_ROOT_VISIBLE_SHARE,
     build_trial_problem,
@@ -715,7 +715,7 @@ def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str
             trial.name,
             model,
             trial.recording,
-            NodeRule(),
+            ControlPointRule(),
             root="pelvis",
             segments=linkage.LOWER_BODY,
         )

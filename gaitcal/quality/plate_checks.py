@@ -29,7 +29,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.foot_contact import mark_near
-from gaitcal.dynamics.measurement_errors import MAX_OUTSIDE_SHARE, compute_share_outside
+from gaitcal.dynamics.plate_outline import MAX_OUTSIDE_SHARE, compute_share_outside
 from gaitcal.errors import Code, Finding, join_names
 from gaitcal.io.c3d.plates import DECLARED_UNIT_TEXT
 from gaitcal.io.force_plate import (

@@ -34,8 +34,8 @@ from gaitcal.io.text_file import UNEVEN_STEP_SHARE
 from gaitcal.preprocess.clean_trial import compute_jump_limit
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
-from gaitcal.tracking.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, compute_cutoff
-from gaitcal.tracking.trial_problem import FEWEST_FRAMES
+from gaitcal.tracking.spline import HALF_POWER, NODES_PER_SECOND, ControlPointRule, compute_cutoff
+from gaitcal.tracking.trial_problem import FEWEST_TRACKED_FRAMES
 
 RATES = (20.0, 2000.0)  # Hz, frame rates of motion capture
 SLOW_GAIT = 50.0  # Hz below which a heel strike falls between frames
@@ -73,8 +73,8 @@ def check_rate(trial: TrialEvidence) -> Iterator[Finding]:
         Errors for short trials and impossible rates; warnings for slow and irregular frames.
     """
     time = trial.recording.time
-    if not trial.is_static and len(time) < FEWEST_FRAMES:
-        found = f"found {len(time)} frames; allowed: at least {FEWEST_FRAMES}"
+    if not trial.is_static and len(time) < FEWEST_TRACKED_FRAMES:
+        found = f"found {len(time)} frames; allowed: at least {FEWEST_TRACKED_FRAMES}"
         cause = "the trial is too short"
         yield trial.error(
             "sampling", found, "export the whole trial", cause=cause, code=Code.SHORT_TRIAL
@@ -200,7 +200,7 @@ def check_bandwidth(trial: TrialEvidence) -> Iterator[Finding]:
         Errors, warnings and notes.
     """
     time = trial.recording.time
-    if trial.is_static or len(time) < FEWEST_FRAMES:
+    if trial.is_static or len(time) < FEWEST_TRACKED_FRAMES:
         return
     settings = trial.settings
     passed, source = _compute_bandwidth(settings, time)
@@ -245,9 +245,9 @@ def check_bandwidth(trial: TrialEvidence) -> Iterator[Finding]:
 def _compute_bandwidth(settings: CalibrationSettings, time: Array) -> tuple[float | None, str]:
     """Compute the bandwidth (Hz, -3 dB) of the motion and its source; None if the data decide."""
     if settings.nodes is not None or settings.nodes_per_second is not None:
-        nodes = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes).count_nodes(
-            time
-        )
+        nodes = ControlPointRule(
+            settings.nodes_per_second or NODES_PER_SECOND, settings.nodes
+        ).count_nodes(time)
         return compute_cutoff(time, nodes), f"{nodes} spline nodes"
     if settings.bandwidth_hz == AUTOMATIC:
         return None, ""

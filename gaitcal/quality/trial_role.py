@@ -35,7 +35,10 @@ from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.quality import plate_checks
 from gaitcal.tracking.rigid import fit_rigid
 
-FEWEST_FRAMES, SHORTEST_S = 3, LAG_S  # Of a static trial: its speed is measured over that time
+FEWEST_STATIC_FRAMES, SHORTEST_S = (
+    3,
+    LAG_S,
+)  # Of a static trial: its speed is measured over that time
 RESTLESS = 0.5
 """Share of the allowed speed of a still window from which the stillest one is reported: 1 to 7 mm/s
 in clean static trials."""
@@ -153,7 +156,9 @@ def check_static_length(trial: TrialEvidence) -> Iterator[Finding]:
         A warning, or a note for a single frame.
     """
     time = trial.recording.time
-    if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
+    if not trial.is_static or (
+        len(time) >= FEWEST_STATIC_FRAMES and time[-1] - time[0] >= SHORTEST_S
+    ):
         return
     if len(time) == 1:  # landmarks of one frame are not blurred by motion
         found = (
@@ -165,7 +170,7 @@ def check_static_length(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.warning(
         "still window",
         f"found {len(time)} frames over {time[-1] - time[0]:.3g} s, all of them used; needed: at "
-        f"least {FEWEST_FRAMES} frames over {SHORTEST_S:g} s",
+        f"least {FEWEST_STATIC_FRAMES} frames over {SHORTEST_S:g} s",
         "make sure that the person stands still there, or use a longer part of the recording",
         cause="the static trial is too short to check that the person stands still",
         code=Code.SHORT_STATIC,

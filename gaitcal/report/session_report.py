@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.analysis.trial_result import estimate_axis_deviations
-from gaitcal.calibration.joint_prior import make_study_prior
+from gaitcal.calibration.joint_prior import combine_joint_priors
 from gaitcal.errors import Code, InputError
 from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
 from gaitcal.io.result_folder import (
@@ -342,7 +342,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
         remarks=(*of_model.remarks, *other),
         axis_deviations=estimate_axis_deviations(settings, model),
         error_shares=_average_shares(summary),
-        prior=make_study_prior(settings.joint_prior, noise=model.noise),
+        prior=combine_joint_priors(settings.joint_prior, noise=model.noise),
         relative=settings.angles == "relative",
     )
     return session, (read, of_model)

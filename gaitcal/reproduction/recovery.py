@@ -43,7 +43,7 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic import synthetic_motion as motions
 from gaitcal.tracking import banded, spline
 from gaitcal.tracking.descent import Descent, DescentSettings, Evaluation, descend
-from gaitcal.tracking.motion import SharedMotions, build_motion, track_nodes
+from gaitcal.tracking.motion import SharedMotions, build_motion, track_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
 LEG = params.list_leg_parameters(SIDE)
@@ -192,7 +192,7 @@ def build_synthetic_problem(problem: str, noise: np.random.Generator | None) -> 
     recording = Recording(
         source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers
     )
-    rule = spline.NodeRule(fixed=motions.NODES)
+    rule = spline.ControlPointRule(fixed=motions.NODES)
     # As published: no prior on any coordinate.
     return replace(build_trial_problem(problem, model, recording, rule), priors=())
 
@@ -237,13 +237,13 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     """
     free, truth = list_free_parameters(problem), build_true_model().parameters
     began = time.process_time()
-    zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
+    zero = np.zeros((markers.basis.control_points, len(markers.chain.coordinates)))
     p, coefficients, near = descend_together([markers], held, free, [zero], np.zeros(len(free)))
     fit = joint_estimate.JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
-    at_truth = track_nodes(
+    at_truth = track_coefficients(
         markers, markers.build_body(truth), build_true_motion(problem).coefficients
     )
     from_truth = joint_estimate.JointSearch([markers], held, free, [at_truth.x]).run(

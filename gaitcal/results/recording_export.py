@@ -24,7 +24,7 @@ from gaitcal.export.plug_in_gait import (
 from gaitcal.gait import event_checks, moments
 from gaitcal.io import formats, result_folder, segment_poses, toml
 from gaitcal.io.axes import AxisPermutation
-from gaitcal.io.c3d.reader import PER_METRE
+from gaitcal.io.c3d.reader import POINT_UNITS_PER_METRE
 from gaitcal.io.c3d.writer import (
     AddedPoint,
     C3DOriginal,
@@ -128,7 +128,7 @@ def _write_trial(
         source, same = between, formats.read_recording(between)
     original = open_c3d_original(source, len(recording.time))
     rows = _match_frames(recording.time, trial.motion.time, paths["file"])
-    per_metre = PER_METRE.get(original.get_unit("UNITS").strip().lower(), 1e3)
+    per_metre = POINT_UNITS_PER_METRE.get(original.get_unit("UNITS").strip().lower(), 1e3)
     turn = _find_file_axes(trial.markers, original.get_positions()[rows] / per_metre, paths["file"])
     kept = set(same.labels) if instead else set(original.labels)
     points, named = _build_points(trial, original, rows, turn, per_metre, kept)

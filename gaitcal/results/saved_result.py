@@ -174,9 +174,9 @@ def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
     """
     arrays: dict[str, np.ndarray] = {}
     if uncertainty.joint is not None:
-        arrays["joint_free"] = np.array(uncertainty.joint.free, dtype=str)
-        arrays["joint_clusters"] = np.array(uncertainty.joint.clusters, dtype=str)
-        arrays["joint"] = uncertainty.joint.parameters
+        arrays["joint_free"] = np.array(uncertainty.joint.names, dtype=str)
+        arrays["joint_clusters"] = np.array(uncertainty.joint.sources, dtype=str)
+        arrays["joint"] = uncertainty.joint.effects
     if uncertainty.inertial is not None:
         arrays["inertial"] = uncertainty.inertial
     for name, values in (

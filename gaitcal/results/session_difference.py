@@ -64,7 +64,7 @@ from gaitcal.model.linkage import LEG_JOINTS, SIDES, get_segment
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import ParameterKind as ParameterKind
 from gaitcal.results.stride_sets import Common, RecordedSession, average_known
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 
 MDC = 1.96  # Standard errors: the normal distribution's 97.5 % point
 LEAST_FREEDOM = 8  # Degrees of freedom from which one leg's strides determine their spread
@@ -414,9 +414,9 @@ def list_observed_parameters(influence: ErrorSources | None) -> tuple[str, ...]:
     """
     if influence is None:
         return ()
-    markers = np.array([not c.startswith(NOMINAL) for c in influence.clusters])
-    observed = (influence.parameters[:, markers] != 0.0).any(axis=1)
-    pairs = zip(influence.free, observed, strict=True)
+    markers = np.array([not c.startswith(NOMINAL) for c in influence.sources])
+    observed = (influence.effects[:, markers] != 0.0).any(axis=1)
+    pairs = zip(influence.names, observed, strict=True)
     return tuple(name for name, is_observed in pairs if is_observed and name in JP_INDEX)
 
 
@@ -506,5 +506,5 @@ def compute_anatomical_root(names: Sequence[str], prior: JointPrior | None) -> A
 
 def _collect_columns(influence: ErrorSources, names: Sequence[str]) -> dict[str, Array]:
     """Collect source -> (n,) influence on the joint parameters `names`."""
-    rows = influence.parameters[[influence.free.index(name) for name in names]]
-    return dict(zip(influence.clusters, rows.T, strict=True))
+    rows = influence.effects[[influence.names.index(name) for name in names]]
+    return dict(zip(influence.sources, rows.T, strict=True))

@@ -14,7 +14,7 @@ from gaitcal.analysis.fit_findings import is_trunk_unmeasured
 from gaitcal.analysis.result import Calibration, Loads, TrialResult
 from gaitcal.analysis.truth_errors import CurveTruth, FeatureTruth, TruthErrors
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_phases import Phase
+from gaitcal.calibration.joint_phases import PhaseSummary
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.gait.cycles import GaitCycle
@@ -211,7 +211,7 @@ def summarise_calibration(calibration: Calibration) -> dict[str, Json]:
     }
 
 
-def _summarise_phase(phase: Phase) -> dict[str, Json]:
+def _summarise_phase(phase: PhaseSummary) -> dict[str, Json]:
     """Summarise one phase of the calibration; marker noise in mm, if it was estimated."""
     out: dict[str, Json] = {
         "name": phase.name,
@@ -297,7 +297,7 @@ def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
         "frames": len(trial.calibrated.time),
         "markers": len(errors.labels),
         "weighted_markers": int(errors.select_observed().sum()),
-        "nodes": trial.calibrated.basis.nodes,
+        "nodes": trial.calibrated.basis.control_points,
         "rms_mm": _summarise_rms(trial),
     }
     if trial.bandwidth:

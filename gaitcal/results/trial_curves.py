@@ -246,7 +246,7 @@ def _build_moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None)
             error=None if loads.errors is None else moments.get_moment(loads.errors, name),
             stride_error=None
             if loads.errors is None
-            else moments.get_marker_error(loads.errors, name),
+            else moments.get_trial_marker_se(loads.errors, name),
             nominal=moments.get_moment(loads.nominal, name),
             truth=known[name].truth if name in known else None,
         )

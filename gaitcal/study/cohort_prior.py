@@ -1,7 +1,8 @@
 """Predict a person's joint parameters before any recording: study file and `priors.json` of a
 cohort.
 
-The table of anatomy is in `calibration/joint_prior.py`, which combines all three sources.
+The table of anatomy is in `calibration/joint_prior.py`, which combines all three sources; the prior
+itself is in `study/joint_prior.py`.
 
 `priors.json` is written by `gaitcal cohort --learn-priors`, and read by `gaitcal calibrate
 --priors` or if a study file names it (`[calibration] priors`). It holds what was learnt from all
@@ -22,8 +23,8 @@ not mix positions with orientations.
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -34,85 +35,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io.toml import Table, format_value, get_package_version, validate_table
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointPrior:
-    """Normal prior of the deviations of n joint parameters from their nominal values."""
-
-    names: tuple[str, ...]
-    mean: Array
-    """(n,) m, rad."""
-    covariance: Array
-    """(n, n)."""
-    of_study: tuple[str, ...] = ()
-    """Parameters with a prior in the study file."""
-    of_cohort: tuple[str, ...] = ()
-    """Parameters with a prior of a cohort, which precedes the study file."""
-    file: str = ""
-    """File of the cohort, if there is one."""
-    people: int = 0
-    left_out: int = 0
-    """People of the fold that is left out because this person is in it; else 0."""
-    notes: tuple[str, ...] = ()
-    """Descriptions of the sources."""
-    sha256: str = ""
-    """SHA-256 of the file, hexadecimal."""
-    doubted: Mapping[str, float] = field(default_factory=dict)
-    """Parameter -> m, rad of further error, from causes that no fit models."""
-
-    def update(self, other: "JointPrior") -> "JointPrior":
-        """Replace the prior of some parameters by another, independent of the rest.
-
-        Parameters
-        ----------
-        other
-            Prior of some of these parameters.
-
-        Returns
-        -------
-        JointPrior
-            Prior of all parameters.
-        """
-        at = [self.names.index(name) for name in other.names]
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        covariance[at], covariance[:, at] = 0.0, 0.0
-        mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
-        return replace(self, mean=mean, covariance=covariance)
-
-    def widen(self, more: Mapping[str, float]) -> "JointPrior":
-        """Add independent errors (m, rad; standard deviations) to some parameters.
-
-        Parameters
-        ----------
-        more
-            Parameter -> m, rad.
-
-        Returns
-        -------
-        JointPrior
-            Prior with a larger covariance.
-        """
-        variance = np.array([more.get(name, 0.0) for name in self.names]) ** 2
-        return replace(self, covariance=self.covariance + np.diag(variance))
-
-    def describe_fallback(self, names: Sequence[str]) -> str:
-        """Describe what unobservable joint parameters stay near.
-
-        Parameters
-        ----------
-        names
-            Joint parameters that no trial shows.
-
-        Returns
-        -------
-        str
-            Empty for their nominal values.
-        """
-        if set(names) & set(self.of_cohort):
-            return "the cohort mean"
-        return "the prior mean of the study file" if set(names) & set(self.of_study) else ""
 
 
 def _map_sides() -> dict[str, tuple[str, ...]]:

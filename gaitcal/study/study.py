@@ -20,7 +20,6 @@ from gaitcal.model.subject_model import PatientRecord, Subject
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import (
     CohortPriors,
-    JointPrior,
     Person,
     hash_name,
     predict_prior,
@@ -33,6 +32,7 @@ from gaitcal.study.declared_truth import (
     list_truth_files,
     read_truth,
 )
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, read_trial

@@ -3,9 +3,10 @@ study asks for.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,6 +60,10 @@ class Trial:
     """`file`; where forces have one of their own, `forces`; where a person corrected events,
     `events`.
     """
+
+    def collect_fields(self) -> dict[str, Any]:
+        """Collect the fields of a plain trial, for the constructor of a further subclass."""
+        return {f.name: getattr(self, f.name) for f in fields(Trial)}
 
 
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:

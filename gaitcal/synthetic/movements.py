@@ -252,7 +252,7 @@ def simulate_movement(activity: Activity, parameters: Parameters) -> SyntheticMo
     # Accelerations are poorly determined at the ends of a spline.
     cut = END_SPANS * per_span
     inner = slice(cut, len(time) - cut)
-    kept = build_spline_basis(time[inner], basis.nodes - 2 * END_SPANS)
+    kept = build_spline_basis(time[inner], basis.control_points - 2 * END_SPANS)
     ground = walk.Ground(**{f.name: getattr(ground, f.name)[inner] for f in fields(walk.Ground)})
     motion = TrueMotion(kept, kept.fit(moved(time[inner])), ground=ground)
     return SyntheticMovement(motion=motion, contacts=contacts, belt=activity is Activity.RUN)

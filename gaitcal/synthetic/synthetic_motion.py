@@ -45,7 +45,12 @@ from gaitcal.synthetic.walk import (
 )
 from gaitcal.tracking.marker_residual import PlacedMarkers, compute_marker_positions
 from gaitcal.tracking.motion import track_motion
-from gaitcal.tracking.spline import NodeRule, SplineBasis, build_spline_basis, convert_to_bspline
+from gaitcal.tracking.spline import (
+    ControlPointRule,
+    SplineBasis,
+    build_spline_basis,
+    convert_to_bspline,
+)
 from gaitcal.tracking.trial_problem import build_trial_problem
 
 RATE = 200.0
@@ -164,7 +169,9 @@ def fit_to_nominal_markers(parameters: Parameters, basis: SplineBasis, q: Array)
     person = replace(
         nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight)
     )
-    problem = build_trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
+    problem = build_trial_problem(
+        "nominal", person, recording, ControlPointRule(fixed=basis.control_points)
+    )
     coefficients: Array = track_motion(problem, parameters).coefficients
     return coefficients
 

@@ -33,7 +33,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics import inverse_dynamics, measurement_errors
+from gaitcal.dynamics import inverse_dynamics, plate_outline
 from gaitcal.dynamics.derivatives import compute_root_residual
 from gaitcal.io.toml import find_models_folder
 from gaitcal.model import coordinates, nominal, subject_model
@@ -199,7 +199,7 @@ def _compute_foot_length_ratio() -> float:
     """Compute the ratio of the length of a foot to the distance of its heel and toe markers."""
     heel, toe = _get_local_points()[0, :2]
     distance = float(np.linalg.norm(toe - heel))
-    foot_length = measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height
+    foot_length = plate_outline.FOOT_LENGTH * nominal.published_model().subject.height
     return max(1.0, foot_length / distance)
 
 
@@ -468,7 +468,7 @@ def _solve_step(basis: SplineBasis, rows: list[_Rows]) -> Array:
             weights = (basis.value, basis.rate, basis.acceleration)[order]
             by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
     jacobian = by_node.reshape(nf, -1, width)
-    band, right = np.zeros((width, basis.nodes * nq)), np.zeros(basis.nodes * nq)
+    band, right = np.zeros((width, basis.control_points * nq)), np.zeros(basis.control_points * nq)
     for node, frames in basis.spans:
         matrix = jacobian[frames].reshape(-1, width)
         product, begin = matrix.T @ matrix, node * nq
@@ -476,4 +476,4 @@ def _solve_step(basis: SplineBasis, rows: list[_Rows]) -> Array:
             band[d, begin : begin + width - d] += np.diagonal(product, -d)
         right[begin : begin + width] -= matrix.T @ value[frames].ravel()
     step: Array = solveh_banded(band, right, lower=True)
-    return step.reshape(basis.nodes, nq)
+    return step.reshape(basis.control_points, nq)

@@ -103,7 +103,7 @@ class Assembler:
         NormalEquations
             Coordinates that move no marker have a unit diagonal.
         """
-        nn, nq, pairs, cost = self.basis.nodes, self.nq, self.pairs, 0.0
+        nn, nq, pairs, cost = self.basis.control_points, self.nq, self.pairs, 0.0
         coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
         # [node a, d, pair] sum_f B_a(f) B_a+d(f) entry(f)
         blocks = np.zeros((nn, ORDER, len(self._i)))

@@ -159,9 +159,9 @@ class Smoother:
         self.basis, self.rough = basis, spline.build_roughness(basis.knots)
         gram = (basis.matrices[0].T @ basis.matrices[0]).tocsr()
         # lower band of G
-        self.gram = np.zeros((spline.ORDER, basis.nodes))
-        for d in range(min(spline.ORDER, basis.nodes)):
-            self.gram[d, : basis.nodes - d] = gram.diagonal(-d)
+        self.gram = np.zeros((spline.ORDER, basis.control_points))
+        for d in range(min(spline.ORDER, basis.control_points)):
+            self.gram[d, : basis.control_points - d] = gram.diagonal(-d)
 
     def smooth(self, right: Array, cutoff_hz: float) -> Array:
         """Return (nn, k) coefficients of A y, from B^T y (nn, k)."""
@@ -197,7 +197,7 @@ class DenseMotion:
         rough = spline.build_smoothing(basis, self.information, self.highest)
         self.problem = replace(cut, basis=basis, smoothing=rough)
         start = find_start_coefficients(body, cut.data, basis)
-        self.coefficients = motion.track_nodes(self.problem, body, start, LOOSE_SETTINGS).x
+        self.coefficients = motion.track_coefficients(self.problem, body, start, LOOSE_SETTINGS).x
         """(nn, nq) m, rad."""
         residual = self.problem.compute_positions(self.coefficients, body) - cut.data.measured
         self.residual = (np.sqrt(cut.data.weight)[:, None] * residual).reshape(-1, len(frames)).T

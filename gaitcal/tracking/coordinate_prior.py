@@ -125,7 +125,7 @@ class CoordinatePrior:
             A column for each z_0, z_1, z_2 = 1 of each of the k coordinates.
         """
         prior = self.express_on(basis, coordinates)
-        out = np.zeros((basis.nodes, len(coordinates), len(self.names), 3))
+        out = np.zeros((basis.control_points, len(coordinates), len(self.names), 3))
         for k, name in enumerate(self.names):
             # e_k(t) of a unit z_0, z_1 and z_2, as splines
             cycles_per_stride = 2.0 if name in STEP_COORDINATES else 1.0
@@ -134,7 +134,7 @@ class CoordinatePrior:
             constant = np.full(len(phase), np.sqrt(CONSTANT_SHARE))
             courses = basis.fit(np.column_stack([constant, swing]))
             out[:, prior.columns[k], k] = prior.weight[:, [k]] * self.scale[k] * courses
-        return out.reshape(basis.nodes * len(coordinates), -1)
+        return out.reshape(basis.control_points * len(coordinates), -1)
 
     @property
     def centred(self) -> bool:
@@ -183,7 +183,7 @@ class CoordinatePrior:
     def _fit_course(self, values: Array, basis: spline.SplineBasis) -> Array:
         """Return (nn, k) coefficients of values (nt, k)."""
         if len(values) == 1:
-            return np.repeat(values, basis.nodes, axis=0)
+            return np.repeat(values, basis.control_points, axis=0)
         at_frames = [np.interp(basis.time, self.time, column) for column in values.T]
         return basis.fit(np.stack(at_frames, axis=1))
 

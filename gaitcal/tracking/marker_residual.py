@@ -143,7 +143,7 @@ class FrameEquations:
     gradient: Array  # (nq + np, nf) half gradient
     columns: Array  # (nq + np, 6, nf) J_k
     # (nq + np, 6, nf) Y_k J_k, with the markers' curvature if asked for; none where no matrix was
-    carried: Array
+    weighted_columns: Array
 
     def compute_products(self, first: slice = _ALL, second: slice = _ALL) -> Array:
         """Compute J_k . Y_l J_l for variables k of `first` and l of `second`.
@@ -154,11 +154,11 @@ class FrameEquations:
             H_kl wherever l comes after k.
         """
         left = np.ascontiguousarray(self.columns[first].transpose(2, 0, 1))
-        return left @ np.ascontiguousarray(self.carried[second].transpose(2, 1, 0))
+        return left @ np.ascontiguousarray(self.weighted_columns[second].transpose(2, 1, 0))
 
     def sum_products(self, part: slice) -> Array:
         """Return (n, n): the products of all variables of `part`, summed over the frames."""
-        left, right = self.columns[part], self.carried[part]
+        left, right = self.columns[part], self.weighted_columns[part]
         return left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
 
 
@@ -299,9 +299,9 @@ def assemble_frame_equations(
     gradient = np.einsum("kif,kif->kf", columns, forces)
     if not hessian:
         return FrameEquations(
-            cost=cost, gradient=gradient, columns=columns, carried=np.empty((0, 6, len(q)))
+            cost=cost, gradient=gradient, columns=columns, weighted_columns=np.empty((0, 6, len(q)))
         )
-    carried = _apply_inertia(
+    weighted_columns = _apply_inertia(
         _sum_moved_segments(chain, _compute_segment_inertias(data, segments)),
         chain.moved_set,
         columns,
@@ -310,10 +310,12 @@ def assemble_frame_equations(
         # C_l = sum x r^T of each segment: T_s [l; 1] against the same arms that give its force
         first = np.einsum("sjaf,sjbf->sabf", segments, arms)
         summed = _sum_moved_segments(chain, first.reshape(len(first), 9, -1))[chain.moved_set]
-        carried[:, 3:] += compute_curvature_forces(
+        weighted_columns[:, 3:] += compute_curvature_forces(
             columns, forces[:, :3], summed.reshape(len(summed), 3, 3, -1)
         )
-    return FrameEquations(cost=cost, gradient=gradient, columns=columns, carried=carried)
+    return FrameEquations(
+        cost=cost, gradient=gradient, columns=columns, weighted_columns=weighted_columns
+    )
 
 
 def _sum_segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:

@@ -39,7 +39,7 @@ from gaitcal.tracking.descent import Descent, DescentSettings, Evaluation, desce
 from gaitcal.tracking.rigid import compute_rigid_distances
 from gaitcal.tracking.spline import (
     HALF_POWER,
-    NodeRule,
+    ControlPointRule,
     SplineBasis,
     compute_cutoff,
     compute_frame_rate,
@@ -56,7 +56,7 @@ NEGLIGIBLE_RMS_M = 1e-14
 """m, RMS residual below which a fit is exact."""
 
 
-def track_nodes(
+def track_coefficients(
     problem: MotionProblem,
     body: LinkageModel,
     start: Array,
@@ -98,7 +98,7 @@ class _Tracking:
         self.has_curvature = not problem.chain.free
 
     def coefficients(self, x: Array) -> Array:
-        return x.reshape(self.problem.basis.nodes, -1)
+        return x.reshape(self.problem.basis.control_points, -1)
 
     def evaluate(self, x: Array) -> Evaluation:
         cost, gradient = self.problem.compute_gradient(self.coefficients(x), self.body)
@@ -174,11 +174,14 @@ class SharedMotions:
         """
         sizes = [
             self.size,
-            *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open),
+            *(
+                problem.basis.control_points * len(problem.chain.coordinates)
+                for problem in self.open
+            ),
         ]
         p, *coefficients = np.split(x, np.cumsum(sizes)[:-1])
         return p, [
-            flat.reshape(problem.basis.nodes, -1)
+            flat.reshape(problem.basis.control_points, -1)
             for flat, problem in zip(coefficients, self.open, strict=True)
         ]
 
@@ -371,7 +374,7 @@ class Motion(Displayed):
     def cutoff_hz(self) -> float:
         """Hz at which 71 % (-3 dB) of an oscillation is in the motion."""
         return (
-            compute_cutoff(self.time, self.basis.nodes)
+            compute_cutoff(self.time, self.basis.control_points)
             if self.smoothed_hz is None
             else HALF_POWER * self.smoothed_hz
         )
@@ -451,11 +454,11 @@ def track_motion(
     """
     body = problem.build_body(parameters)
     start = find_start_coefficients(body, problem.data, problem.basis)
-    tracked = track_nodes(problem, body, start, settings)
+    tracked = track_coefficients(problem, body, start, settings)
     again = problem.follow_pelvis(tracked.x)
     # what an undetermined trunk does hangs on the pelvis, which is known now
     if again is not problem:
-        tracked = track_nodes(again, body, tracked.x, settings)
+        tracked = track_coefficients(again, body, tracked.x, settings)
     return build_motion(problem, parameters, tracked.x, converged=tracked.converged)
 
 
@@ -486,7 +489,9 @@ def _build_marker_errors(problem: MotionProblem, distance: Array) -> MarkerError
 
 
 @with_one_blas_thread
-def track(model: SubjectModel, recording: Recording, *, rule: NodeRule | None = None) -> Motion:
+def track(
+    model: SubjectModel, recording: Recording, *, rule: ControlPointRule | None = None
+) -> Motion:
     """Track the markers of a recording with a person's model.
 
     27 quintic splines bring the model's markers nearest to the measured ones, over all frames at
@@ -510,7 +515,7 @@ def track(model: SubjectModel, recording: Recording, *, rule: NodeRule | None = 
     InputError
         Too few markers of a segment are visible, or the recording is too short.
     """
-    problem = build_trial_problem(recording.source, model, recording, rule or NodeRule())
+    problem = build_trial_problem(recording.source, model, recording, rule or ControlPointRule())
     return track_motion(problem, model.parameters)
 
 
@@ -604,7 +609,7 @@ def track_robustly(
     present = np.ones_like(weight) if factor is None else factor
     weighted = problem.with_weight(weight * present)
     coefficients = find_start_coefficients(body, weighted.data, problem.basis)
-    tracked = track_nodes(weighted, body, coefficients)
+    tracked = track_coefficients(weighted, body, coefficients)
     scale, settled, count = MIN_SCALE_M, False, 0
     while count < MOST_ROUNDS and not settled:
         shape = Loss.HUBER if begun + count < FIRST_ROUNDS else loss
@@ -619,6 +624,6 @@ def track_robustly(
         )
         present = changed
         weighted = problem.with_weight(weight * present)
-        tracked = track_nodes(weighted, body, tracked.x)
+        tracked = track_coefficients(weighted, body, tracked.x)
         count += 1
     return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked)

@@ -310,7 +310,7 @@ def add_tissue_columns(
     placed = Kinematics(body, q, data.secondary)
     segments, columns = placed.segments, placed.columns
     position = marker_residual.place_markers(data.placed, segments, data.shift)
-    mixed = np.zeros((basis.nodes, nq, nz))
+    mixed = np.zeros((basis.control_points, nq, nz))
     by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
     for group in tissue.groups:
@@ -361,7 +361,7 @@ def add_tissue_columns(
         for r, of_regressor in enumerate(psi):
             of_columns = slice(here.start + WIDTH * r, here.start + WIDTH * (r + 1))
             summed = spread @ (of_regressor[:, None] * by_frame)
-            mixed[:, moved[turning], of_columns] = summed.reshape(basis.nodes, -1, WIDTH)
+            mixed[:, moved[turning], of_columns] = summed.reshape(basis.control_points, -1, WIDTH)
         at = here.stop
     return replace(
         equations,

@@ -75,13 +75,13 @@ class SplineBasis:
 
     time: Array  # (nf,) s
     knots: Array  # (nn + 6,) s
-    first: IntArray  # (nf,) index of the first of the six nodes that matter at a frame
+    first: IntArray  # (nf,) index of the first of the six control points that matter at a frame
     value: Array  # (nf, 6) their weights
     rate: Array  # (nf, 6) 1/s, weights for the first derivative
     acceleration: Array  # (nf, 6) 1/s^2, weights for the second derivative
 
     @property
-    def nodes(self) -> int:
+    def control_points(self) -> int:
         """Number of control points of a coordinate."""
         return len(self.knots) - ORDER
 
@@ -130,13 +130,14 @@ class SplineBasis:
 
     @cached_property
     def matrices(self) -> tuple[csr_array, ...]:
-        """(nf, nn) each: values, first and second derivatives from nodes."""
+        """(nf, nn) each: values, first and second derivatives from control points."""
         nf = len(self.time)
         columns = (self.first[:, None] + np.arange(ORDER)).ravel()
         ends = np.arange(0, ORDER * nf + 1, ORDER)
         parts = (self.value, self.rate, self.acceleration)
         return tuple(
-            csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes)) for weights in parts
+            csr_array((weights.ravel(), columns, ends), shape=(nf, self.control_points))
+            for weights in parts
         )
 
     def fit(self, samples: Array, weight: Array | None = None) -> Array:
@@ -154,7 +155,7 @@ class SplineBasis:
         (nn, nq) array
             Zero for control points that no weighted frame reaches.
         """
-        nn, value = self.nodes, self.value
+        nn, value = self.control_points, self.value
         weighted = value if weight is None else weight[:, None] * value
         band, right = np.zeros((ORDER, nn)), np.zeros((nn, samples.shape[1]))
         grams = np.add.reduceat(
@@ -204,14 +205,14 @@ def _build_frame_matrix(values: Array, rows: IntArray, count: int, frames: int) 
     return csc_array((values.ravel(), rows.ravel(), columns), shape=(count, frames)).tocsr()
 
 
-def build_spline_basis(time: Array, nodes: int) -> SplineBasis:
+def build_spline_basis(time: Array, control_points: int) -> SplineBasis:
     """Build the basis over the frames of a trial.
 
     Parameters
     ----------
     time
         (nf,) s, increasing.
-    nodes
+    control_points
         Number of control points, at least `MINIMUM_NODES`.
 
     Returns
@@ -223,12 +224,16 @@ def build_spline_basis(time: Array, nodes: int) -> SplineBasis:
     ValueError
         There are fewer control points than one span needs.
     """
-    if nodes < MINIMUM_NODES:
-        raise ValueError(f"a quintic spline needs at least {MINIMUM_NODES} nodes, not {nodes}")
+    if control_points < MINIMUM_NODES:
+        raise ValueError(
+            f"a quintic spline needs at least {MINIMUM_NODES} nodes, not {control_points}"
+        )
     start, end = float(time[0]), float(time[-1])
-    inner = np.linspace(start, end, nodes - DEGREE + 1)
+    inner = np.linspace(start, end, control_points - DEGREE + 1)
     knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, end)])
-    first = np.clip(np.searchsorted(knots, time, side="right") - 1, DEGREE, nodes - 1) - DEGREE
+    first = (
+        np.clip(np.searchsorted(knots, time, side="right") - 1, DEGREE, control_points - 1) - DEGREE
+    )
     value, rate, acceleration = (
         _compute_local_weights(knots, time, first + DEGREE, k) for k in range(3)
     )
@@ -274,11 +279,11 @@ def convert_to_bspline(basis: SplineBasis, coefficients: Array) -> "BSpline":
 
 
 @dataclass(frozen=True)
-class NodeRule:
+class ControlPointRule:
     """Rule for the number of control points of a trial."""
 
     per_second: float = NODES_PER_SECOND
-    # A fixed number of nodes a coordinate (20 in the published protocol), whatever the length
+    # A fixed number of control points a coordinate (20 in the published protocol)
     fixed: int | None = None
 
     def count_nodes(self, time: Array) -> int:

@@ -56,7 +56,7 @@ def find_start_coefficients(body: LinkageModel, data: MarkerData, basis: SplineB
     (nn, nq) array
         m, rad.
     """
-    nf, wanted = len(basis.time), SAMPLES_PER_NODE * basis.nodes
+    nf, wanted = len(basis.time), SAMPLES_PER_NODE * basis.control_points
     if nf <= wanted:
         return basis.fit(find_start_coordinates(body, data))
     chosen = select_spaced_frames(nf, wanted)

@@ -37,7 +37,7 @@ from gaitcal.tracking.soft_tissue import (
     compute_tissue_gradient,
 )
 from gaitcal.tracking.spline import (
-    NodeRule,
+    ControlPointRule,
     Smoothing,
     SplineBasis,
     build_spline_basis,
@@ -475,7 +475,7 @@ class MotionProblem:
         return out
 
 
-FEWEST_FRAMES = 12
+FEWEST_TRACKED_FRAMES = 12
 """Frames that a trial needs for its splines."""
 MIN_ROOT_VISIBLE_SHARE = 0.5
 """Share of frames with three visible markers from which the base segment is tracked by these."""
@@ -485,11 +485,11 @@ def build_trial_problem(
     name: str,
     model: SubjectModel,
     recording: Recording,
-    rule: NodeRule,
+    rule: ControlPointRule,
     *,
     root: str = "pelvis",
     segments: tuple[str, ...] = SEGMENTS,
-    carrier: str = "",
+    fallback_base_segment: str = "",
     isolated: str | None = None,
 ) -> MotionProblem:
     """Build the least-squares problem of a recording in the coordinates of some segments.
@@ -508,10 +508,10 @@ def build_trial_problem(
         Base segment, free in the laboratory.
     segments
         Segments of the part.
-    carrier
+    fallback_base_segment
         Segment that carries the body where fewer than half of the frames show three markers of
         `root`. The joints between the two are then held at zero, and only markers on or beyond
-        `carrier` have weight.
+        `fallback_base_segment` have weight.
     isolated
         Joint of a functional trial, which has no joint limits; None: all joints have them.
 
@@ -523,11 +523,12 @@ def build_trial_problem(
     Raises
     ------
     InputError
-        The base segment has no three markers and no `carrier`, or the recording is too short.
+        The base segment has no three markers and no `fallback_base_segment`, or the recording is
+        too short.
     """
     keep_freed_memory()
-    if len(recording.time) < FEWEST_FRAMES:
-        message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}"
+    if len(recording.time) < FEWEST_TRACKED_FRAMES:
+        message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_TRACKED_FRAMES}"
         raise InputError(message, source=recording.source, code=Code.TOO_LITTLE_SEEN)
     # Markers of the model that are recorded, in the order of the segments along the chain.
     at = {label: i for i, label in enumerate(recording.labels)}
@@ -542,26 +543,28 @@ def build_trial_problem(
     visible = np.asarray(np.isfinite(measured).all(axis=1))
     weight = np.where(visible, model.markers.weight[chosen][:, None], 0.0)
     on_root = (index == 0) & (weight > 0).any(axis=1)
-    # A base segment without enough visible markers is carried by another one.
+    # A base segment without enough visible markers is replaced by another one.
+    base_segment = root
     held: tuple[str, ...] = ()
     if (
-        carrier
-        and carrier != root
+        fallback_base_segment
+        and fallback_base_segment != root
         and compute_visible_share(weight[index == 0]) < MIN_ROOT_VISIBLE_SHARE
     ):
-        root, s = carrier, chain.segments.index(carrier)
-        # moves: (nq, ns) whether a coordinate moves a segment. Joints up to the carrier are held.
+        base_segment = fallback_base_segment
+        s = chain.segments.index(base_segment)
+        # moves: (nq, ns) whether a coordinate moves a segment. Joints up to the new one are held.
         moves = chain.support[: len(chain.coordinates)] > 0
         held = tuple(np.array(chain.coordinates)[moves[:, s]].tolist())[len(ROOT_SUFFIXES) :]
-        # Segments beyond the carrier: moved by all coordinates that move the carrier.
+        # Segments beyond it: moved by all coordinates that move it.
         beyond = np.asarray((moves >= moves[:, [s]]).all(axis=0))
         weight[~beyond[index]] = 0.0
         on_root = (index == s) & (weight > 0).any(axis=1)
     if on_root.sum() < rigid.FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
         message = (
-            f"found {found} on {root}; allowed: at least 3 markers of {root} that are visible "
-            "and have weight"
+            f"found {found} on {base_segment}; allowed: at least 3 markers of {base_segment} that "
+            "are visible and have weight"
         )
         raise InputError(
             message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN

@@ -24,7 +24,7 @@ from gaitcal.analysis.prepared_trials import compute_trial_reactions, prepare_tr
 from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import compute_foot_points
-from gaitcal.dynamics.measurement_errors import compute_distance_outside, has_known_outline
+from gaitcal.dynamics.plate_outline import compute_distance_outside, has_known_outline
 from gaitcal.gait.events import find_motion_events, find_plate_events
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, select_event_times
@@ -71,7 +71,7 @@ def walks_of(study: Study) -> list[Walk]:
     model, out = build_nominal_model(study), []
     for trial in (t for t in study.moving if t.role is Role.GAIT):
         ready = prepare_trial(trial, model, study.settings)
-        motion = track_motion(ready.body, model.parameters)
+        motion = track_motion(ready.whole_body_problem, model.parameters)
         feet, recording = compute_foot_points(model, motion, model.parameters), ready.recording
         plates: list[FootEvent] = []
         if recording.plates:

@@ -47,10 +47,10 @@ from gaitcal.study.cohort_prior import (
     HEIGHT_STEP_M,
     REFERENCE_HEIGHT_M,
     CohortPriors,
-    JointPrior,
     Person,
     build_mirror,
 )
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import build_cohort_prior
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,

@@ -236,7 +236,7 @@ def calibrated_walks(study: Study, person: str) -> Iterator[Walk]:
 def _walk(
     name: str, trial: MovingTrial, model: SubjectModel, parameters: Parameters, study: Study
 ) -> Walk:
-    motion = track_motion(trial.body, parameters)
+    motion = track_motion(trial.whole_body_problem, parameters)
     reactions = compute_trial_reactions(trial, model, parameters, motion, study.settings)
     return Walk(
         name=name,

@@ -51,7 +51,9 @@ def test_every_frame_is_left_out_once(study: Study) -> None:
     trial = prepared(study)
     fold = assign_folds(trial)
     assert set(fold) == set(range(FOLDS))
-    held = np.stack([mask_frames(trial, fold == k).joints.data.weight == 0 for k in range(FOLDS)])
+    held = np.stack(
+        [mask_frames(trial, fold == k).joint_fit_problem.data.weight == 0 for k in range(FOLDS)]
+    )
     assert (held.sum(axis=0) == 1).all()
 
 
@@ -59,7 +61,7 @@ def test_every_fold_is_fitted_to_all_but_its_own_blocks(study: Study) -> None:
     trial, nominal, hidden = prepared(study), build_nominal_model(study).parameters, []
 
     def fit(trials: list[MovingTrial]) -> tuple[None, Parameters]:
-        hidden.append((trials[0].joints.data.weight == 0).all(axis=0))
+        hidden.append((trials[0].joint_fit_problem.data.weight == 0).all(axis=0))
         return None, nominal
 
     compute_held_out_errors([trial], nominal, fit)
@@ -70,9 +72,9 @@ def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     """Markers torn away in the frames left out change nothing of what is fitted to the rest."""
     trial = prepared(study)
     held = assign_folds(trial) == 1
-    fitted = mask_frames(trial, held).joints
+    fitted = mask_frames(trial, held).joint_fit_problem
     spoilt = replace(fitted.data, measured=fitted.data.measured + np.where(held, 0.5, 0.0))
-    coefficients = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
+    coefficients = np.zeros((fitted.basis.control_points, len(fitted.chain.coordinates)))
     body = fitted.build_body(build_nominal_model(study).parameters)
     assert replace(fitted, data=spoilt).compute_cost(coefficients, body) == pytest.approx(
         fitted.compute_cost(coefficients, body), rel=1e-12

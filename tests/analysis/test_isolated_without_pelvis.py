@@ -16,7 +16,7 @@ from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import track_motion
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.kept import kept_real
 from tests.messages import check_finding, check_text
@@ -88,8 +88,12 @@ def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
     model = build_nominal_model(uf3)
     recording = recording_of(bare(uf3, joint), joint)
     root, *_ = segments = list_joint_segments(joint)
-    body = build_trial_problem(joint, model, recording, NodeRule(), carrier=root)
-    alone = build_trial_problem(joint, model, recording, NodeRule(), root=root, segments=segments)
+    body = build_trial_problem(
+        joint, model, recording, ControlPointRule(), fallback_base_segment=root
+    )
+    alone = build_trial_problem(
+        joint, model, recording, ControlPointRule(), root=root, segments=segments
+    )
     assert body.held[0] == f"hip_flexion_{joint[-1]}"
     whole, part = track_motion(body, model.nominal), track_motion(alone, model.nominal)
     assert whole.errors.rms() == pytest.approx(part.errors.rms(), rel=SAME_RMS)

@@ -23,7 +23,7 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.motion import Motion
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.synthetic_studies import write_synthetic_study
 
@@ -73,7 +73,7 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     study, done = made
     trial = done.trial("walk")
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
-    plain = build_trial_problem("walk", done.nominal, trial.recording, NodeRule())
+    plain = build_trial_problem("walk", done.nominal, trial.recording, ControlPointRule())
     problem = replace(
         apply_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
     )

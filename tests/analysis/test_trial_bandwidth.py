@@ -46,14 +46,17 @@ def prepared(trial: Trial, **settings: object) -> MovingTrial:
 
 def reactions(trial: MovingTrial, hz: float | None = FORCE_HZ) -> tuple[Motion, GroundReactions]:
     """The trial tracked, and the ground's reactions to it, filtered at so many Hz."""
-    motion = track_motion(trial.body, MODEL.parameters)
+    motion = track_motion(trial.whole_body_problem, MODEL.parameters)
     return motion, compute_motion_reactions(
         MODEL, MODEL.parameters, motion, trial.recording, {}, hz
     )
 
 
 def cutoffs(trial: MovingTrial) -> list[float | None]:
-    return [p.smoothing.cutoff_hz if p.smoothing else None for p in (trial.body, trial.fitted)]
+    return [
+        p.smoothing.cutoff_hz if p.smoothing else None
+        for p in (trial.whole_body_problem, trial.reported_problem)
+    ]
 
 
 def test_markers_choose_without_plates() -> None:
@@ -72,7 +75,7 @@ def test_markers_choose_without_plates() -> None:
         check_text(told.notes[0], f"{told.motion_hz:.1f}")
         # an isolated trial is judged by what its joint parameters are fitted to
         assert told.motion_hz == pytest.approx(
-            DenseMotion(found.fitted, MODEL.parameters).choose_cutoff(), rel=1e-6
+            DenseMotion(found.reported_problem, MODEL.parameters).choose_cutoff(), rel=1e-6
         )
 
 
@@ -132,7 +135,7 @@ def test_given_by_the_settings() -> None:
     for settings, spans in (({"nodes": 25}, 20), ({"nodes_per_second": 15.0}, 16)):
         plain = prepared(walk(), **settings)
         assert plain.bandwidth.chosen_by is ChosenBy.GIVEN and cutoffs(plain) == [None] * 2
-        assert plain.body.basis.nodes == spans + 5
+        assert plain.whole_body_problem.basis.control_points == spans + 5
         assert plain.bandwidth.motion_hz == pytest.approx(0.5 * spans / 1.035)
     with refuses(ValueError, "bandwidth_hz"):
         CalibrationSettings(bandwidth_hz=6.0, nodes=20)
@@ -164,7 +167,7 @@ def test_a_slow_plate_is_not_filtered(rate: float, hz: float, words: str) -> Non
 
 def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
     trial = prepared(walk(0.001))
-    motion = track_motion(trial.body, MODEL.parameters)
+    motion = track_motion(trial.whole_body_problem, MODEL.parameters)
     assert choose_force_cutoff(trial, motion, CalibrationSettings()) == FORCE_HZ == 50.0
     matched = choose_force_cutoff(trial, motion, CalibrationSettings(force_filter_hz="matched"))
     assert matched == pytest.approx(0.863 * trial.bandwidth.motion_hz, rel=1e-3)

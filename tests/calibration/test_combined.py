@@ -37,8 +37,8 @@ from gaitcal.synthetic.synthetic_motion import (
     simulate_gait,
 )
 from gaitcal.tracking.descent import DescentSettings
-from gaitcal.tracking.motion import track_nodes
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.motion import track_coefficients
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.calibration.test_torque_errors import PARAMETERS, smoothed_trial
 from tests.derivatives import Array, started
@@ -65,7 +65,7 @@ def noisy_walk(seed: int, *size: float) -> MotionProblem:
     recording = Recording(
         source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=noisy
     )
-    return build_trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
+    return build_trial_problem("gait", MODEL, recording, ControlPointRule(fixed=20))
 
 
 @pytest.mark.slow
@@ -76,7 +76,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     heavier[[0, 7]] *= (1.1, 0.95)
     wrench = compute_residual_free_wrench(model.parameters.with_inertial(heavier), motion)
     body, start = started(problem, model.parameters)
-    coefficients = track_nodes(problem, body, start).x
+    coefficients = track_coefficients(problem, body, start).x
     valid = np.arange(len(motion.basis.time)) % 3 != 0
 
     chart = LogChart(model.parameters.inertial, make_symmetric_set())

@@ -44,7 +44,7 @@ from gaitcal.model.parameters import (
 )
 from gaitcal.synthetic.synthetic_motion import compute_residual_free_wrench, simulate_gait
 from gaitcal.tracking.motion import track_motion
-from gaitcal.tracking.spline import NodeRule, build_spline_basis, compute_frame_rate
+from gaitcal.tracking.spline import ControlPointRule, build_spline_basis, compute_frame_rate
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import noisy
 from tests.messages import check_text
@@ -56,10 +56,10 @@ SETTINGS = ConsistentSettings()
 WHICH = make_symmetric_set()
 ROUNDING = 1e-9
 EXACT = PlateErrors(position=0.0, gain=0.0, time_offset=0.0)
-USUAL = NodeRule()
+USUAL = ControlPointRule()
 
 
-def problem_of(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> MotionProblem:
+def problem_of(noise: float, seed: int = 0, rule: ControlPointRule = USUAL) -> MotionProblem:
     """The published walk, its markers moved by white noise (m)."""
     problem = build_trial_problem("walk", MODEL, made_recording(MOTION), rule)
     return noisy(problem, np.random.default_rng(seed), noise)
@@ -77,7 +77,7 @@ def reactions() -> GroundReactions:
     )
 
 
-def loaded(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> LoadedProblem:
+def loaded(noise: float, seed: int = 0, rule: ControlPointRule = USUAL) -> LoadedProblem:
     problem = problem_of(noise, seed, rule)
     coefficients = track_motion(problem, TRUE).coefficients
     return LoadedProblem(problem=problem, coefficients=coefficients, reactions=reactions())
@@ -105,7 +105,7 @@ def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
 def noise_of(
     trial: LoadedProblem, parameters: Parameters, plates: PlateNoise | None = None
 ) -> ResidualNoise:
-    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), effects=np.zeros((1, 1)))
     chart = LogChart(parameters.inertial, WHICH)
     return estimate_residual_noise(
         [trial], parameters, none, SUBJECT, chart, SUBJECT.height, plates
@@ -205,7 +205,7 @@ def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
     """A^T d rho of every column of its spread, squares summed."""
     trial, unmoved = loaded(0.0), compute_fixed_spread(TRUE.inertial, WHICH)
     chart = LogChart(TRUE.inertial, WHICH)
-    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), effects=np.zeros((1, 1)))
     without, with_it = (
         estimate_residual_noise(
             [trial],
@@ -286,9 +286,12 @@ def test_half_an_octave_of_the_motion_is_a_source() -> None:
     """A walk without noise in its own spline space, plates without error: what is left is what
     longer spans lose.
     """
-    trial, none = loaded(0.0, rule=NodeRule(fixed=MOTION.basis.nodes)), PlateNoise(EXACT, rest=0.0)
+    trial, none = (
+        loaded(0.0, rule=ControlPointRule(fixed=MOTION.basis.control_points)),
+        PlateNoise(EXACT, rest=0.0),
+    )
     basis, valid = trial.problem.basis, trial.reactions.valid
-    spans = round((basis.nodes - 5) / np.sqrt(2.0))
+    spans = round((basis.control_points - 5) / np.sqrt(2.0))
     longer = build_spline_basis(basis.time, spans + 5)
     fewer = longer.fit(basis.evaluate(trial.coefficients))
     q, v, a = (longer.evaluate(fewer, k)[valid] for k in range(3))

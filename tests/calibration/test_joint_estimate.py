@@ -17,7 +17,7 @@ from gaitcal.calibration.joint_estimate import (
     estimate_noise,
     select_movable_parameters,
 )
-from gaitcal.calibration.joint_prior import get_noise_prior, select_prior
+from gaitcal.calibration.joint_prior import select_prior
 from gaitcal.calibration.soft_tissue_artefact import (
     NO_TISSUE,
     SIZES,
@@ -30,6 +30,7 @@ from gaitcal.calibration.soft_tissue_artefact import (
     make_tissue_columns,
 )
 from gaitcal.calibration.trial_agreement import DETERMINED, _estimate_independent_share
+from gaitcal.calibration.trial_noise import get_noise_prior
 from gaitcal.model.linkage import JOINTS, LEGS, LOWER_BODY
 from gaitcal.model.parameters import (
     JP_INDEX,
@@ -38,7 +39,7 @@ from gaitcal.model.parameters import (
     list_isolated_parameters,
     list_leg_parameters,
 )
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.tracking.soft_tissue import build_rigid_pattern
 from gaitcal.tracking.trial_problem import MotionProblem
 from scripts.validation.harness import shares
@@ -144,7 +145,7 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     assert np.abs(step[:count] / unit).max() < 0.01
     assert_covariance(errors.covariance, dense)
     expected = {f"nominal/{name}" for name in HIP} | {f"skin/{key}" for key in prior.keys}
-    assert {c for c in errors.clusters if not c.startswith("markers/random/")} == expected
+    assert {c for c in errors.sources if not c.startswith("markers/random/")} == expected
 
 
 @pytest.mark.parametrize("fits_tissue", [True, False])
@@ -203,7 +204,7 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
         *(f"nominal/{n}" for n in kept),
         *(() if fits_tissue else (f"skin/{key}" for key in prior.keys)),
     )
-    own = errors.parameters[: len(moved), [errors.clusters.index(source) for source in sources]]
+    own = errors.effects[: len(moved), [errors.sources.index(source) for source in sources]]
     np.testing.assert_allclose(own / unit[:, None], of_considered / unit[:, None], atol=1e-4)
     np.testing.assert_allclose(errors.select(kept).covariance, np.diag(spread[4:] ** 2), atol=1e-18)
     if not fits_tissue:

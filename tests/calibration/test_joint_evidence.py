@@ -69,9 +69,9 @@ def nominal() -> Parameters:
 def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
     found = calibrated(1.0)
     by_source: dict[ErrorSource, set[str]] = {}
-    for name in found.errors.clusters:
+    for name in found.errors.sources:
         by_source.setdefault(classify_source(name), set()).add(name)
-    assert len(set(found.errors.clusters)) == len(found.errors.clusters)
+    assert len(set(found.errors.sources)) == len(found.errors.sources)
     # every joint parameter has its prior, of legs, trunk and arms alike
     assert by_source[ErrorSource.JOINT_NOMINAL] == {f"nominal/{name}" for name in JP_NAMES}
     assert {name.split("/")[0] for name in by_source[ErrorSource.SKIN]} == {"skin"}
@@ -112,11 +112,11 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
     knees = found.tissue["walk"].secondary
     assert knees is not None and found.tissue["bends"].secondary is None
     of_skin = {*found.tissue["walk"].keys, *found.tissue["bends"].keys}
-    assert {*of_skin, *knees.keys} == set(errors.free) - set(JP_NAMES)
+    assert {*of_skin, *knees.keys} == set(errors.names) - set(JP_NAMES)
     tracked = set(found.artefact.values)
     assert tracked == {key for key in of_skin if key.split("/")[1].startswith("knee_angle")}
-    column = errors.parameters[:, errors.clusters.index("skin/found")]
-    others = {key for key, value in zip(errors.free, column, strict=True) if value}
+    column = errors.effects[:, errors.sources.index("skin/found")]
+    others = {key for key, value in zip(errors.names, column, strict=True) if value}
     assert others and others <= {*of_skin, *knees.keys} - tracked, (
         "motions are tracked without these"
     )
@@ -128,7 +128,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
     assert (
         5e-4 < np.sqrt(np.mean(shift**2)) < 0.02 and found.artefact.displace_markers(walk) is walk
     )
-    assert found.phases[0].parameters == len(LEG_PARAMETERS) + len(errors.free) - len(JP_NAMES)
+    assert found.phases[0].parameters == len(LEG_PARAMETERS) + len(errors.names) - len(JP_NAMES)
 
 
 def test_soft_markers_are_said_to_be_soft_and_stiff_ones_stiff() -> None:

@@ -31,7 +31,7 @@ from gaitcal.synthetic.synthetic_motion import (
 from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.soft_tissue import SegmentTissue, SoftTissue, build_rigid_pattern
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import (
     Array,
@@ -342,7 +342,7 @@ def test_a_refused_step_leads_nowhere() -> None:
     recording = Recording(
         source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy
     )
-    problem = build_trial_problem("gait", model, recording, NodeRule(fixed=20))
+    problem = build_trial_problem("gait", model, recording, ControlPointRule(fixed=20))
     few = (*list_gait_parameters("r"), *list_gait_parameters("l"))
     many = tuple(
         n

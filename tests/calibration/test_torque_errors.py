@@ -37,7 +37,7 @@ from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, list_gait_p
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.marker_residual import MarkerData, compute_marker_positions
-from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.spline import build_smoothing
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import (
@@ -280,7 +280,9 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
 
     def motion(problem: MotionProblem, parameters: Parameters) -> Array:
-        return track_nodes(problem, *started(problem, parameters), DescentSettings(gain=1e-15)).x
+        return track_coefficients(
+            problem, *started(problem, parameters), DescentSettings(gain=1e-15)
+        ).x
 
     coefficients = motion(problem, parameters)
     moves = compute_motion_sensitivity(problem, coefficients, parameters, source)
@@ -298,7 +300,7 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
         column = moves.coefficients[:, 3 * m + axis]
         np.testing.assert_allclose(column, moved, rtol=0, atol=LINEAR * float(np.abs(moved).max()))
     at = parameters.joint[[JP_INDEX[name] for name in FREE]]
-    shifted = parameters.with_joint(FREE, at + source.parameters[:, 0])
+    shifted = parameters.with_joint(FREE, at + source.effects[:, 0])
     moved = motion(problem, shifted) - coefficients
     change = -moves.sensitivity @ moves.shift[:, -1]
     sign = np.sign(change @ moved.ravel())  # only the square of what a source does is kept
@@ -341,7 +343,7 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     )
     moves = compute_motion_sensitivity(problem, coefficients, parameters, influence)
     for source in (ErrorSource.JOINT_MARKERS, ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN):
-        before = influence.parameters[
+        before = influence.effects[
             :, [k for k, name in enumerate(clusters) if classify_source(name) is source]
         ]
         after = moves.shift[:, [k for k, name in enumerate(moves.shared_sources) if name is source]]
@@ -359,7 +361,7 @@ FIRST_ORDER = 0.05
 
 
 def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
-    return track_nodes(
+    return track_coefficients(
         problem, problem.build_body(parameters), start, DescentSettings(gain=1e-15)
     ).x
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
-from gaitcal.calibration.joint_prior import factor_prior, make_study_prior, select_prior
+from gaitcal.calibration.joint_prior import combine_joint_priors, factor_prior, select_prior
 from gaitcal.cohort.learn_priors import (
     PARTS,
     Rules,
@@ -27,7 +27,6 @@ from gaitcal.io.toml import get_package_version
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.cohort_prior import (
     CohortPriors,
-    JointPrior,
     Person,
     build_mirror,
     build_sided_directions,
@@ -37,6 +36,7 @@ from gaitcal.study.cohort_prior import (
     predict_prior,
     read_cohort_priors,
 )
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 from gaitcal.study.study import Study, add_cohort_priors, build_cohort_prior
 from tests.cohort.made_people import KNEES, NAMES, Array, make_evidence, people, some_information
@@ -256,7 +256,7 @@ CLOSE = 1e-6
 """Relative: of matrices of 1e-4 to 1e4 in m, rad that are inverted twice."""
 LEGS = PARTS["legs"]
 UNSEEN = 10
-OTHER = make_study_prior(
+OTHER = combine_joint_priors(
     {
         "hip.pelvis.ant": ParameterPriorTable(mean=-7.0, deviation=6.0),
         "hip_l.thigh.ant": ParameterPriorTable(deviation=5.0),
@@ -282,11 +282,11 @@ def fitted(
     left = make_nominal_errors(others, prior)
     errors = np.zeros((len(JP_NAMES),) * 2)
     errors[: len(names), : len(names)] = np.linalg.cholesky(np.linalg.inv(precision))
-    errors[len(names) :, len(names) :] = left.parameters
+    errors[len(names) :, len(names) :] = left.effects
     influence = ErrorSources(
         (*names, *others),
         errors,
-        (*(f"markers/walk/{k}" for k in range(len(names))), *left.clusters),
+        (*(f"markers/walk/{k}" for k in range(len(names))), *left.sources),
     )
     deviation = np.zeros(len(JP_NAMES))
     deviation[[JP_INDEX[name] for name in names]] = found
@@ -315,9 +315,9 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
 def test_exact_errors_are_no_evidence() -> None:
     influence, deviation, *_ = fitted(LEGS, None)
     exact = ErrorSources(
-        influence.free,
-        influence.parameters * (np.arange(len(JP_NAMES)) != len(LEGS) - 1),
-        influence.clusters,
+        influence.names,
+        influence.effects * (np.arange(len(JP_NAMES)) != len(LEGS) - 1),
+        influence.sources,
     )
     assert compute_part_evidence(exact, deviation, JP_NAMES, None) is None
 

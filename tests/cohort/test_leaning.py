@@ -15,7 +15,12 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, estimate_joints
-from gaitcal.calibration.joint_prior import ANATOMY, factor_prior, make_study_prior, select_prior
+from gaitcal.calibration.joint_prior import (
+    ANATOMY,
+    combine_joint_priors,
+    factor_prior,
+    select_prior,
+)
 from gaitcal.cohort.cohort_people import Cohort, CohortPerson, read_cohort
 from gaitcal.cohort.learn_priors import (
     PRIORS,
@@ -32,7 +37,7 @@ from gaitcal.intake.draft_file import format_settings
 from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved_result import load_result
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from tests.calibration.test_joint_estimate import HIP, gait, hip_trial
@@ -92,17 +97,17 @@ def test_a_joint_that_does_not_move_is_where_the_study_file_expects_it() -> None
         f"hip.{segment}.ant": ParameterPriorTable(mean=-7.0, deviation=0.5)
         for segment in ("pelvis", "thigh")
     }
-    study = make_study_prior(both)
+    study = combine_joint_priors(both)
     estimate, errors = estimate_joints(gait(still), nominal, HIP, replace(BY_EVIDENCE, prior=study))
     off = estimate.values - nominal.joint[[JP_INDEX[name] for name in HIP]]
     place = HIP.index("hip_r.pelvis.ant")
     assert off[place] == pytest.approx(-0.007, abs=0.001)
     assert errors.standard_errors["hip_r.pelvis.ant"] < 0.0005
-    own = [errors.clusters.index(f"nominal/{name}") for name in HIP]
+    own = [errors.sources.index(f"nominal/{name}") for name in HIP]
     wanted = errors.covariance @ np.linalg.solve(
         select_prior(HIP, study)[1], factor_prior(HIP, study)
     )
-    np.testing.assert_allclose(errors.parameters[:, own], wanted, atol=1e-9)
+    np.testing.assert_allclose(errors.effects[:, own], wanted, atol=1e-9)
 
 
 @pytest.fixture(scope="module")

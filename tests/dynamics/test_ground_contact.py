@@ -21,7 +21,7 @@ from gaitcal.dynamics.foot_contact import (
     estimate_ground_velocity,
 )
 from gaitcal.dynamics.ground_reactions import GroundReactions, compute_foot_reactions, get_leg
-from gaitcal.dynamics.measurement_errors import (
+from gaitcal.dynamics.plate_outline import (
     compute_depth_inside,
     compute_foot_tip,
     compute_share_outside,

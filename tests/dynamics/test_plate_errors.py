@@ -180,7 +180,7 @@ def test_what_a_missing_plate_bore_is_not_valid(
     prepared = prepare_trial(
         next(t for t in study.trials if t.role is Role.GAIT), model, study.settings
     )
-    motion = track_motion(prepared.body, model.parameters)
+    motion = track_motion(prepared.whole_body_problem, model.parameters)
     recording = prepared.recording
 
     def reactions(of: Recording) -> GroundReactions:

@@ -366,7 +366,7 @@ def test_errors_are_those_of_the_draws(
     )
     worn = replace(published, markers=markers)
     spread = make_nominal_errors(JP_NAMES)
-    small = ErrorSources(spread.free, 0.2 * spread.parameters, spread.clusters)
+    small = ErrorSources(spread.names, 0.2 * spread.effects, spread.sources)
     done = transfer_joints(worn, osim_file, errors=small)
     reported = {m.joint: m for m in done.joints}
     drawn = []

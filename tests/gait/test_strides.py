@@ -253,7 +253,7 @@ def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data
     model = build_nominal_model(study)
     trial = next(t for t in study.trials if t.name == "straight")
     prepared = prepare_trial(trial, model, study.settings)
-    motion = track_motion(prepared.body, model.parameters)
+    motion = track_motion(prepared.whole_body_problem, model.parameters)
     feet = FootAxes(compute_foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
     points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
     for side in "rl":

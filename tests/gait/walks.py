@@ -37,7 +37,7 @@ def recorded_strides(data: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
         for trial in study.trials:
             if trial is not study.static:
                 prepared = prepare_trial(trial, model, study.settings)
-                motion = track_motion(prepared.body, model.parameters)
+                motion = track_motion(prepared.whole_body_problem, model.parameters)
                 reactions = ground_reactions(model, motion, prepared.recording)
                 events = find_trial_events(model, motion, reactions, prepared.recording)
                 feet = compute_foot_points(model, motion, model.parameters)

@@ -348,7 +348,7 @@ def test_empty_stretches_leave_out_landing_and_lift_off() -> None:
     assert empty[100]
     assert not empty[
         485:
-    ].any()  # EDGE_S before the step, the step, and a stretch shorter than QUIET_S
+    ].any()  # STEP_MARGIN_S before the step, the step, and a stretch shorter than QUIET_S
 
 
 @pytest.mark.parametrize("height", [0.0, -0.3])

@@ -34,7 +34,7 @@ from gaitcal.model.segment_frames import Frame, HipCentre, compute_half_width
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import measure_arm
 from gaitcal.tracking.motion import MarkerErrors, track
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from tests.model.people import (
     ARMS_HANG,
     PEOPLE,
@@ -71,7 +71,7 @@ def of_published(**changes: Any) -> SubjectModel:
 
 def static_errors(model: SubjectModel, recording: Recording, window: slice) -> MarkerErrors:
     part = replace(recording, time=recording.time[window], markers=recording.markers[window])
-    return track(model, part, rule=NodeRule(fixed=6)).errors
+    return track(model, part, rule=ControlPointRule(fixed=6)).errors
 
 
 def value(model: SubjectModel, name: str) -> float:

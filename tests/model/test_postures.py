@@ -24,7 +24,7 @@ from gaitcal.model.segment_frames import Frame, HipCentre, measure_lower_body
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import MIDLINE, Trunk, compute_neck_height, measure_trunk
 from gaitcal.tracking.motion import track
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from tests.model.people import PEOPLE, from_published, published_static
 from tests.refusal import refusal
 
@@ -197,7 +197,7 @@ def test_only_the_zero_of_the_ankle_changes() -> None:
     a, b = (from_published(static, ankle_zero=rule) for rule in (AnkleZero.SOLE, AnkleZero.MARKERS))
     np.testing.assert_array_equal(a.parameters.joint, b.parameters.joint)
     np.testing.assert_array_equal(a.parameters.inertial, b.parameters.inertial)
-    one, other = (track(model, static, rule=NodeRule(fixed=6)) for model in (a, b))
+    one, other = (track(model, static, rule=ControlPointRule(fixed=6)) for model in (a, b))
     moved = np.rad2deg(other.q - one.q)
     at = [one.coordinates.index(f"ankle_angle_{s}") for s in "rl"]
     assert np.abs(np.delete(moved, at, axis=1)).max() < 1e-6

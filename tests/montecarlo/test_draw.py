@@ -26,7 +26,7 @@ from gaitcal.montecarlo.draw import (
 )
 from gaitcal.montecarlo.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, Varied
 from gaitcal.tracking.descent import DescentSettings
-from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import Array, from_band, perturbed_parameters
 
@@ -292,9 +292,9 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         found = refit(context.problem, body, start, MonteCarloSettings())
         assert found.failure == ""
         tight = DescentSettings(gain=0.0, most_steps=60)
-        kept = track_nodes(context.problem, body, found.coefficients, tight)
+        kept = track_coefficients(context.problem, body, found.coefficients, tight)
         assert np.abs(kept.x - found.coefficients).max() < NODES
-        afar = track_nodes(
+        afar = track_coefficients(
             context.problem, body, context.case.coefficients, DescentSettings(gain=1e-12)
         )
         assert context.problem.compute_cost(found.coefficients, body) <= afar.cost * (1 + 1e-9)

@@ -113,9 +113,11 @@ def test_labels_exchanged_for_a_part_are_put_back_in_a_study_and_in_a_further_tr
     pair = ("R.Thigh.Front", "R.Thigh.Rear")
     spoilt = with_trial(sound, "walk", swapped(*pair, slice(50, 80)))
     prepared = preprocess_study(spoilt)
-    assert prepared.model is not None
+    assert prepared.model_or_none is not None
     walk = next(t for t in prepared.trials if t.name == "walk")
-    alone = preprocess_trial(spoilt.trials[1], prepared.model, spoilt.marker_set, spoilt.settings)
+    alone = preprocess_trial(
+        spoilt.trials[1], prepared.model_or_none, spoilt.marker_set, spoilt.settings
+    )
     for trial in (walk, alone):
         (back,) = trial.restored_swaps
         assert {back.label, back.other} == set(pair)

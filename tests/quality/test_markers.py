@@ -19,7 +19,7 @@ from gaitcal.quality.label_checks import check_swapped_labels
 from gaitcal.quality.marker_checks import check_gaps
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import Motion, track_motion
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.messages import check_finding
 from tests.quality.spoilt import (
@@ -210,7 +210,7 @@ def test_a_while_with_one_marker_is_a_note_with_its_seconds(pig: Study) -> None:
 def tracked(study: Study) -> Motion:
     model, recording = build_nominal_model(study), study.trials[1].recording
     problem = build_trial_problem(
-        "gait", model, recording, NodeRule(), root="pelvis", segments=LOWER_BODY
+        "gait", model, recording, ControlPointRule(), root="pelvis", segments=LOWER_BODY
     )
     return track_motion(problem, model.parameters)
 

@@ -14,7 +14,7 @@ from gaitcal.quality.force_evidence import ForceEvidence, build_force_evidence
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.synthetic_motion import simulate_gait
 from gaitcal.tracking.motion import Motion, track_motion
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import build_trial_problem
 from tests.synthetic_studies import made_plates, made_recording
 
@@ -46,7 +46,9 @@ class Walk:
 
 def tracked(model: SubjectModel, recording: Recording) -> Motion:
     """With the splines' usual number of control points."""
-    return track_motion(build_trial_problem("walk", model, recording, NodeRule()), model.parameters)
+    return track_motion(
+        build_trial_problem("walk", model, recording, ControlPointRule()), model.parameters
+    )
 
 
 @lru_cache(maxsize=1)

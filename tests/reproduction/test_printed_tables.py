@@ -328,7 +328,10 @@ def test_problems_are_the_published_ones(clean: SeedResult) -> None:
     for problem in PROBLEMS:
         markers = build_synthetic_problem(problem, None)
         assert markers.data.measured.shape == (41, 3, 208 if problem == "full leg" else 1200)
-        assert (markers.basis.nodes, len(markers.chain.coordinates)) == (20, len(COORDINATES))
+        assert (markers.basis.control_points, len(markers.chain.coordinates)) == (
+            20,
+            len(COORDINATES),
+        )
         assert set(np.unique(markers.data.weight)) == {1.0}
 
 

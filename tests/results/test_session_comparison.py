@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t as student
 
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import factor_prior, make_study_prior, select_prior
+from gaitcal.calibration.joint_prior import combine_joint_priors, factor_prior, select_prior
 from gaitcal.errors import Code
 from gaitcal.export.opensim.model_comparison import ComparisonRow, describe_osim_differences
 from gaitcal.model.parameters import JP_INDEX
@@ -96,7 +96,7 @@ def test_one_stride_each_is_never_more_than_could_be_missed() -> None:
 def test_what_both_share_counts_once() -> None:
     one, other = (made_session(seed=seed).influence for seed in (0, 1))
     assert not compute_difference_variance((one, other), NAMES, Common.MODEL).any()
-    markers = [(i.parameters[:, :3] ** 2).sum(axis=1) for i in (one, other)]
+    markers = [(i.effects[:, :3] ** 2).sum(axis=1) for i in (one, other)]
     static = compute_difference_variance((one, other), NAMES, Common.STATIC)
     assert static == pytest.approx(
         sum(markers), rel=1e-12
@@ -133,7 +133,7 @@ def test_markers_move_the_place_of_a_bone_end_and_leave_its_two_views_as_far_apa
     assert compute_anatomical_root(NAMES[:2], None) == pytest.approx(
         np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12
     )
-    narrow = make_study_prior({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
+    narrow = combine_joint_priors({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
     values = np.linalg.eigvalsh(compute_anatomical_root(NAMES[:2], narrow))
     assert values[0] == pytest.approx(0.0, abs=1e-7) and values[1] <= 1.0, (
         "markers are not put better than is known"

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, make_study_prior, select_prior
+from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, combine_joint_priors, select_prior
 from gaitcal.errors import Code
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from gaitcal.study.study_file import load_study_file
@@ -27,11 +27,11 @@ def said(**tables: dict[str, float]) -> JointPrior:
         name.replace("__", "."): ParameterPriorTable.model_validate(table)
         for name, table in tables.items()
     }
-    return make_study_prior(told)
+    return combine_joint_priors(told)
 
 
 def test_nothing_said_is_anatomy() -> None:
-    prior = make_study_prior({})
+    prior = combine_joint_priors({})
     assert prior.names == JP_NAMES and not prior.describe_fallback(JP_NAMES)
     np.testing.assert_array_equal(prior.mean, MEAN)
     np.testing.assert_array_equal(prior.covariance, COVARIANCE)
@@ -79,7 +79,7 @@ def test_a_cohort_comes_before_the_study_file() -> None:
         "hip.pelvis.ant": ParameterPriorTable(mean=9.0),
         "hip.thigh.ant": ParameterPriorTable(mean=5.0),
     }
-    prior = make_study_prior(told, learnt)
+    prior = combine_joint_priors(told, learnt)
     mean, covariance = select_prior(HIPS, prior)
     np.testing.assert_allclose(mean, [0.002, 0.005])
     np.testing.assert_allclose(covariance, np.diag([1e-6, 160e-6]))

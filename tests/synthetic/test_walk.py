@@ -6,7 +6,7 @@ import pytest
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, HEEL_RADIUS_M, SOLE_SHAPE
 from gaitcal.dynamics.inverse_dynamics import Dynamics, compute_pelvis_residual
-from gaitcal.dynamics.measurement_errors import compute_foot_tip
+from gaitcal.dynamics.plate_outline import compute_foot_tip
 from gaitcal.io.recording import find_runs
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model

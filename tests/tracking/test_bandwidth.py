@@ -24,12 +24,12 @@ from gaitcal.tracking.bandwidth import (
     find_busiest_frames,
 )
 from gaitcal.tracking.descent import DescentSettings
-from gaitcal.tracking.motion import Motion, track_motion, track_nodes
+from gaitcal.tracking.motion import Motion, track_coefficients, track_motion
 from gaitcal.tracking.spline import (
     DEGREE,
     ORDER,
     TENSION_HZ,
-    NodeRule,
+    ControlPointRule,
     build_roughness,
     build_smoothing,
     build_spline_basis,
@@ -56,7 +56,7 @@ SEGMENTS = np.array(MODEL.markers.segments)
 
 def problem_of(markers: Array, time: Array = TIME) -> MotionProblem:
     recording = Recording(source="made up", time=time, labels=MODEL.markers.labels, markers=markers)
-    return build_trial_problem("walk", MODEL, recording, NodeRule())
+    return build_trial_problem("walk", MODEL, recording, ControlPointRule())
 
 
 def smoothed(problem: MotionProblem, hz: float) -> Motion:
@@ -122,7 +122,7 @@ def test_the_penalty_limits_the_motion_not_the_nodes() -> None:
     problem = problem_of(MARKERS + white(5, 0.001))
     for hz in (4.0, 8.0, 16.0):
         chosen = apply_bandwidth(problem, MODEL.parameters, hz)
-        finer = build_spline_basis(TIME, 2 * chosen.basis.nodes)
+        finer = build_spline_basis(TIME, 2 * chosen.basis.control_points)
         information = compute_frame_information(problem, problem.build_body(MODEL.parameters))
         fine = replace(problem, basis=finer, smoothing=build_smoothing(finer, information, hz))
         motion, reference = (track_motion(p, MODEL.parameters) for p in (chosen, fine))
@@ -140,7 +140,7 @@ def test_one_dense_motion_foretells_the_others() -> None:
     for hz in (4.0, 8.0):
         foretold = dense.smooth_at(hz)
         problem = replace(dense.problem, smoothing=build_smoothing(basis, dense.information, hz))
-        coefficients = track_nodes(problem, body, dense.coefficients).x
+        coefficients = track_coefficients(problem, body, dense.coefficients).x
         change, gap = (
             basis.evaluate(coefficients - other)
             for other in (dense.coefficients, foretold.coefficients)
@@ -175,7 +175,7 @@ def test_slow_cameras_and_short_trials(every: int, first: int) -> None:
     hz = asked(problem)
     assert LOWEST_HZ <= hz <= compute_highest_cutoff(problem.basis)
     motion = smoothed(problem, hz)
-    assert motion.converged and motion.basis.nodes <= len(motion.time) + 5
+    assert motion.converged and motion.basis.control_points <= len(motion.time) + 5
     assert np.abs(motion.q - TRUE[:first:every])[:, 3:].max() < 0.15
 
 
@@ -341,7 +341,7 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
     reference = least_squares(
         residual, true.ravel(), tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15
     )
-    result = track_nodes(problem, body, true, DescentSettings(gain=1e-15))
+    result = track_coefficients(problem, body, true, DescentSettings(gain=1e-15))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
     assert result.cost > 1.01 * problem.compute_marker_cost(result.x, body)
     np.testing.assert_allclose(result.x.ravel(), reference.x, atol=1e-6)
@@ -354,7 +354,7 @@ def test_smoothing_survives_and_idle_coordinates_keep_their_start() -> None:
         assert other.smoothing is problem.smoothing
     idle = ~lost.active
     assert idle.any() and not idle.all()
-    tracked = track_nodes(lost, lost.build_body(PARAMETERS), true)
+    tracked = track_coefficients(lost, lost.build_body(PARAMETERS), true)
     np.testing.assert_array_equal(tracked.x[:, idle], true[:, idle])
     assert np.abs(tracked.x[:, ~idle] - true[:, ~idle]).max() > 1e-6
 

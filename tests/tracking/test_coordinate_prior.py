@@ -28,8 +28,8 @@ from gaitcal.tracking.coordinate_prior import (
     clip_to_joint_limits,
     compute_upright_trunk,
 )
-from gaitcal.tracking.motion import Motion, track, track_motion, track_nodes
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.motion import Motion, track, track_coefficients, track_motion
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import (
     Array,
@@ -125,7 +125,9 @@ def test_a_part_keeps_what_is_known_of_its_own_coordinates() -> None:
 
 
 def test_inside_the_walls_not_a_digit_changes() -> None:
-    problem = build_trial_problem("walk", MODEL, made_recording(simulate_gait()), NodeRule())
+    problem = build_trial_problem(
+        "walk", MODEL, made_recording(simulate_gait()), ControlPointRule()
+    )
     assert set(problem.priors[0].names) == set(JOINT_LIMITS_DEG)
     problem = noisy(problem, np.random.default_rng(44), 0.003)
     with_walls, without = (
@@ -141,7 +143,12 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
     """
     walk = made_recording(simulate_gait())
     problem = build_trial_problem(
-        "walk", MODEL, walk, NodeRule(), root="shank_r", segments=("shank_r", "talus_r", "foot_r")
+        "walk",
+        MODEL,
+        walk,
+        ControlPointRule(),
+        root="shank_r",
+        segments=("shank_r", "talus_r", "foot_r"),
     )
     k = problem.chain.coordinates.index("subtalar_angle_r")
     body, start = started(problem, MODEL.parameters)
@@ -150,7 +157,7 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
     weight[first] = 1.0
     loose = problem.with_weight(weight)
     start[:, k] += np.deg2rad(370.0)
-    ends = [track_nodes(p, body, start).x for p in (loose, replace(loose, priors=()))]
+    ends = [track_coefficients(p, body, start).x for p in (loose, replace(loose, priors=()))]
     held, free = (np.rad2deg(np.abs(loose.basis.evaluate(x)[:, k]).max()) for x in ends)
     assert held < 60.0 and free > 180.0
 
@@ -199,7 +206,7 @@ def hidden(recording: Recording, *labels: str, share: float = 1.0) -> Recording:
 
 
 def problem_of(recording: Recording) -> MotionProblem:
-    return build_trial_problem("walk", MODEL, recording, NodeRule())
+    return build_trial_problem("walk", MODEL, recording, ControlPointRule())
 
 
 def test_a_trunk_without_markers_and_arms_with_them(walk: Recording) -> None:

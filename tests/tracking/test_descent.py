@@ -15,7 +15,7 @@ from gaitcal.montecarlo.protocol import MonteCarloSettings
 from gaitcal.reproduction.recovery import descend_together
 from gaitcal.tracking.banded import NormalEquations
 from gaitcal.tracking.descent import DescentSettings, Ending, Evaluation, descend
-from gaitcal.tracking.motion import SharedMotions, track_nodes
+from gaitcal.tracking.motion import SharedMotions, track_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import Array, seeded_trial
 
@@ -177,7 +177,7 @@ def test_everything_that_iterates_says_so(uphill: tuple[MotionProblem, Array]) -
     parameters = published_model().parameters
     body, p = problem.build_body(parameters), problem.with_free(KNEE).get_values(parameters)
     settings = DescentSettings(curved_tries=0)
-    tracked = track_nodes(problem, body, start, settings)
+    tracked = track_coefficients(problem, body, start, settings)
     _, _, together = descend_together([problem], parameters, KNEE, [start], p)
     for found in (tracked, together):
         assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)

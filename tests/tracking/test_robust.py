@@ -12,10 +12,10 @@ from gaitcal.tracking.motion import (
     MIN_SCALE_M,
     Loss,
     estimate_residual_scale,
-    track_nodes,
+    track_coefficients,
     track_robustly,
 )
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from tests.derivatives import Array, started
 from tests.synthetic_studies import made_recording
@@ -33,7 +33,12 @@ def clean() -> MotionProblem:
     recording = replace(recording, time=recording.time[::4], markers=markers[::4])
     segments = ("thigh_r", "shank_r")
     return build_trial_problem(
-        "knee_r", published_model(), recording, NodeRule(8.0), root="thigh_r", segments=segments
+        "knee_r",
+        published_model(),
+        recording,
+        ControlPointRule(8.0),
+        root="thigh_r",
+        segments=segments,
     )
 
 
@@ -47,7 +52,7 @@ def spiked(problem: MotionProblem, share: float = 0.02) -> tuple[MotionProblem, 
 
 def plain(problem: MotionProblem) -> Array:
     return problem.basis.evaluate(
-        track_nodes(problem, *started(problem, published_model().parameters)).x
+        track_coefficients(problem, *started(problem, published_model().parameters)).x
     )
 
 

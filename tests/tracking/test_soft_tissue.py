@@ -334,9 +334,9 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
         fit = partial(estimate_joints, free=free, settings=settings, tissue=prior, known=known)
         here, errors = fit(seen(0 * z), truth)
         there, _ = fit(other_tasks, other)
-        rows = errors.parameters[: len(here.values)]
+        rows = errors.effects[: len(here.values)]
         predicted = (
-            rows[:, errors.clusters.index(f"nominal/{kept}")]
+            rows[:, errors.sources.index(f"nominal/{kept}")]
             if fits
             else -here.tissue_errors @ (z / sizes)
         )

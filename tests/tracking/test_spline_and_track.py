@@ -14,11 +14,11 @@ from gaitcal.model.chain import LinkageModel
 from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.tracking import motion
 from gaitcal.tracking.descent import DescentSettings
-from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.rigid import compute_rigid_distances, fit_rigid
 from gaitcal.tracking.spline import (
     DEGREE,
-    NodeRule,
+    ControlPointRule,
     build_spline_basis,
     compute_cutoff,
     convert_to_bspline,
@@ -61,12 +61,12 @@ def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
 def test_spans_last_a_twentieth_of_a_second_or_three_frames_of_slow_cameras(
     rate: float, spans: int
 ) -> None:
-    assert NodeRule().count_nodes(np.arange(2 * rate + 1) / rate) == spans + DEGREE
+    assert ControlPointRule().count_nodes(np.arange(2 * rate + 1) / rate) == spans + DEGREE
 
 
 def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
     time = np.arange(4000) / 1000.0
-    coefficients = NodeRule(per_second=15.0).count_nodes(time)
+    coefficients = ControlPointRule(per_second=15.0).count_nodes(time)
     basis = build_spline_basis(time, coefficients)
     middle = slice(1000, 3000)
     gains = []
@@ -87,7 +87,9 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
     _, parameters, problem, true = seeded_trial(8, frames=80, nodes=12)
     body, start = started(problem, parameters)
     start = np.zeros_like(true) if zero else start
-    result = track_nodes(problem, body, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
+    result = track_coefficients(
+        problem, body, start, DescentSettings(first_damping=1e-3 if zero else 0.0)
+    )
     assert result.converged
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 1e-12
     np.testing.assert_allclose(
@@ -105,7 +107,7 @@ def test_any_heading_is_tracked(heading: float, seed: int) -> None:
         + np.array([3.0, 0.0, -2.0])[None, :, None]
     )
     problem = problem.with_measured(turned)
-    result = track_nodes(problem, *started(problem, parameters))
+    result = track_coefficients(problem, *started(problem, parameters))
     # The turned motion lies in the spline space only as far as Euler angles turn with it.
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 0.005
 
@@ -161,11 +163,11 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
 
 def test_tracking_ends_where_gauss_newton_does_not() -> None:
     problem, body, start = misplaced_trial()
-    found = track_nodes(problem, body, start, EXACT)
+    found = track_coefficients(problem, body, start, EXACT)
     assert found.converged and found.curved
     size = np.abs(problem.compute_gradient(start, body)[1]).max()
     assert np.abs(problem.compute_gradient(found.x, body)[1]).max() < 1e-9 * size
-    without = track_nodes(problem, body, start, replace(EXACT, curved_tries=0))
+    without = track_coefficients(problem, body, start, replace(EXACT, curved_tries=0))
     assert without.steps > 2 * found.steps
     assert found.cost <= without.cost * (1 + 1e-9)
 
@@ -192,13 +194,13 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for name in ("assemble_equations", "compute_gradient"):
         monkeypatch.setattr(MotionProblem, name, counted(name))
-    kept = track_nodes(problem, body, start)
+    kept = track_coefficients(problem, body, start)
     with_keeping = list(calls)
     calls.clear()
-    fresh = track_nodes(problem, body, start, DescentSettings(keep_within=0.0))
+    fresh = track_coefficients(problem, body, start, DescentSettings(keep_within=0.0))
     assert with_keeping[-1] == "compute_gradient" and "compute_gradient" not in calls
     assert with_keeping.count("assemble_equations") < calls.count("assemble_equations")
-    exact = track_nodes(problem, body, fresh.x, DescentSettings(gain=1e-15))
+    exact = track_coefficients(problem, body, fresh.x, DescentSettings(gain=1e-15))
     for found in (kept, fresh):
         assert found.converged
         np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
@@ -208,8 +210,8 @@ def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
     """Kept from however far away, the end is the same: too slow a step asks for a new matrix."""
     problem, body, start = noisy_trial()
     far = start + np.random.default_rng(31).normal(0, 0.3, start.shape)
-    exact = track_nodes(problem, body, start, DescentSettings(gain=1e-15))
-    found = track_nodes(problem, body, far, DescentSettings(gain=1e-10, keep_within=np.inf))
+    exact = track_coefficients(problem, body, start, DescentSettings(gain=1e-15))
+    found = track_coefficients(problem, body, far, DescentSettings(gain=1e-10, keep_within=np.inf))
     assert found.converged and found.steps < FEW
     np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
 
@@ -228,9 +230,9 @@ def test_large_matrices_are_factored_in_place(
     body = problem.build_body(parameters)
     settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
-    plain = track_nodes(problem, body, start, settings)
+    plain = track_coefficients(problem, body, start, settings)
     monkeypatch.setattr(motion, "LARGE_MATRIX_BYTES", 0)
-    lean = track_nodes(problem, body, start, settings)
+    lean = track_coefficients(problem, body, start, settings)
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
     np.testing.assert_allclose(lean.x, plain.x, rtol=0, atol=1e-9)
     assert lean.cost == pytest.approx(plain.cost, rel=1e-6, abs=1e-18)

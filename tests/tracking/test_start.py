@@ -11,7 +11,7 @@ from gaitcal.model.kinematics import Kinematics, compute_coordinate_axes
 from gaitcal.model.linkage import ISOLATED_JOINTS, list_joint_segments
 from gaitcal.model.parameters import read_published_parameters
 from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, compute_marker_positions
-from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.rigid import SegmentMoments, fit_rigid
 from gaitcal.tracking.start import find_start_coordinates
 from tests.derivatives import Array, random_trial, seeded_trial, started, without_segments
@@ -102,7 +102,7 @@ def test_a_segment_lost_for_a_while_is_bridged() -> None:
     """
     _, parameters, problem, true = seeded_trial(22, frames=60, nodes=8)
     gappy = without_segments(problem, "shank_r", frames=slice(20, 30))
-    result = track_nodes(gappy, *started(gappy, parameters))
+    result = track_coefficients(gappy, *started(gappy, parameters))
     np.testing.assert_allclose(
         problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-8
     )

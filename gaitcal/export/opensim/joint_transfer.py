@@ -68,7 +68,7 @@ from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters, view_as_table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.study.joint_prior import JointPrior
 
 UNDETERMINED_SHARE = 0.9
 """Of the standard error before any trial: nine tenths are a fifth less variance."""
@@ -279,10 +279,10 @@ class Transfer:
         parameters = self.model.parameters
         if self.errors is not None:
             # Of all free parameters only those of joints: soft tissue is left out.
-            joint = self.errors.select([name for name in self.errors.free if name in JP_INDEX])
-            indices = [JP_INDEX[name] for name in joint.free]
-            change = joint.parameters @ rng.normal(size=joint.parameters.shape[1])
-            parameters = parameters.with_joint(joint.free, parameters.joint[indices] + change)
+            joint = self.errors.select([name for name in self.errors.names if name in JP_INDEX])
+            indices = [JP_INDEX[name] for name in joint.names]
+            change = joint.effects @ rng.normal(size=joint.effects.shape[1])
+            parameters = parameters.with_joint(joint.names, parameters.joint[indices] + change)
         if self.masses and self.inertial is not None:
             # Draw again until all masses are positive.
             inertial = np.full_like(parameters.inertial, -1.0)
@@ -495,7 +495,7 @@ class Transfer:
         translation = registration.compute_point_covariance(local)
         rotation = registration.rotation_covariance
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.segment == segment]
-        free = [] if self.errors is None else [n for n in names if n in self.errors.free]
+        free = [] if self.errors is None else [n for n in names if n in self.errors.names]
         if self.errors is not None and free:
             jacobian = self._differentiate_axis(joint, in_parent, local, free)
             covariance = jacobian @ self.errors.select(free).covariance @ jacobian.T

@@ -14,7 +14,7 @@ from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.io import force_plate
 from gaitcal.io.recording import ForcePlate
 
-Parameters = Mapping[str, Mapping[str, Any]]
+C3DGroups = Mapping[str, Mapping[str, Any]]
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of each plate type read here
 # Part of a note on a declared unit that the data contradict
 DECLARED_UNIT_TEXT = "declares in its UNITS"
@@ -44,7 +44,12 @@ class MeasuredPlate:
 
 
 def read_force_plates(
-    parameters: Parameters, analogs: Array, first: float, rate: float, metres: float, markers: Array
+    parameters: C3DGroups,
+    analogs: Array,
+    first: float,
+    rate: float,
+    length_unit_m: float,
+    markers: Array,
 ) -> tuple[tuple[MeasuredPlate, ...], tuple[str, ...]]:
     """Read all usable force plates of a C3D file.
 
@@ -59,7 +64,7 @@ def read_force_plates(
         Number of samples from time zero to the first sample.
     rate
         Sampling rate, Hz.
-    metres
+    length_unit_m
         Length of the unit of POINT:UNITS, m.
     markers
         (nf, nm, 3) Marker positions, m, in the axes of the file; they show when a person is over a
@@ -82,7 +87,7 @@ def read_force_plates(
     for index in range(count):
         try:
             plate, plate_notes = _read_plate(
-                parameters, index, analogs, first, rate, metres, markers
+                parameters, index, analogs, first, rate, length_unit_m, markers
             )
         except ValueError as fault:
             notes.append(f"Plate {index + 1} left out: {fault}.")
@@ -130,20 +135,22 @@ def orient_plates(
 
 
 def _read_plate(
-    parameters: Parameters,
+    parameters: C3DGroups,
     index: int,
     analogs: Array,
     first: float,
     rate: float,
-    metres: float,
+    length_unit_m: float,
     markers: Array,
 ) -> tuple[MeasuredPlate, list[str]]:
     group = parameters["FORCE_PLATFORM"]
     kind = _read_numbers(group, "TYPE").ravel()[index]
     if kind not in CHANNELS:
         raise ValueError(f"its type is {kind:g}; allowed are 1, 2, 3 and 4")
-    frame = force_plate.build_plate_frame(_read_column(group, "CORNERS", index, (3, 4)).T * metres)
-    channels, torque = _select_channels(parameters, index, CHANNELS[kind], analogs)
+    frame = force_plate.build_plate_frame(
+        _read_column(group, "CORNERS", index, (3, 4)).T * length_unit_m
+    )
+    channels, given_moment_unit_m = _select_channels(parameters, index, CHANNELS[kind], analogs)
     keep = np.flatnonzero(np.isfinite(channels).all(axis=0))
     if not len(keep):
         raise ValueError("its channels hold no numbers")
@@ -155,23 +162,30 @@ def _read_plate(
             "off)"
         )
     channels = channels[:, begin:end]
-    origin = np.zeros(3) if kind == 1 else _read_column(group, "ORIGIN", index, (3,)) * metres
+    origin = (
+        np.zeros(3) if kind == 1 else _read_column(group, "ORIGIN", index, (3,)) * length_unit_m
+    )
     if kind == 4:
-        channels, torque = _read_column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
-    declared, torque = torque is not None and kind != 4, metres if torque is None else torque
-    scale = _find_unit_scale(int(kind), channels, origin, metres, torque, frame)
+        channels = _read_column(group, "CAL_MATRIX", index, (6, 6)) @ channels
+        given_moment_unit_m = length_unit_m
+    is_declared = given_moment_unit_m is not None and kind != 4
+    moment_unit_m = length_unit_m if given_moment_unit_m is None else given_moment_unit_m
+    scale = _find_unit_scale(int(kind), channels, origin, length_unit_m, moment_unit_m, frame)
     if scale != 1.0:
         quantity, unit, size = (
-            ("centres of pressure", "m", metres) if kind == 1 else ("moments", "N·m", torque)
+            ("centres of pressure", "m", length_unit_m)
+            if kind == 1
+            else ("moments", "N·m", moment_unit_m)
         )
         why = (
             f"not {size:g} {unit} as the file "
-            f"{DECLARED_UNIT_TEXT if declared or kind == 1 else 'leads to expect'}"
+            f"{DECLARED_UNIT_TEXT if is_declared or kind == 1 else 'leads to expect'}"
         )
         why += ": only then is the centre of pressure under the foot, on the plate"
         notes.append(f"its {quantity} are in units of {scale * size:g} {unit}, {why}")
-        metres, torque = (metres * scale if kind == 1 else metres), torque * scale
-    force, moment = compute_wrench(int(kind), channels, origin, metres, torque)
+        length_unit_m = length_unit_m * scale if kind == 1 else length_unit_m
+        moment_unit_m *= scale
+    force, moment = compute_wrench(int(kind), channels, origin, length_unit_m, moment_unit_m)
     # The sign of ORIGIN is wrong where only the opposite one keeps the centre on the plate
     if kind in (2, 4) and force_plate.compute_outside_share(force, moment, frame) > 0.5:
         other = moment + 2.0 * cross(_orient_origin(origin), force)
@@ -191,12 +205,14 @@ def _read_plate(
         removed = ", ".join(f"{value:.1f}" for value in empty[:3])
         notes.append(f"offset of the empty plate removed, {removed} N in the axes of the plate")
     notes += _note_doubtful_corners(force, moment, frame)
-    turn, time = (
-        frame.rotation.T,
-        np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64),
-    )
+    to_file_axes = frame.rotation.T
+    time = np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64)
     return MeasuredPlate(
-        name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame
+        name=str(index + 1),
+        time=time,
+        force=force @ to_file_axes,
+        moment=moment @ to_file_axes,
+        frame=frame,
     ), notes
 
 
@@ -217,8 +233,8 @@ def _find_unit_scale(
     kind: int,
     channels: Array,
     origin: Array,
-    metres: float,
-    torque: float,
+    length_unit_m: float,
+    moment_unit_m: float,
     frame: force_plate.PlateFrame,
 ) -> float:
     """Find the factor that corrects the unit of the moments (type 1: of the centres of pressure).
@@ -232,7 +248,7 @@ def _find_unit_scale(
         """Whether at most such a share of the centres of pressure is outside the plate, and they
         move at all.
         """
-        units = metres * (scale if kind == 1 else 1.0), torque * scale
+        units = length_unit_m * (scale if kind == 1 else 1.0), moment_unit_m * scale
         outside = force_plate.compute_outside_share(
             *compute_wrench(kind, channels, origin, *units), frame
         )
@@ -244,7 +260,7 @@ def _find_unit_scale(
 
     if kind == 3 or fits(1.0, 0.5):
         return 1.0
-    others = [unit / (metres if kind == 1 else torque) for unit in (1e-3, 1.0)]
+    others = [unit / (length_unit_m if kind == 1 else moment_unit_m) for unit in (1e-3, 1.0)]
     fitting = [scale for scale in others if fits(scale, 0.1)]
     return fitting[0] if len(fitting) == 1 else 1.0
 
@@ -263,7 +279,7 @@ def _find_presence(
 
 
 def compute_wrench(
-    kind: int, channels: Array, origin: Array, metres: float, torque: float
+    kind: int, channels: Array, origin: Array, length_unit_m: float, moment_unit_m: float
 ) -> tuple[Array, Array]:
     """Compute the wrench about the centre of the surface from the channels of a plate.
 
@@ -272,13 +288,13 @@ def compute_wrench(
     kind
         TYPE of the plate, 1 to 4.
     channels
-        (6 or 8, ns) Forces in N, moments in units of `torque`, centres of pressure in units of
-        `metres`.
+        (6 or 8, ns) Forces in N, moments in units of `moment_unit_m`, centres of pressure in units
+        of `length_unit_m`.
     origin
         (3,) ORIGIN of the plate, m.
-    metres
+    length_unit_m
         Unit of the centres of pressure, m.
-    torque
+    moment_unit_m
         Unit of the moments, N·m.
 
     Returns
@@ -301,11 +317,11 @@ def compute_wrench(
         # The centre of pressure of an unloaded plate is noise divided by noise
         loaded = np.abs(force[:, 2]) > force_plate.LOADED_N
         point = np.zeros_like(force)
-        point[loaded, :2] = channels[3:5].T[loaded] * metres
+        point[loaded, :2] = channels[3:5].T[loaded] * length_unit_m
         moment = cross(point, force)
-        moment[:, 2] += channels[5] * torque
+        moment[:, 2] += channels[5] * moment_unit_m
         return force, moment
-    return force, channels[3:].T * torque - cross(_orient_origin(origin), force)
+    return force, channels[3:].T * moment_unit_m - cross(_orient_origin(origin), force)
 
 
 def _orient_origin(origin: Array) -> Array:
@@ -314,7 +330,7 @@ def _orient_origin(origin: Array) -> Array:
 
 
 def _select_channels(
-    parameters: Parameters, index: int, count: int, analogs: Array
+    parameters: C3DGroups, index: int, count: int, analogs: Array
 ) -> tuple[Array, float | None]:
     """Select the (count, ns) channels of a plate, with its unit of torque (m) if given."""
     table = _read_numbers(parameters["FORCE_PLATFORM"], "CHANNEL")

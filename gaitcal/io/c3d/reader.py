@@ -29,7 +29,7 @@ from gaitcal.io.c3d.plates import orient_plates, read_force_plates
 from gaitcal.io.recording import Recording, replace_zeros
 from gaitcal.io.text_file import FileFault, name_file_in_faults
 
-PER_METRE = {
+POINT_UNITS_PER_METRE = {
     "mm": 1e3,
     "millimeters": 1e3,
     "millimetres": 1e3,
@@ -352,15 +352,15 @@ def _build_recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> R
         axes.find_vertical(markers, tuple(plate.to_force_plate() for plate in plates))
         or USUAL_VERTICAL
     )
-    standing, turn_notes = orient_plates(plates, vertical.direction)
-    notes += gap_notes + plate_notes + turn_notes
+    oriented_plates, orientation_notes = orient_plates(plates, vertical.direction)
+    notes += gap_notes + plate_notes + orientation_notes
     time = (first + np.arange(frames)) / rate
     recording = Recording(
         source=str(path),
         time=time,
         labels=labels,
         markers=markers,
-        plates=standing,
+        plates=oriented_plates,
         notes=notes,
         events=labelling.parse_events(parameters),
         facts=labelling.parse_facts(parameters),
@@ -439,8 +439,8 @@ def _read_first_frame(
 def _read_unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tuple[str, ...]]:
     units = parameters.get("POINT", {}).get("UNITS", [])
     name = labelling.clean_label(str(units[0])) if len(units) else ""
-    if name.lower() in PER_METRE:
-        return PER_METRE[name.lower()], ()
+    if name.lower() in POINT_UNITS_PER_METRE:
+        return POINT_UNITS_PER_METRE[name.lower()], ()
     given = f"'{name[:20]}'" if name else "no unit"
     return 1e3, (f"POINT:UNITS is {given}; millimetres were assumed.",)
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.analysis.result import Calibration, TrialResult
-from gaitcal.calibration.joint_phases import Phase
+from gaitcal.calibration.joint_phases import PhaseSummary
 from gaitcal.gait.moments import describe_joint, describe_role, format_count
 from gaitcal.report.page import plain_data
 
@@ -157,7 +157,7 @@ def build_note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
     return [plain_data.make_list(short), *long] if short else [*long]
 
 
-def _build_phases(phases: Sequence[Phase]) -> list[plain_data.Block]:
+def _build_phases(phases: Sequence[PhaseSummary]) -> list[plain_data.Block]:
     if not phases:
         return [
             plain_data.make_heading("Phases of the calibration"),

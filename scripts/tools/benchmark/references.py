@@ -44,12 +44,12 @@ from gaitcal.synthetic.synthetic_motion import (
     simulate_isolated_trial,
 )
 from gaitcal.tracking.banded import NormalEquations
-from gaitcal.tracking.motion import track, track_nodes
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.motion import track, track_coefficients
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.start import find_start_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 
-NODES = NodeRule(fixed=20)
+NODES = ControlPointRule(fixed=20)
 GAIT_JPS = (*list_gait_parameters("r"), *list_gait_parameters("l"))
 
 
@@ -109,7 +109,7 @@ def problem(
     trial: str,
     *,
     joint_only: bool = False,
-    rule: NodeRule = NODES,
+    rule: ControlPointRule = NODES,
     frames: int | None = None,
     seed: int = 1,
 ) -> MotionProblem:
@@ -157,7 +157,7 @@ class Counted(MotionProblem):
 def passes(p: MotionProblem) -> tuple[int, int]:
     """Passes over all frames that tracking makes: with and without the matrix."""
     counted = Counted(**{field.name: getattr(p, field.name) for field in fields(p)})
-    track_nodes(counted, p.build_body(subject().parameters), start_of(p))
+    track_coefficients(counted, p.build_body(subject().parameters), start_of(p))
     return counted.counts["matrices"], counted.counts["gradients"]
 
 
@@ -188,7 +188,11 @@ def plain_least_squares(
     """
     model = subject()
     opened = p.with_free(free)
-    nn, nq, size = p.basis.nodes, len(p.chain.coordinates), p.basis.nodes * len(p.chain.coordinates)
+    nn, nq, size = (
+        p.basis.control_points,
+        len(p.chain.coordinates),
+        p.basis.control_points * len(p.chain.coordinates),
+    )
     x0 = np.concatenate([start_of(p).ravel(), opened.get_values(model.parameters)])
     columns = (p.basis.first[:, None, None] + np.arange(6)[:, None]) * nq + np.arange(nq)
 
@@ -296,7 +300,8 @@ def inverse_kinematics(model: SubjectModel, recording: Recording) -> list[Figure
     run(squares)
     theirs = 1e3 * float(np.sqrt(np.mean(squares)))
     ours = 1e3 * (
-        track(model, recording, rule=NodeRule(fixed=len(recording.time))).errors.rms() or np.nan
+        track(model, recording, rule=ControlPointRule(fixed=len(recording.time))).errors.rms()
+        or np.nan
     )
     note = (
         f"{len(recording.time)} frames, marker RMS {theirs:.3f} mm (ours with a node a frame "

@@ -54,7 +54,7 @@ from gaitcal.synthetic.synthetic_motion import (
 from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.bandwidth import DenseMotion, apply_bandwidth
 from gaitcal.tracking.motion import build_motion, track, track_motion
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from scripts.tools.benchmark.references import (
     GAIT_JPS,
     NODES,
@@ -75,7 +75,7 @@ from scripts.tools.benchmark.references import (
 FRAMES = (200, 1000, 5000, 25_000, 100_000)
 MEMORY_FRAMES = (5000, 25_000, 100_000)
 TRIALS = (1, 2, 4, 8, 16, 32)
-RULE = NodeRule(per_second=15.0)
+RULE = ControlPointRule(per_second=15.0)
 GIB, LIMIT_GIB = 2.0**30, 1.5
 
 
@@ -158,7 +158,7 @@ def measured(frames: int, rate: float) -> dict[str, float]:
     marker distance.
     """
     libraries = peak_gib()
-    motion = track(published_model(), long_recording(frames, rate), rule=NodeRule())
+    motion = track(published_model(), long_recording(frames, rate), rule=ControlPointRule())
     return {
         "libraries_gib": libraries,
         "peak_gib": peak_gib(),
@@ -209,10 +209,10 @@ def _trials() -> list[Figure]:
     return [of(number) for number in TRIALS]
 
 
-SHORT_FRAMES, SHORT_NODES = 52, NodeRule(fixed=9)
+SHORT_FRAMES, SHORT_NODES = 52, ControlPointRule(fixed=9)
 """A quarter of the gait trial and of its spans: what finite differences are tried on."""
 SHORT_EVALUATIONS = 5
-TWENTY = NodeRule(per_second=20.0)
+TWENTY = ControlPointRule(per_second=20.0)
 """What every trial had before its markers chose."""
 
 
@@ -342,7 +342,7 @@ def section_bandwidth() -> list[Figure]:
         Figure(
             "track with it",
             lambda: track_motion(smoothed, parameters),
-            f"{smoothed.basis.nodes} nodes",
+            f"{smoothed.basis.control_points} nodes",
         ),
     ]
 

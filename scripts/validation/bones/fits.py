@@ -20,7 +20,7 @@ from gaitcal.analysis.trial_bandwidth import choose_bandwidth
 from gaitcal.arrays import Array
 from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, select_movable_parameters
-from gaitcal.calibration.joint_phases import LEG_PARAMETERS, FittedPhase, JointPhase, fit_phase
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS, PhasePlan, PhaseResult, fit_phase
 from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import compute_knee_flexion, published_model
@@ -40,7 +40,7 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.motion import Motion, track_motion
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from scripts.validation.bones.recordings import BoneRecording
 
@@ -218,7 +218,7 @@ def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem
         recording.name,
         nominal.model,
         measured,
-        NodeRule(),
+        ControlPointRule(),
         root=root,
         segments=(root, below),
         isolated=isolated,
@@ -236,7 +236,7 @@ def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem
 class BoneFit:
     """What a calibration makes of a recording."""
 
-    phase: FittedPhase
+    phase: PhaseResult
     motion: Motion
     """As a calibration would track the trial in the end."""
     softness: float
@@ -259,7 +259,7 @@ def fit_recording(
     table : skin of people; gaitcal's own unless given.
     """
     kind, start = kind_of(recording), nominal.model.nominal
-    plan = JointPhase(
+    plan = PhasePlan(
         name=recording.name,
         tasks={kind: (problem,)},
         free=select_movable_parameters([problem], LEG_PARAMETERS),

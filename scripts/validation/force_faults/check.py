@@ -82,7 +82,7 @@ class Person:
         trial = replace(self.trials[number], recording=change(self.trials[number].recording))
         if trial.recording.markers is not self.trials[number].recording.markers:
             prepared = prepare_trial(trial, self.model, self.settings)
-            motion = track_motion(prepared.body, self.parameters)
+            motion = track_motion(prepared.whole_body_problem, self.parameters)
         else:
             turned = rotate_to_progression(
                 trial.recording, estimate_forward_direction(self.model, trial.recording)
@@ -109,7 +109,7 @@ def person(name: str, study: Study) -> Person:
     found = []
     for trial in (t for t in study.moving if t.role is Role.GAIT and t.recording.plates):
         prepared = prepare_trial(trial, model, study.settings)
-        motion = track_motion(prepared.body, parameters)
+        motion = track_motion(prepared.whole_body_problem, parameters)
         evidence = evidence_of(prepared, motion, model, parameters, study.settings)
         if evidence is not None:
             found.append((trial, (prepared, motion), evidence))

@@ -91,7 +91,7 @@ def path_of(trial: MovingTrial, model: SubjectModel, side: str) -> tuple[Array, 
     ]
     if not knee or len(shank) < FEWEST_MARKERS:
         return np.empty(0), np.empty((0, 2))
-    motion = track_motion(trial.body, model.parameters)
+    motion = track_motion(trial.whole_body_problem, model.parameters)
     seen = trial.recording.markers[:, [labels.index(place.labels[k]) for k in (*shank, knee[0])]]
     known = np.isfinite(seen).all(axis=(1, 2))
     cluster = seen[known, :-1].transpose(1, 2, 0)

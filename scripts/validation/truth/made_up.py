@@ -75,7 +75,7 @@ from gaitcal.synthetic.synthetic_motion import (
     simulate_gait,
     simulate_isolated_trial,
 )
-from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.spline import ControlPointRule
 from gaitcal.tracking.trial_problem import MotionProblem, build_trial_problem
 from scripts.validation.harness import bars, rms, shares, side_by_side
 from scripts.validation.truth.people import with_settings
@@ -148,7 +148,12 @@ def noisy_problem(
     markers += draw_marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
     recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers)
     return build_trial_problem(
-        "trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments
+        "trial",
+        model,
+        recording,
+        ControlPointRule(fixed=NODES),
+        root=segments[0],
+        segments=segments,
     )
 
 
