@@ -26,10 +26,10 @@ short trial weighs little. White noise of variance s^2 gives nu = s; clusters th
 against their bones give more than their deformation shows.
 
 A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`get_noise_prior`), and
-an estimate of it has an error. It comes from n - p samples, and its fit absorbs errors in proportion
-to the joint angles. That is much in an isolated trial, which has nearly as many joint parameters as
-its motion has harmonics. It makes the estimate too low, never too high. With v = 1 / 2 (n - p) + a^2, a
-how far ln nu may be too low, the most probable noise is
+an estimate of it has an error. It comes from n - p samples, and its fit absorbs errors in
+proportion to the joint angles. That is much in an isolated trial, which has nearly as many joint
+parameters as its motion has harmonics. It makes the estimate too low, never too high. With
+v = 1 / 2 (n - p) + a^2, a how far ln nu may be too low, the most probable noise is
 
     ln nu = max(ln nu_hat, (ln nu_hat / v + ln m / s^2) / (1 / v + 1 / s^2)).
 """

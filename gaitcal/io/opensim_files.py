@@ -123,7 +123,8 @@ def parse_trc(path: Path) -> Recording:
     if unit is None:
         name = facts["units"]
         raise text_file.FileFault(
-            f"found '{name[:20]}'; allowed are mm, cm and m{suggest_name(name, TRC_UNITS_PER_METRE)}",
+            f"found '{name[:20]}'; allowed are mm, cm and m"
+            f"{suggest_name(name, TRC_UNITS_PER_METRE)}",
             "Units",
         )
     if "units" not in facts:
