@@ -33,7 +33,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.quality.force_diagnosis import ForceDiagnosis
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study_trial import Trial
 from gaitcal.tracking import rigid, spline

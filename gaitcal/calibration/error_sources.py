@@ -38,7 +38,7 @@ from gaitcal.model.chain import LinkageModel
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind, Parameters
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.tracking.banded import eliminate
 from gaitcal.tracking.spline import ORDER, SplineBasis
 from gaitcal.tracking.trial_problem import MotionProblem

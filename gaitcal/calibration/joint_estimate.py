@@ -45,7 +45,7 @@ from gaitcal.calibration.trial_noise import (
     get_noise_prior,
 )
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.tracking.coordinate_prior import find_undetermined_joints
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.soft_tissue import SoftTissue

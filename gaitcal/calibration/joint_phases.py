@@ -43,7 +43,7 @@ from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, list_isolated_parameters
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.tracking.bandwidth import apply_bandwidth
 from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.trial_problem import MotionProblem

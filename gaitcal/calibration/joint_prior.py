@@ -49,7 +49,7 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, ParameterKind
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.study.cohort_prior import SIDES_OF
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 
 

@@ -50,7 +50,7 @@ from gaitcal.results.session_difference import list_observed_parameters
 from gaitcal.results.summary import JOINT_PRIOR, SUMMARY
 from gaitcal.runtime import Progress, silent
 from gaitcal.study import cohort_prior
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import Protocol
 
 PRIORS, PRIORS_CSV = "priors.json", "priors.csv"

@@ -171,7 +171,7 @@ def _require_consistent_labels(scatter: Array) -> None:
 def _list_labels_to_confirm(
     labels: Sequence[str],
     rename: Mapping[str, str],
-    placed: unnamed_markers.PlacedMarkers,
+    placed: unnamed_markers.MarkerLocations,
     points: Array,
     still_only: Sequence[str],
 ) -> set[str]:
@@ -317,7 +317,7 @@ def _describe_nearby_landmarks(
     at: Mapping[str, Array],
     view: "_View",
     points: Array,
-    placed: unnamed_markers.PlacedMarkers,
+    placed: unnamed_markers.MarkerLocations,
 ) -> dict[str, str]:
     """Describe which unknown label is at the position of a landmark that lacks a marker.
 
@@ -492,7 +492,7 @@ class _View:
 
 def _fit_likeliest_body(
     points: Array, evidence: unnamed_markers.MotionEvidence, forward: Array, height: float | None
-) -> tuple[unnamed_markers.PlacedMarkers, _View, str]:
+) -> tuple[unnamed_markers.MarkerLocations, _View, str]:
     """Fit markers to the likeliest body: assignment, axes of the person, and their evidence."""
     floor = points[:, 1].min() - FLOOR_M
     above = points[:, 1] - floor
@@ -513,7 +513,7 @@ def _fit_likeliest_body(
         ahead = float(np.median((points[:, [0, 2]] - middle)[above < 0.5 * above.max()] @ heading))
         return _View(heading, np.insert(middle + ahead * heading, 1, floor))
 
-    def compute_cost(placed: unnamed_markers.PlacedMarkers) -> float:
+    def compute_cost(placed: unnamed_markers.MarkerLocations) -> float:
         return placed.cost + 0.5 * ((placed.height - usual) / spread) ** 2
 
     heights = above.max() / TALL * STEP ** np.arange(STEPS)
@@ -579,11 +579,11 @@ def _choose_heading(cost_of: Mapping[int, float], *, walks: bool) -> int:
 
 
 def _drop_lone_forearms(
-    placed: unnamed_markers.PlacedMarkers,
+    placed: unnamed_markers.MarkerLocations,
     view: _View,
     points: Array,
     evidence: unnamed_markers.MotionEvidence,
-) -> unnamed_markers.PlacedMarkers:
+) -> unnamed_markers.MarkerLocations:
     """Place markers again without a forearm if neither its upper arm nor the trunk has a marker.
 
     A marker cluster on the thigh is where hands hang.
@@ -628,7 +628,7 @@ def _identify_sacrum(found: LabelProposal, at: Mapping[str, Array]) -> LabelProp
 
 
 def _read_labels(
-    labels: Sequence[str], placed: unnamed_markers.PlacedMarkers, scatter: Array
+    labels: Sequence[str], placed: unnamed_markers.MarkerLocations, scatter: Array
 ) -> LabelProposal:
     """Read the meaning of labels from the positions of their markers."""
     body, on = placed.body, placed.assignment

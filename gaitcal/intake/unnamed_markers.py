@@ -494,7 +494,7 @@ def _raise_arms(body: BodyTemplate, arms: dict[str, Any], angles: Array) -> Arra
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlacedMarkers:
+class MarkerLocations:
     """Markers assigned to positions on a body."""
 
     cost: float
@@ -529,7 +529,7 @@ def place_markers(
     evidence: MotionEvidence,
     *,
     rounds: int = ROUNDS,
-) -> PlacedMarkers:
+) -> MarkerLocations:
     """Assign markers to positions on a body.
 
     Parameters
@@ -547,7 +547,7 @@ def place_markers(
 
     Returns
     -------
-    PlacedMarkers
+    MarkerLocations
     """
     x, n, landmark = points / height, len(points), body.landmark
     segment_of, neighbour_of = _number_segments(body)
@@ -586,7 +586,7 @@ def place_markers(
     segments = np.array(segment_of)
     chosen_segments = np.where(on, segments[assignment], -1)
     others = np.where(segments[None] == chosen_segments[:, None], np.inf, cost)
-    return PlacedMarkers(
+    return MarkerLocations(
         cost=total,
         assignment=assignment,
         away=np.where(on, np.linalg.norm(x - mean[assignment], axis=1), np.nan),
@@ -596,7 +596,7 @@ def place_markers(
     )
 
 
-def compute_misplacement(points: Array, placed: PlacedMarkers) -> Array:
+def compute_misplacement(points: Array, placed: MarkerLocations) -> Array:
     """Compute how far markers are from the positions by all others.
 
     Parameters

@@ -49,7 +49,7 @@ from gaitcal.model.segment_frames import (
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess import trial_evidence
 from gaitcal.quality import verdict
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.tracking.rigid import FEWEST_MARKERS
 
 # Share of people with such a joint, which is the rate of false warnings for each tested position

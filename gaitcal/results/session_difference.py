@@ -64,7 +64,7 @@ from gaitcal.model.linkage import LEG_JOINTS, SIDES, get_segment
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import ParameterKind as ParameterKind
 from gaitcal.results.stride_sets import Common, RecordedSession, average_known
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 
 MDC = 1.96  # Standard errors: the normal distribution's 97.5 % point
 LEAST_FREEDOM = 8  # Degrees of freedom from which one leg's strides determine their spread

@@ -21,7 +21,7 @@ from gaitcal.gait.cycles import POINTS, WALKING, CurveKind, get_coordinate, get_
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 
 
 class NotComparableError(InputError):

@@ -2,7 +2,7 @@
 cohort.
 
 The table of anatomy is in `calibration/joint_prior.py`, which combines all three sources; the prior
-itself is in `study/joint_prior.py`.
+itself is in `study/normal_prior.py`.
 
 `priors.json` is written by `gaitcal cohort --learn-priors`, and read by `gaitcal calibrate
 --priors` or if a study file names it (`[calibration] priors`). It holds what was learnt from all
@@ -35,7 +35,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, suggest_name
 from gaitcal.io.toml import Table, format_value, get_package_version, validate_table
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings
 
 

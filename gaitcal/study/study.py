@@ -32,7 +32,7 @@ from gaitcal.study.declared_truth import (
     list_truth_files,
     read_truth,
 )
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, read_trial

@@ -50,7 +50,7 @@ from gaitcal.study.cohort_prior import (
     Person,
     build_mirror,
 )
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.study import build_cohort_prior
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,

@@ -39,7 +39,7 @@ from gaitcal.model.parameters import (
     list_isolated_parameters,
     list_leg_parameters,
 )
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.tracking.soft_tissue import build_rigid_pattern
 from gaitcal.tracking.trial_problem import MotionProblem
 from scripts.validation.harness import shares

@@ -36,7 +36,7 @@ from gaitcal.study.cohort_prior import (
     predict_prior,
     read_cohort_priors,
 )
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 from gaitcal.study.study import Study, add_cohort_priors, build_cohort_prior
 from tests.cohort.made_people import KNEES, NAMES, Array, make_evidence, people, some_information

@@ -37,7 +37,7 @@ from gaitcal.intake.draft_file import format_settings
 from gaitcal.io.result_folder import compute_sha256
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved_result import load_result
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from tests.calibration.test_joint_estimate import HIP, gait, hip_trial

@@ -17,7 +17,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, Parameters
 from gaitcal.quality.joint_positions import RARE, UNUSUAL, JointPosition, check_joint_positions
 from gaitcal.quality.verdict import Judgement, judge
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from tests.messages import check_finding, check_text, numbers
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ import pytest
 from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, combine_joint_priors, select_prior
 from gaitcal.errors import Code
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from gaitcal.study.study_file import load_study_file

@@ -68,7 +68,7 @@ from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters, view_as_table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 
 UNDETERMINED_SHARE = 0.9
 """Of the standard error before any trial: nine tenths are a fifth less variance."""

@@ -20,7 +20,7 @@ from gaitcal.model.parameters import (
     list_leg_parameters,
 )
 from gaitcal.preprocess.preprocessed_study import preprocess_study
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 
 LEG = tuple(name.replace("_r", "", 1) for name in list_leg_parameters("r"))
 """The 27 joint parameters of a leg without its side: `hip.pelvis.ant`."""

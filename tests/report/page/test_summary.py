@@ -35,7 +35,7 @@ from gaitcal.results.parameter_labels import (
 )
 from gaitcal.results.stride_tables import build_stride_tables
 from gaitcal.results.stride_uses import collect_stride_uses, summarise_usable_strides
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from tests.fake_result import FRAMES, fake_calibration, held
 from tests.report.page.walked_blocks import headings, rows_of, tables, walked, words
