@@ -125,10 +125,10 @@ def read_report_content(
     InputError
         The folder is not a result, or is damaged.
     """
+    tables = read_result_tables(folder)
     if not (folder / MODEL).exists():
         message = f"no such file: '{MODEL}'; allowed: a result of 'gaitcal calibrate'"
         raise InputError(message, source=folder, code=Code.NO_FILE)
-    tables = read_result_tables(folder)
     return build_report_content(tables, named, comments, folder.resolve().name)
 
 
