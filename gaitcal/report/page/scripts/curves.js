@@ -267,7 +267,7 @@ Gaitcal.Curves = class {
       se: means ? "± standard error of the mean" : "± standard error",
       window: `replayed part${percent ? `, of the ${Gaitcal.LEGS[this.looped]} ${one}` : ""}`,
       thin: `other ${one}s`,
-      now: one === "stride" ? "now, each leg in its own stride" : "now",
+      now: one === "stride" ? "now, each leg in its stride" : "now",
     };
     for (const item of this.legend.children) {
       const { key } = item.dataset;
@@ -292,7 +292,7 @@ Gaitcal.Curves = class {
     return [
       strides.trial.repeats
         ? `0 to 100 % of ${Gaitcal.count(right, "repetition")} of ${strides.trial.name}, from rest to rest of the pelvis.`
-        : `0 to 100 % of each leg’s own stride, from strike to next strike: right ${right}, left ${left}.`,
+        : `0 to 100 % of the stride of each leg, from strike to next strike: right ${right}, left ${left}.`,
       ...(turning ? [`${Gaitcal.count(turning, "stride")} ${turns} and ${takes} no part in means.`] : []),
       ...without.map((side) => `The ${Gaitcal.LEGS[side]} leg makes no complete stride in ${strides.trial.name}.`),
       ...[...sources].map((source) => `Healthy people: ${source}.`),

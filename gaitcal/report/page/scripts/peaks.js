@@ -2,11 +2,11 @@
 // errors are of gaitcal/gait/peaks.py, over all straight strides, or repetitions, of the chosen trial's activity.
 Gaitcal.PEAK_TABLES = { angle: "Angles", moment: "Moments", power: "Powers", force: "Ground reactions" };
 Gaitcal.PEAK_WORDS =
-  "Each stride by itself, in the window of its own stance and swing that is named, then mean ± standard error over all " +
-  "straight strides of all walks. Highest and lowest are told only where the curve turns within the window. Place: % of the stride.";
+  "Peaks of each stride in the named part of its stance or swing; mean ± standard error over all straight strides of all walks. " +
+  "Highest and lowest are given only if the curve turns within that part. Position: % of the stride.";
 Gaitcal.PHASE_WORDS = (one) =>
-  `Each ${one} by itself, over the whole of the phase that is named, then mean ± standard error over all ${one}s. ` +
-  `None beside what is not valid, as on a seat. Place: % of the ${one}.`;
+  `Peaks of each ${one} in the named phase; mean ± standard error over all ${one}s. ` +
+  `Phases with invalid frames, as on a seat, are left out. Position: % of the ${one}.`;
 
 Gaitcal.Peaks = class {
   constructor(root, curves) { Object.assign(this, { root, curves }); }

@@ -100,7 +100,7 @@ Gaitcal.strip = (people, choices, measure) => {
     const drawn = lane(own, people.groups.indexOf(group), quartiles);
     return { told: `${Gaitcal.visible(group)}: ${words}`, parts: [label, drawn] };
   });
-  const nobody = html("p.soft", "Nobody who passes the filters has a value.");
+  const nobody = html("p.soft", "No person who passes the filters has a value.");
   const of = ({ target }) => (target.dataset?.i ? Number(target.dataset.i) : null);
   const told = groups.map((group) => group.told).join("; ") || "No values";
   const lanes = html("div.lanes.strip-lanes",

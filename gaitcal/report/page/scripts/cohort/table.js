@@ -64,7 +64,7 @@ Gaitcal.peopleTable = (people, choices) => {
     const page = most ? 0 : Math.min(choices.page, last);
     const listed = order.slice(page * rows, (page + 1) * rows);
     const row = (i) => html("tr", { "data-person": i }, columns.map((column, k) => cell(column, i, k === 0)));
-    const nobody = html("tr", html("td.text.nobody", { colspan: columns.length }, "Nobody passes all filters."));
+    const nobody = html("tr", html("td.text.nobody", { colspan: columns.length }, "No person passes all filters."));
     body.replaceChildren(...(listed.length ? listed.map(row) : [nobody]));
     for (const { column, cell: top, arrow, input } of columns) {
       const way = { [column.name]: "ascending", [`-${column.name}`]: "descending" }[choices.sort];
