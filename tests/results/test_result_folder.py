@@ -84,7 +84,7 @@ def test_another_calibration_keeps_draws_and_further_trials_and_says_so(folder: 
     assert run("calibrate", study, "--out", result, "--force", "-q").exit_code == 0
     assert content(result / "dynamics") == kept["dynamics"]
     for words in (DRAWS, ("--expect", 4)):
-        with refuses(Code.FOLDER_TAKEN):
+        with refuses(Code.MONTE_CARLO):
             run("montecarlo", result, *words)
 
 

@@ -113,7 +113,7 @@ def test_trustworthy_without_a_stride_is_said_and_filtered(visit: Visit, tmp_pat
         False,
     ]
     row = page.run("document.querySelector('.causes tbody tr').innerText")
-    assert row.startswith("No stride of these walks counts") and "info" in row
+    assert row.startswith("No stride of these walks") and "info" in row
     page.click(".causes tbody tr button")
     assert page.run(NAMES) == ["B", "C"]
 
