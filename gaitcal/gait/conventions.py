@@ -225,7 +225,7 @@ class Convention:
         }[self.signs]
         return (
             f"moments are {self.acting.label}",
-            f"moments are expressed {self.frame.label}",
+            f"frame of moments: {self.frame.label}",
             f"{signs}; column 'positive' gives it for each variable",
             f"units: angles deg, moments {self.unit.label}, powers {self.unit.power} (positive: "
             "generated)",

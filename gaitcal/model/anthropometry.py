@@ -204,7 +204,7 @@ def describe_mass_table(subject: Subject) -> str:
             f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for "
             "head and trunk, as "
             f"those of children of {estimate_child_age(subject):g} differ (Jensen 1989); age_years "
-            "tells which table to use"
+            "selects the table"
         )
     elif subject.age is None:
         source += "; a table of adults: the age is not given"

@@ -4,7 +4,7 @@ Trunk markers that walks have and the static trial lacks are placed by the walks
 pelvis markers give the position of the lumbar joint and the direction of the pelvis. The mean of a
 trunk marker in axes through that joint, y up and z along the horizontal part of the pelvis's
 lateral direction, is its position in a person whose trunk has its mean posture of walking. A note
-says that the angles of the trunk count from that posture.
+reports that the angles of the trunk count from that posture.
 """
 
 from collections.abc import Callable, Sequence

@@ -76,7 +76,7 @@ class GaitNumbers:
     """Numbers of one whole-body trial; only its layout without valid torques."""
 
     trial: TrialResult
-    make_layout: Layout
+    layout: Layout
     numbers: tuple[MomentSummary, ...] = ()
     stages: tuple[ResidualMagnitudes, ...] = ()
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
@@ -93,7 +93,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     loads = trial.loads
     drawn = make_layout(trial.body, loads.reactions if loads else None, trial.events)
     if loads is None or not loads.reactions.has_torques:
-        return GaitNumbers(trial=trial, make_layout=drawn)
+        return GaitNumbers(trial=trial, layout=drawn)
     limits = None
     if loads.residuals:
         limits = compute_residual_limits(
@@ -101,7 +101,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
         )
     return GaitNumbers(
         trial=trial,
-        make_layout=drawn,
+        layout=drawn,
         numbers=summarise_moments(model, drawn, loads.final, loads.nominal, loads.errors),
         stages=loads.residuals,
         limits=limits,

@@ -410,7 +410,7 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
         return None
     error = get_moment(loads.errors, name)
     frames = np.flatnonzero(
-        walk.make_layout.get_valid_frames(ground_reactions.get_leg(name)) & np.isfinite(error)
+        walk.layout.get_valid_frames(ground_reactions.get_leg(name)) & np.isfinite(error)
     )
     if not len(frames):
         return None
@@ -424,7 +424,7 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
     return PeakError(
         name=name,
         value=float(moment[frame]) / mass,
-        time=float(walk.make_layout.time[frame] - walk.make_layout.time[0]),
+        time=float(walk.layout.time[frame] - walk.layout.time[0]),
         error=float(error[frame]) / mass,
         shares=loads.errors.compute_shares(inverse_dynamics.FORCES.index(name), at_peak),
     )
