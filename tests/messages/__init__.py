@@ -27,7 +27,7 @@ HINT = "If the new wording is meant: pytest --update-messages, and review the ch
 _NUMBER = re.compile(
     r"(?:(?<![\w.])[-+])?(?<![A-Za-z_.\d])\d+(?:\.\d+)*(?:e[-+]?\d+)?(?![A-Za-z_])"
 )
-_FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\",;:)]+/)+")
+_FOLDERS = re.compile(r"(?:(?<=file://)|(?<![\w.:/]))/(?:[^\s/'\",;:)]+/)+")
 _REPEATED = re.compile(r"(\w)\1{19,}")
 
 Entry = tuple[str, str, str, str]

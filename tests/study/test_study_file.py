@@ -47,7 +47,7 @@ nodes = 20
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("study")
+    folder = tmp_path_factory.mktemp("study_file", numbered=False)
     (folder / "data").mkdir()
     for name in ("static.trc", "hip.csv", "data/walk.C3D", "walk_grf.mot", "own_set.toml"):
         (folder / name).touch()
