@@ -10,6 +10,7 @@ from gaitcal.analysis.result import Calibration, Loads, Stage, TrialResult, Unce
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, PhaseSummary
+from gaitcal.calibration.joint_prior import combine_joint_priors
 from gaitcal.dynamics.expected_residual import estimate_expected_residual
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
@@ -144,6 +145,7 @@ def fake_calibration(
         joint=_joint(fitted) if joint else None,
         inertial=_inertial(parameters.inertial) if inertial else None,
         uncertainty=_uncertainty(joint and errors),
+        joint_prior=combine_joint_priors({}),
         unidentifiable=UNSEEN if joint else (),
         notes=(names.note,),
         findings=doubts,

@@ -69,7 +69,7 @@ from gaitcal.quality.after_fit import check_physical_limits
 from gaitcal.quality.study_checks import check_preprocessed
 from gaitcal.quality.verdict import LEFT_OUT, judge, remove_consequences, select_stopping_errors
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import build_motion
 
@@ -306,6 +306,7 @@ def assemble_calibration(state: CalibrationState, study: Study, progress: Progre
         joint=joint,
         inertial=state.inertial,
         uncertainty=state.uncertainty,
+        joint_prior=state.prior if state.settings.decided_by is Protocol.EVIDENCE else None,
         unidentifiable=joint.unidentifiable if joint else (),
         notes=notes,
         findings=found,

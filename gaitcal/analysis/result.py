@@ -30,6 +30,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model import linkage, parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.joint_floor import JointFloor
@@ -388,6 +389,8 @@ class Calibration(Displayed):
     for each cause."""
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad, of `model` in the static posture."""
+    joint_prior: JointPrior | None = None
+    """Prior of the joint parameters before any moving trial; None if the protocol uses none."""
     truth: TruthErrors | None = None
     """Errors against the truth, if the study declares it."""
     left_out: Mapping[str, str] = field(default_factory=dict)

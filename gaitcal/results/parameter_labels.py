@@ -9,7 +9,6 @@ import numpy as np
 from gaitcal.analysis.parameter_table import list_parameter_rows
 from gaitcal.analysis.result import Calibration
 from gaitcal.calibration.identifiability import NEEDED_RANGE
-from gaitcal.calibration.joint_prior import combine_joint_priors
 from gaitcal.gait import moments
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import JOINTS, Source
@@ -189,10 +188,9 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
 
 def _describe_kept(calibration: Calibration, names: Sequence[str]) -> str:
     """Describe the value that undetermined joint parameters keep."""
-    several, study = len(names) > 1, calibration.study
-    if near := combine_joint_priors(
-        study.settings.joint_prior, study.joint_prior
-    ).describe_fallback(names):
+    several, study, prior = len(names) > 1, calibration.study, calibration.joint_prior
+    near = prior.describe_fallback(names) if prior else ""
+    if near:
         return f"{'they stay' if several else 'it stays'} near {near}"
     if study.settings.decided_by is Protocol.EVIDENCE:
         return (
@@ -269,11 +267,9 @@ def summarise_fitted(calibration: Calibration) -> str:
         )
         parts.append(f"{moments.format_count(inertial, 'inertial parameter')} ({description})")
     kept = "All others keep their nominal values."
-    study = calibration.study
-    if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
-        near = combine_joint_priors(
-            study.settings.joint_prior, study.joint_prior
-        ).describe_fallback(calibration.unidentifiable)
+    prior = calibration.joint_prior
+    if calibration.unidentifiable and prior is not None:
+        near = prior.describe_fallback(calibration.unidentifiable)
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"
     elif not parts:
         return "Nothing was fitted: all parameters keep their nominal values."
