@@ -287,7 +287,7 @@ def check_unmeasured_mass(
         At most one.
     """
     walks = [t for t in results if t.joint is None and t.loads is not None and t.loads.residuals]
-    unmeasured = [t for t in walks if is_trunk_unmeasured(t.body)]
+    unmeasured = [t for t in walks if is_trunk_unmeasured(t.motion)]
     if not unmeasured:
         return
     residuals = [t.loads.residuals[-1] for t in unmeasured if t.loads is not None]

@@ -20,7 +20,7 @@ import numpy as np
 
 from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial, fits_legs_together
 from gaitcal.analysis.result import HeldOut
-from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.arrays import Array, BoolArray, IntArray, compute_rms
 from gaitcal.calibration import joint_phases, joint_prior, soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import JointSettings
 from gaitcal.errors import STUDY, Code, Finding, Severity, join_names
@@ -224,9 +224,11 @@ def compute_held_out_errors(
                 for s in t.reported_problem.data.segment
             ]
         )
-        legs = None if t.joint else (_compute_rms(first[:, lower]), _compute_rms(last[:, lower]))
+        legs = None
+        if not t.joint:
+            legs = float(compute_rms(first[:, lower])), float(compute_rms(last[:, lower]))
         count = len(np.unique(folds[t.name]))
-        out[t.name] = HeldOut(_compute_rms(first), _compute_rms(last), count, legs)
+        out[t.name] = HeldOut(float(compute_rms(first)), float(compute_rms(last)), count, legs)
     return out
 
 
@@ -293,10 +295,6 @@ def compute_marker_distances(problem: MotionProblem, parameters: Parameters) -> 
     """
     errors = track_motion(problem, parameters).errors
     return np.where(errors.select_observed(), errors.distance, np.nan)
-
-
-def _compute_rms(distance: Array) -> float:
-    return float(np.sqrt(np.nanmean(distance**2)))
 
 
 def calibrate_robustly(

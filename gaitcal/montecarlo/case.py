@@ -132,7 +132,7 @@ def make_case(calibration: Calibration, trial: str | None = None) -> MonteCarloC
         if t.loads and t.loads.reactions.valid.any()
     }
     name = _choose_trial(tuple(reactions), trial, calibration.study.source)
-    model, motion = calibration.model, calibration.trial(name).body
+    model, motion = calibration.model, calibration.trial(name).motion
     observed = np.array(motion.errors.labels)[motion.errors.select_observed()].tolist()
     return MonteCarloCase(
         name=name,

@@ -247,7 +247,7 @@ def _compute_bandwidth(settings: CalibrationSettings, time: Array) -> tuple[floa
     if settings.nodes is not None or settings.nodes_per_second is not None:
         nodes = ControlPointRule(
             settings.nodes_per_second or NODES_PER_SECOND, settings.nodes
-        ).count_nodes(time)
+        ).count_control_points(time)
         return compute_cutoff(time, nodes), f"{nodes} spline nodes"
     if settings.bandwidth_hz == AUTOMATIC:
         return None, ""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import compute_rms
 from gaitcal.export.opensim.motion_comparison import OurMotion
 from gaitcal.export.opensim.osim_writer import encode_name
 from gaitcal.io.result_folder import read_json_object
@@ -44,7 +45,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
         differences = (
             saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
         )
-        rms = np.sqrt(np.nanmean(np.sum(differences**2, axis=2), axis=0))
+        rms = compute_rms(np.linalg.norm(differences, axis=2), axis=0)
         trial = OurMotion(
             name=name,
             motion=saved.motion,

@@ -389,7 +389,7 @@ def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
                 "force_N": expected.force.limit,
                 "torque_Nm": expected.moment.limit,
             }
-            if is_trunk_unmeasured(trial.body):
+            if is_trunk_unmeasured(trial.motion):
                 out["trunk_measured"] = False
     if reactions.has_torques:
         out["torque_change_bwh"] = _compute_torque_change(loads)

@@ -26,7 +26,7 @@ from gaitcal.model.coordinates import (
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.trial_tables import select_free_powers
-from gaitcal.tracking.motion import MarkerErrors, Motion, select_static_offsets
+from gaitcal.tracking.motion import Motion, select_static_offsets
 
 GROUND: Final = {
     "ground_reaction_vertical": 1,
@@ -128,8 +128,8 @@ def _build_angles(
 ) -> Iterator[Curve]:
     """Build joint angles; those of the pelvis are relative to the trial's line of progression."""
     body, hidden, static, nominal = (
-        trial.body,
-        find_unobserved_frames(trial.body),
+        trial.motion,
+        find_unobserved_frames(trial.motion),
         select_static_offsets(relative_to),
         _get_nominal_motion(trial),
     )
@@ -168,7 +168,7 @@ def _build_angles(
 
 def _build_feet(trial: TrialResult) -> Iterator[Curve]:
     """Build foot progression relative to the trial's line; each stride has its own line."""
-    feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.body)
+    feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.motion)
     if feet is None:
         return
     for k, side in enumerate(SIDES):
@@ -222,7 +222,7 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
         `value`, and `nominal` and `truth` if known -> (nf, 3) rad, `PELVIS_ANGLES`.
     """
     nominal, known = _get_nominal_motion(trial), {} if truth is None else truth.coordinates
-    out = {"value": strides.get_pelvis_angles(trial.body)}
+    out = {"value": strides.get_pelvis_angles(trial.motion)}
     if nominal is not None:
         out["nominal"] = strides.get_pelvis_angles(nominal)
     if all(name in known for name in PELVIS_ANGLES):
@@ -231,7 +231,7 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
 
 
 def _get_nominal_motion(trial: TrialResult) -> Motion | None:
-    return trial.nominal if trial.nominal.coordinates == trial.body.coordinates else None
+    return trial.nominal if trial.nominal.coordinates == trial.motion.coordinates else None
 
 
 def _build_moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
@@ -294,16 +294,7 @@ def _build_residuals(loads: Loads) -> Iterator[Curve]:
 
 def _build_marker_error(trial: TrialResult) -> Curve:
     """Build the RMS distance (mm) of measured and model markers with weight, frame by frame."""
-    value = _compute_rms(trial.body.errors if trial.joint is None else trial.calibrated.errors)
-    kind, nominal = "marker_error", _compute_rms(trial.nominal.errors)
+    errors = trial.motion.errors if trial.joint is None else trial.calibrated.errors
+    kind, value = "marker_error", 1e3 * errors.compute_rms_by_frame()
+    nominal = 1e3 * trial.nominal.errors.compute_rms_by_frame()
     return Curve(kind, "", kind, "mm", value, np.isfinite(value), nominal=nominal)
-
-
-def _compute_rms(errors: MarkerErrors) -> Array:
-    """Compute the (nf,) RMS in mm; NaN if no marker is visible."""
-    squares = errors.distance[:, errors.weight > 0] ** 2
-    visible = np.isfinite(squares)
-    sums, counts = np.where(visible, squares, 0.0).sum(axis=1), visible.sum(axis=1)
-    return np.asarray(
-        1e3 * np.sqrt(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0))
-    )

@@ -195,7 +195,7 @@ def write_further_page(
             saved.model,
             t.name,
             t.role.value,
-            t.body,
+            t.motion,
             t.recording,
             None if t.loads is None else t.loads.reactions,
         )

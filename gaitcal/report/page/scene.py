@@ -219,7 +219,7 @@ def build_scene(calibration: "Calibration") -> Scene:
             calibration.model,
             t.name,
             t.role.value,
-            t.body,
+            t.motion,
             t.recording,
             None if t.loads is None else t.loads.reactions,
         )

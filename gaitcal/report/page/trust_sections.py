@@ -218,11 +218,10 @@ def collect_marker_fits(trial: result.TrialResult) -> list[MarkerFit]:
 
 
 def _compute_rms_by_label(errors: MarkerErrors) -> dict[str, float]:
-    return {
-        label: 1e3 * float(np.sqrt(np.nanmean(column**2)))
-        for label, column in zip(errors.labels, errors.distance.T, strict=True)
-        if np.isfinite(column).any()
-    }
+    """Compute marker -> mm, of the visible markers."""
+    rms = 1e3 * errors.compute_rms_by_marker()
+    labelled = zip(errors.labels, rms.tolist(), strict=True)
+    return {label: mm for label, mm in labelled if np.isfinite(mm)}
 
 
 def _build_marker_table(markers: Sequence[MarkerFit], folded: str = "") -> Block:
