@@ -8,7 +8,7 @@
 4. `track_trials`: motions with the nominal and the fitted model, forces under the feet,
    disagreement of both.
 5. `fit_inertia`: inertial parameters from the pelvis residual; on demand all parameters together.
-6. `assemble_calibration`: standard errors, torques, findings and the verdict.
+6. `_assemble_calibration`: standard errors, torques, findings and the verdict.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def calibrate_preprocessed(
             fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
         )
     state = fit_inertia(state, progress)
-    return assemble_calibration(state, preprocessed.study, progress)
+    return _assemble_calibration(state, preprocessed.study, progress)
 
 
 def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Finding]:
@@ -176,16 +176,8 @@ def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Find
     A fault of one functional trial concerns that trial alone: the joints are fitted without it, and
     no torque of a walk is refused because of it.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-
-    Returns
-    -------
-    dict
-        Trial -> warning that it is left out; empty if no trial would remain, or no joint was
-        fitted.
+    Returns: trial -> warning that it is left out; empty if no trial would remain, or no joint was
+    fitted.
     """
     if state.joint is None:
         return {}
@@ -202,18 +194,9 @@ def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Find
 def track_trials(state: CalibrationState, progress: Progress) -> CalibrationState:
     """Track all trials with the nominal and the fitted joint parameters and diagnose the forces.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After the fit of the joint parameters.
-    progress : callable
-        Called with a line of text at the beginning of each step.
-
-    Returns
-    -------
-    CalibrationState
-        With motions, ground reactions, ankle angles zeroed in the static posture, and the force
-        diagnosis.
+    `state`: after the fit of the joint parameters. `progress`: called with a line of text at the
+    beginning of each step. Returns: with motions, ground reactions, ankle angles zeroed in the
+    static posture, and the force diagnosis.
     """
     joint = state.joint
     zeroed = _zero_ankles(state)
@@ -238,20 +221,10 @@ def track_trials(state: CalibrationState, progress: Progress) -> CalibrationStat
 def fit_inertia(state: CalibrationState, progress: Progress) -> CalibrationState:
     """Fit the inertial parameters, then, if the settings ask for it, all parameters together.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-    progress : callable
-        Called with a line of text at the beginning of each step.
-
-    Returns
-    -------
-    CalibrationState
-        With the inertial fit, its parameters as the last stage of every trial, and the errors of
-        inertial parameters.
+    `progress`: called with a line of text at the beginning of each step. Returns: with the inertial
+    fit, its parameters as the last stage of every trial, and the errors of inertial parameters.
     """
-    settings, loaded = state.settings, select_trials_for_inertial_fit(state)
+    settings, loaded = state.settings, _select_trials_for_inertial_fit(state)
     progress("error bars of the masses" if settings.ip == "none" else "inertial parameters")
     inertial = None if settings.ip == "none" or not loaded else _fit_inertial(state, loaded)
     if inertial is not None:
@@ -264,7 +237,7 @@ def fit_inertia(state: CalibrationState, progress: Progress) -> CalibrationState
     return replace(state, uncertainty=uncertainty)
 
 
-def assemble_calibration(state: CalibrationState, study: Study, progress: Progress) -> Calibration:
+def _assemble_calibration(state: CalibrationState, study: Study, progress: Progress) -> Calibration:
     """Assemble the calibration with its standard errors, torques, findings and verdict.
 
     Parameters
@@ -283,7 +256,7 @@ def assemble_calibration(state: CalibrationState, study: Study, progress: Progre
     """
     progress("standard errors and inverse dynamics")
     results = tuple(assemble_trial_result(t, state) for t in state.trials)
-    nominal, joint, phases = state.model, state.joint, list_phases(state)
+    nominal, joint, phases = state.model, state.joint, _list_phases(state)
     after_fit = (
         *state.force_diagnosis.findings,
         *state.findings,
@@ -341,20 +314,11 @@ def _zero_ankles(state: CalibrationState) -> AnkleZeroCorrection:
     return AnkleZeroCorrection(state.parameters, {}, angles)
 
 
-def select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial]:
+def _select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial]:
     """Select the tracked trials with valid ground reactions that determine masses.
 
     Trials with faulty forces, or with a leg whose markers do not determine its motion, are left
     out. Trials without trunk markers are used only if no other trial is left.
-
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-
-    Returns
-    -------
-    list of (MovingTrial, GroundReactions)
     """
     excluded = state.force_diagnosis.faulty | fit_findings.list_trials_with_faulty_legs(
         state.checked
@@ -391,7 +355,7 @@ def _fit_inertial(
             " mass"
         )
         return inertial_evidence.keep_nominal(
-            parameters.inertial, which, make_population_spread(state), rms, why
+            parameters.inertial, which, _make_population_spread(state), rms, why
         )
     if settings.ip == "published":
         return inertial_calibration.fit_published(equations, parameters.inertial, which)
@@ -415,12 +379,12 @@ def _fit_inertial(
         inertial_evidence.compute_fixed_spread(parameters.inertial, which),
     )
     fit = inertial_evidence.fit_by_evidence(
-        equations, parameters.inertial, which, noise, make_population_spread(state)
+        equations, parameters.inertial, which, noise, _make_population_spread(state)
     )
     return replace(fit, seconds=time.perf_counter() - began)
 
 
-def make_population_spread(state: CalibrationState) -> inertial_calibration.ConsistentSettings:
+def _make_population_spread(state: CalibrationState) -> inertial_calibration.ConsistentSettings:
     """Describe how people scatter about the anthropometric table: more if it may be the wrong one.
 
     Parameters
@@ -464,7 +428,7 @@ def _fit_together(
         )
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(
-        load_share=settings.joint_step_load_share, spread=make_population_spread(state)
+        load_share=settings.joint_step_load_share, spread=_make_population_spread(state)
     )
     fit = fit_combined(
         problems,
@@ -504,25 +468,18 @@ def _factor_inertial_errors(state: CalibrationState) -> Array | None:
     if inertial is None:
         if find_impossible_bodies(nominal):
             return None
-        inertial = inertial_evidence.keep_nominal(nominal, which, make_population_spread(state))
+        inertial = inertial_evidence.keep_nominal(nominal, which, _make_population_spread(state))
     if not inertial.statistical:
         return None
     fixed = inertial_evidence.compute_fixed_spread(nominal, which)
     return np.hstack([factor_inertial_covariance(inertial), fixed])
 
 
-def list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
+def _list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
     """List the fits that were made, those of the joint parameters first.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After the fit of the inertial parameters.
-
-    Returns
-    -------
-    tuple of PhaseSummary
-        In the order in which they were made.
+    `state`: after the fit of the inertial parameters. Returns: in the order in which they were
+    made.
     """
     joint, inertial, combined = state.joint, state.inertial, state.combined
     fits = list[tuple[str, inertial_calibration.InertialFit | CombinedFit, int, int, str]]()
@@ -538,7 +495,7 @@ def list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
         )
         count = len(joint.free) + len(inertial.names)
         fits.append(("joint and inertial", combined, count, combined.steps, text))
-    trials = tuple(t.name for t, _ in select_trials_for_inertial_fit(state))
+    trials = tuple(t.name for t, _ in _select_trials_for_inertial_fit(state))
     inertial_phases = [
         PhaseSummary(
             name=name,

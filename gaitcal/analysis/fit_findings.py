@@ -51,21 +51,7 @@ _LABELS = {TRUNK: "head and trunk", "upper_arm": "upper arms", "forearm_hand": "
 def check_calibration(
     state: CalibrationState, results: Sequence[TrialResult], phases: Sequence[PhaseSummary]
 ) -> tuple[Finding, ...]:
-    """Check bodies, marker errors, convergence and joint positions of a finished calibration.
-
-    Parameters
-    ----------
-    state : CalibrationState
-        After the last fit.
-    results : sequence of TrialResult
-        The results of its trials.
-    phases : sequence of PhaseSummary
-        The fits that were made.
-
-    Returns
-    -------
-    tuple of Finding
-    """
+    """Check bodies, marker errors, convergence and joint positions of a finished calibration."""
     positions = tuple[Finding, ...]()
     if state.joint is not None:
         functional = {t.joint for t in results if t.joint is not None}
@@ -74,25 +60,17 @@ def check_calibration(
         )
         positions = tuple(found)
     return (
-        *check_body_inertia(state),
+        *_check_body_inertia(state),
         *check_marker_fit(results),
         *check_convergence(phases),
         *positions,
     )
 
 
-def check_body_inertia(state: CalibrationState) -> Iterator[Finding]:
+def _check_body_inertia(state: CalibrationState) -> Iterator[Finding]:
     """Find inertial parameters that no real body has; only the published cost gives them.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After the last fit.
-
-    Yields
-    ------
-    Finding
-        At most one, of the study.
+    Yields: at most one, of the study.
     """
     bodies = find_impossible_bodies(state.parameters.inertial)
     if not bodies:
@@ -116,15 +94,7 @@ def check_body_inertia(state: CalibrationState) -> Iterator[Finding]:
 def check_marker_fit(results: Sequence[TrialResult]) -> Iterator[Finding]:
     """Find trials with a larger marker error with the final model than with the nominal one.
 
-    Parameters
-    ----------
-    results : sequence of TrialResult
-        The trials of a calibration.
-
-    Yields
-    ------
-    Finding
-        One for each such trial.
+    Yields one for each such trial.
     """
     for t in results:
         # Walks are compared over pelvis and legs: arms that were raised in the static trial would
@@ -150,15 +120,7 @@ def check_marker_fit(results: Sequence[TrialResult]) -> Iterator[Finding]:
 def check_convergence(phases: Sequence[PhaseSummary]) -> Iterator[Finding]:
     """Find fits that stopped before they reached their tolerance.
 
-    Parameters
-    ----------
-    phases : sequence of PhaseSummary
-        The fits that were made.
-
-    Yields
-    ------
-    Finding
-        One for each such fit.
+    Yields one for each such fit.
     """
     for phase in phases:
         if not phase.converged:

@@ -81,7 +81,7 @@ def fit_joints(
     if settings.robust == "none":
         joint, parameters = fit(trials)
     else:
-        trials, joint, parameters, outliers = calibrate_robustly(
+        trials, joint, parameters, outliers = _calibrate_robustly(
             trials, nominal, Loss(settings.robust), fit
         )
         findings += outliers
@@ -103,19 +103,8 @@ def fit_joint_parameters(
 ) -> tuple[joint_phases.JointCalibration | None, Parameters]:
     """Fit the joint parameters that the settings of a session ask for to some of its trials.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        With settings, nominal model and prior.
-    trials : sequence of MovingTrial
-        The trials to fit to.
-
-    Returns
-    -------
-    joint : JointCalibration or None
-        None if the settings keep the joints, or there are no trials.
-    parameters : Parameters
-        The fitted parameters, or the nominal ones.
+    Returns: `joint` None if the settings keep the joints, or there are no trials; `parameters` the
+    fitted parameters, or the nominal ones.
     """
     settings, nominal = state.settings, state.model.parameters
     if not settings.jp or not trials:
@@ -182,21 +171,9 @@ def compute_held_out_errors(
 ) -> dict[str, HeldOut]:
     """Compute the held-out error of every trial by cross-validation over blocks of time.
 
-    Parameters
-    ----------
-    trials : sequence of MovingTrial
-        The trials.
-    nominal : Parameters
-        Nominal parameters, for comparison.
-    fit : callable
-        Fits the joint parameters of trials.
-
-    Returns
-    -------
-    dict
-        Trial -> error; without trials that have no marker with weight.
+    Returns: trial -> error; without trials that have no marker with weight.
     """
-    before = {t.name: compute_marker_distances(t.reported_problem, nominal) for t in trials}
+    before = {t.name: _compute_marker_distances(t.reported_problem, nominal) for t in trials}
     after = {name: np.full_like(d, np.nan) for name, d in before.items()}
     folds = {t.name: assign_folds(t) for t in trials}
     for fold in range(FOLDS):
@@ -210,7 +187,7 @@ def compute_held_out_errors(
                     t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
                 )
                 fitted = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-                after[t.name][held] = compute_marker_distances(tissued.reported_problem, fitted)[
+                after[t.name][held] = _compute_marker_distances(tissued.reported_problem, fitted)[
                     held
                 ]
     out = {}
@@ -256,16 +233,7 @@ def assign_folds(trial: MovingTrial) -> IntArray:
 def mask_frames(trial: MovingTrial, held: BoolArray) -> MovingTrial:
     """Give frames of a trial no weight in the fit of joint parameters.
 
-    Parameters
-    ----------
-    trial : MovingTrial
-        The trial.
-    held : (nf,) array of bool
-        The frames.
-
-    Returns
-    -------
-    MovingTrial
+    `held`: (nf,) the frames.
     """
 
     def mask(problem: MotionProblem) -> MotionProblem:
@@ -278,53 +246,25 @@ def mask_frames(trial: MovingTrial, held: BoolArray) -> MovingTrial:
     )
 
 
-def compute_marker_distances(problem: MotionProblem, parameters: Parameters) -> Array:
+def _compute_marker_distances(problem: MotionProblem, parameters: Parameters) -> Array:
     """Compute distances of the markers from the model after tracking.
 
-    Parameters
-    ----------
-    problem : MotionProblem
-        The tracking problem.
-    parameters : Parameters
-        Parameters of the linkage to track with.
-
-    Returns
-    -------
-    (nf, nm) array
-        m; NaN for markers without weight.
+    `parameters`: parameters of the linkage to track with. Returns: (nf, nm) m; NaN for markers
+    without weight.
     """
     errors = track_motion(problem, parameters).errors
     return np.where(errors.select_observed(), errors.distance, np.nan)
 
 
-def calibrate_robustly(
+def _calibrate_robustly(
     trials: Sequence[MovingTrial], nominal: Parameters, loss: Loss, fit: JointFitter
 ) -> tuple[
     tuple[MovingTrial, ...], joint_phases.JointCalibration | None, Parameters, tuple[Finding, ...]
 ]:
     """Fit joint parameters with marker weights that a robust loss gives, until both settle.
 
-    Parameters
-    ----------
-    trials : sequence of MovingTrial
-        The trials.
-    nominal : Parameters
-        Nominal parameters, for the first weights.
-    loss : Loss
-        The robust loss.
-    fit : callable
-        Fits the joint parameters of trials.
-
-    Returns
-    -------
-    trials : tuple of MovingTrial
-        With their last weights.
-    joint : JointCalibration or None
-        The last fit.
-    parameters : Parameters
-        Its parameters.
-    findings : tuple of Finding
-        Outliers of each trial, and a warning if the weights did not settle.
+    Returns: `trials` with their last weights; `joint` the last fit; `parameters` its parameters;
+    `findings` outliers of each trial, and a warning if the weights did not settle.
     """
     last: dict[str, RobustTracking] = {}
 

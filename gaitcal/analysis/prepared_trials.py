@@ -458,22 +458,7 @@ def compute_trial_reactions(
 ) -> GroundReactions:
     """Compute the ground reactions on the feet at the frames of a whole-body motion.
 
-    Parameters
-    ----------
-    trial : Trial
-        With force plates, rotated as the motion.
-    model : SubjectModel
-        The person.
-    parameters : Parameters
-        Parameters of the linkage.
-    motion : Motion
-        Of the whole body.
-    settings : CalibrationSettings
-        With the force filter.
-
-    Returns
-    -------
-    GroundReactions
+    `trial`: with force plates, rotated as the motion.
     """
     hz = choose_force_cutoff(trial, motion, settings)
     return compute_motion_reactions(model, parameters, motion, trial.recording, trial.plates, hz)
@@ -484,19 +469,8 @@ def choose_force_cutoff(
 ) -> float | None:
     """Choose the cut-off frequency of the force filter of a trial.
 
-    Parameters
-    ----------
-    trial : Trial
-        Its `filter_hz` takes precedence over the settings.
-    motion : Motion
-        With its cut-off, which `matched` forces share.
-    settings : CalibrationSettings
-        With `force_filter_hz`.
-
-    Returns
-    -------
-    float or None
-        Hz; None for no filter.
+    `trial`: its `filter_hz` takes precedence over the settings. `motion`: with its cut-off, which
+    `matched` forces share. `settings`: with `force_filter_hz`. Returns: Hz; None for no filter.
     """
     chosen = settings.force_filter_hz if trial.filter_hz is None else trial.filter_hz
     if chosen == "none":

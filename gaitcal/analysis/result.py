@@ -464,17 +464,7 @@ class Calibration(Displayed):
 
 
 def remove_refused_results(calibration: Calibration) -> Calibration:
-    """Remove valid torques and error bars of what the verdict refuses: legs, trials, or all.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        With its verdict.
-
-    Returns
-    -------
-    Calibration
-    """
+    """Remove valid torques and error bars of what the verdict refuses: legs, trials, or all."""
     verdict = calibration.verdict
     trials = tuple(t.exclude_legs(verdict.list_refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty

@@ -322,21 +322,10 @@ def _estimate_foot_axes(
 ) -> FootAxes:
     """Estimate directions of the feet with errors from markers and from the foot's axes.
 
-    Parameters
-    ----------
-    long_axes : (nf, 2, 3) array
-        Unit vectors, right and left.
-    lines : (nf, 2) array
-        rad, lines of progression.
-    variances : tuple of (nf, n) array or None
-        rad^2, of the feet in the last columns: by all sources, and by the markers of the trial;
-        None if unknown.
-    rotations : mapping
-        Segment -> (nf, k, 3) rad, standard deviations of its axes.
-
-    Returns
-    -------
-    FootAxes
+    `long_axes`: (nf, 2, 3) unit vectors, right and left. `lines`: (nf, 2) rad, lines of
+    progression. `variances`: rad^2, of the feet in the last columns: by all sources, and by the
+    markers of the trial; None if unknown. `rotations`: segment -> (nf, k, 3) rad, standard
+    deviations of its axes.
     """
     if variances is None:
         return FootAxes(long_axes)
@@ -536,21 +525,7 @@ class AnkleZeroCorrection:
 def zero_ankle_angles(
     model: SubjectModel, parameters: Parameters, static: Recording
 ) -> AnkleZeroCorrection:
-    """Move the zero angles of the ankles so that the static posture keeps its nominal angles.
-
-    Parameters
-    ----------
-    model : SubjectModel
-        With the nominal parameters.
-    parameters : Parameters
-        Fitted.
-    static : Recording
-        The static trial, completed.
-
-    Returns
-    -------
-    AnkleZeroCorrection
-    """
+    """Move the zero angles of the ankles so that the static posture keeps its nominal angles."""
     posture = build_static_problem(model, static)
     after, before = (_compute_mean_coordinates(posture, p) for p in (parameters, model.nominal))
     zero, offsets = parameters.zero_angles.copy(), {}

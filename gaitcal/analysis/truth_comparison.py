@@ -394,15 +394,7 @@ def find_two_marker_segments(calibration: Calibration) -> tuple[str, ...]:
 
     Their rotation about the line through the markers is not observable.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        With the marker set.
-
-    Returns
-    -------
-    tuple of str
-        In the order of the joint parameters.
+    Returns: in the order of the joint parameters.
     """
     markers = calibration.model.markers
     counts = Counter(s for s, w in zip(markers.segments, markers.weight, strict=True) if w > 0)

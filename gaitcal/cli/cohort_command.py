@@ -127,28 +127,10 @@ def _choose_priors(
 ) -> tuple[Path | None, CalibrationSettings]:
     """Choose the file of priors: that of the option `--priors` or that of `cohort.toml`.
 
-    Parameters
-    ----------
-    given
-        File of the option.
-    settings
-        `[calibration]` of `cohort.toml`.
-    learn_priors
-        Whether priors are to be learnt from the cohort.
-
-    Returns
-    -------
-    Path or None
-        File of priors.
-    CalibrationSettings
-        The settings without their priors.
-
-    Raises
-    ------
-    UsageError
-        Both give a file, or priors are to be learnt.
-    InputError
-        The file of the settings is invalid.
+    `given`: file of the option. `settings`: `[calibration]` of `cohort.toml`. `learn_priors`:
+    whether priors are to be learnt from the cohort. Returns: file of priors; the settings without
+    their priors. Raises UsageError: both give a file, or priors are to be learnt. Raises
+    InputError: the file of the settings is invalid.
     """
     if settings.priors is None:
         return given and given.resolve(), settings

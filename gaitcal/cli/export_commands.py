@@ -175,13 +175,13 @@ def export(
             raise UsageError(message, field=f"--{name}")
     if into is None:
         signs = choose_convention(convention, moments, units, external=external)
-        export_model(result, formats, out, inputs, console, signs, replace=replace)
+        _export_model(result, formats, out, inputs, console, signs, replace=replace)
     else:
         chosen = (parameters, attachments, names, muscles, draws, seed)
-        export_into(result, into, out, console, *chosen)
+        _export_into(result, into, out, console, *chosen)
 
 
-def export_model(
+def _export_model(
     result: Path,
     formats: str,
     out: Path | None,
@@ -354,7 +354,7 @@ def _find_earlier_files(out: Path) -> list[Path]:
     return [*draws, *(p for p in tables if p.is_file())]
 
 
-def export_into(
+def _export_into(
     result: Path,
     model: Path,
     out: Path | None,
@@ -551,21 +551,8 @@ def render_account_page(
 ) -> str:
     """Render the page of the changes of a model: files, warnings, remarks and complete tables.
 
-    Parameters
-    ----------
-    name
-        File name of the model.
-    facts
-        Heading and value of each row of the first table.
-    warnings, lines
-        Warnings and remarks.
-    tables
-        Tables of changes.
-
-    Returns
-    -------
-    str
-        The HTML page.
+    `name`: file name of the model. `facts`: heading and value of each row of the first table.
+    `warnings`, `lines`: warnings and remarks. Returns: the HTML page.
     """
     parts = [
         render_plain_table("Files", facts[0], facts[1:], name="who"),

@@ -119,22 +119,13 @@ MEASURES: Final = (
 )
 
 
-def build_measure_columns(
+def _build_measure_columns(
     measure: CohortMeasure, read: Callable[[str], Array]
 ) -> list[dict[str, Any]]:
     """Build the columns of a measure for the page.
 
-    Parameters
-    ----------
-    measure : CohortMeasure
-        The measure.
-    read : callable
-        Name of a column of the table of people -> its numbers (people,), NaN if missing.
-
-    Returns
-    -------
-    list of dict
-        Of the person, or of each leg; without columns that have no number.
+    `read`: name of a column of the table of people -> its numbers (people,), NaN if missing.
+    Returns: of the person, or of each leg; without columns that have no number.
     """
     about = {"title": measure.title, "unit": measure.unit, "digits": measure.digits}
     per_leg = "{}" in measure.column
@@ -349,7 +340,7 @@ def _build_columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Itera
     for name, title in TITLES.items():
         yield from build(name, title)
     for measure in MEASURES:
-        yield from build_measure_columns(measure, read)
+        yield from _build_measure_columns(measure, read)
     for name in columns:
         if name not in TITLES:
             yield from build(name, name)

@@ -164,15 +164,8 @@ class CohortFile(Table):
 def make_safe_name(text: str) -> str:
     """Make a folder name from the name of a person or session.
 
-    Parameters
-    ----------
-    text : str
-        The name.
-
-    Returns
-    -------
-    str
-        The name itself if every file system allows it; else a similar one with part of its hash.
+    `text`: the name. Returns: the name itself if every file system allows it; else a similar one
+    with part of its hash.
     """
     plain = _UNSAFE.sub("_", text).strip(". ").encode()[:MOST_NAME_BYTES].decode(errors="ignore")
     if plain == text and not _DEVICE.fullmatch(text):
@@ -418,22 +411,9 @@ def read_sheet(path: Path) -> tuple[list[PersonTable], list[str]]:
 
     Columns are separated by commas, semicolons (with decimal commas) or tabs.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    rows : list of PersonTable
-    notes : list of str
-        On columns that are not used.
-
-    Raises
-    ------
-    InputError
-        No column `person`, a column twice or with a similar name, two rows that contradict each
-        other, or a value that is not allowed, with its row.
+    `path`: the file. Returns: `rows` ; `notes` on columns that are not used. Raises InputError: no
+    column `person`, a column twice or with a similar name, two rows that contradict each other, or
+    a value that is not allowed, with its row.
     """
     text = _read_text(path)
     head = text.split("\n", 1)[0]

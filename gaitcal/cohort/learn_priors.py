@@ -136,24 +136,9 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
 def read_evidence(folder: Path, name: str) -> SessionEvidence:
     """Read the likelihood of joint parameters from a result folder of `gaitcal calibrate`.
 
-    Parameters
-    ----------
-    folder : Path
-        The result.
-    name : str
-        Of the person.
-
-    Returns
-    -------
-    SessionEvidence
-
-    Raises
-    ------
-    NotUsedError
-        Its verdict is not "trustworthy", it was calibrated with priors of a cohort, or its joint
-        parameters were not calibrated by the default protocol.
-    InputError
-        It is damaged.
+    `folder`: the result. `name`: of the person. Raises NotUsedError: its verdict is not
+    "trustworthy", it was calibrated with priors of a cohort, or its joint parameters were not
+    calibrated by the default protocol. Raises InputError: it is damaged.
     """
     summary, manifest = read_json_object(folder / SUMMARY), read_json_object(folder / MANIFEST)
     verdict = summary.get("verdict")
@@ -189,21 +174,10 @@ def compute_part_evidence(
 ) -> dict[str, PartEvidence] | None:
     """Compute the likelihood of the joint parameters of every part of the body.
 
-    Parameters
-    ----------
-    errors : ErrorSources
-        Of joint parameters; those that no trial moved have no information.
-    deviation : (98,) array
-        m, rad: fitted minus nominal, in the order of `names`.
-    names : tuple of str
-        All joint parameters.
-    prior : JointPrior, optional
-        Of the calibration; the anatomical prior if not given.
-
-    Returns
-    -------
-    dict or None
-        Part -> likelihood; None if the covariance of the errors is singular.
+    `errors`: of joint parameters; those that no trial moved have no information. `deviation`: (98,)
+    m, rad: fitted minus nominal, in the order of `names`. `names`: all joint parameters. `prior`:
+    of the calibration; the anatomical prior if not given. Returns: part -> likelihood; None if the
+    covariance of the errors is singular.
     """
     out, observed = {}, set(list_observed_parameters(errors))
     for part, wanted in PARTS.items():
@@ -237,20 +211,9 @@ def select_sessions(
 ) -> tuple[list[PersonEvidence], Rules | None, list[str]]:
     """Select one session of each person, with the rules that most people have.
 
-    Parameters
-    ----------
-    found : sequence of SessionEvidence
-        All usable sessions.
-
-    Returns
-    -------
-    people : list of PersonEvidence
-        Each person's session with the most information; with the recordings of all sessions, by
-        which a person is recognised.
-    rules : Rules or None
-        None without sessions.
-    others : list of str
-        People who have other rules, a line each.
+    Returns: `people` each person's session with the most information; with the recordings of all
+    sessions, by which a person is recognised; `rules` None without sessions; `others` people who
+    have other rules, a line each.
     """
     by_rules: dict[Rules, list[PersonEvidence]] = {}
     for one in found:
@@ -285,27 +248,9 @@ def learn_cohort(
 ) -> cohort_prior.CohortPriors:
     """Learn the priors of all parts of the body.
 
-    Parameters
-    ----------
-    cohort : str
-        Its name.
-    people : sequence of PersonEvidence
-        Each person once; their order makes no difference.
-    rules : Rules
-        Of their calibrations.
-    left_out : sequence of str
-        Reasons for which results were not used, one for each.
-    progress : callable
-        Called with a line of text at the beginning of each step.
-
-    Returns
-    -------
-    CohortPriors
-
-    Raises
-    ------
-    InputError
-        Too few people.
+    `cohort`: its name. `people`: each person once; their order makes no difference. `left_out`:
+    reasons for which results were not used, one for each. `progress`: called with a line of text at
+    the beginning of each step. Raises InputError: too few people.
     """
     if len(people) < FEWEST:
         others = f" (not used: {_count_reasons(left_out)})" if left_out else ""
@@ -382,15 +327,8 @@ def format_priors(priors: cohort_prior.CohortPriors) -> str:
 def list_prior_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]]:
     """List the rows of `priors.csv`, for readers.
 
-    Parameters
-    ----------
-    priors : CohortPriors
-        From `learn_cohort`.
-
-    Yields
-    ------
-    dict
-        Columns `COLUMNS`: mean and standard deviation of a person of middle height, mm and deg.
+    `priors`: from `learn_cohort`. Yields: columns `COLUMNS`: mean and standard deviation of a
+    person of middle height, mm and deg.
     """
     low, high = priors.heights_m
     person = cohort_prior.Person(height=0.5 * (low + high), sex="")

@@ -96,16 +96,8 @@ class Structure:
     def update_spread(self, moment: Array, people: int) -> Array:
         """Compute the most likely Sigma.
 
-        Parameters
-        ----------
-        moment : (n, n) array
-            sum_i E[u u^T], averaged with its mirror image.
-        people : int
-            Number of people in the sum.
-
-        Returns
-        -------
-        (n, n) array
+        `moment`: (n, n) sum_i E[u u^T], averaged with its mirror image. `people`: number of people
+        in the sum. Returns: (n, n).
         """
         spread: Array = (self.weight * self.first + moment) / (self.weight + people)
         if self.directions is not None:

@@ -86,7 +86,7 @@ def run_cohort(
     """
     out, common = atomic.resolve_path(out), common or CommonSettings()
     engine = engine or make_processes()
-    require_cohort(out)
+    _require_cohort(out)
     with lock_folder(out, "cohort", WAIT_S):
         mark_as_cohort(out)
         # Workers that were killed leave unfinished files.
@@ -138,7 +138,7 @@ def _count_tasks(outcome: outcome_files.Outcome) -> int:
     return EACH if outcome.mebibytes > MOST_MIB else 1
 
 
-def require_cohort(out: Path) -> None:
+def _require_cohort(out: Path) -> None:
     """Raise InputError if a folder has other content than the results of a cohort."""
     if not out.exists():
         return

@@ -173,7 +173,7 @@ def detect_floor_contact(
     -------
     (nf, 2) array of bool
     """
-    used = events if match_events_to_plates(events, loaded, time) else ()
+    used = events if _match_events_to_plates(events, loaded, time) else ()
     out = np.zeros_like(resting)
     for foot, side in enumerate(SIDES):
         strikes, offs = (
@@ -211,7 +211,7 @@ def _find_event_near(times: Array, earliest: float, latest: float, contact: floa
     return float(close[np.abs(close - contact).argmin()]) if len(close) else None
 
 
-def match_events_to_plates(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
+def _match_events_to_plates(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
     """Check that events are those of this walk.
 
     Some are those of plate loadings (nf, 2), and none is far from its loading.

@@ -76,32 +76,15 @@ FootPose = tuple[Array, Array]
 _LEG_FORCES = np.array([FORCES.index(name) for name in LEG_TORQUES])
 
 
-def build_leg_dynamics(parameters: Parameters) -> Dynamics:
-    """Build the dynamics of pelvis and legs; segments above do not change torques of the legs.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Parameters of the linkage.
-
-    Returns
-    -------
-    Dynamics
-    """
+def _build_leg_dynamics(parameters: Parameters) -> Dynamics:
+    """Build the dynamics of pelvis and legs; segments above do not change torques of the legs."""
     return Dynamics(parameters, segments=LOWER_BODY)
 
 
-def compute_foot_poses(placed: Kinematics) -> FootPose:
+def _compute_foot_poses(placed: Kinematics) -> FootPose:
     """Compute the poses of both feet.
 
-    Parameters
-    ----------
-    placed : Kinematics
-        Poses of a chain with both feet over all frames.
-
-    Returns
-    -------
-    FootPose
+    `placed`: poses of a chain with both feet over all frames.
     """
     feet = [placed.chain.segments.index(foot) for foot in FEET]
     both = placed.segments_by_frame[:, feet]
@@ -117,26 +100,13 @@ def compute_leg_torques(
 ) -> tuple[Array, Array]:
     """Compute the torques of both legs with the ground reactions in either frame.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        Parameters of the linkage.
-    basis : SplineBasis
-        Of the motion.
-    coefficients : (nn, 27) array
-        The motion, m and rad.
-    wrench : (nf, 2, 6) array
-        Ground reactions on the feet in the undisturbed case, N and N·m about the laboratory origin.
-    undisturbed : FootPose
-        Poses of the feet in the undisturbed case.
-
-    Returns
-    -------
-    laboratory, foot : (nf, 14) array
-        N·m, with the wrenches constant in the laboratory, and carried with the feet.
+    `coefficients`: (nn, 27) the motion, m and rad. `wrench`: (nf, 2, 6) ground reactions on the
+    feet in the undisturbed case, N and N·m about the laboratory origin. `undisturbed`: poses of the
+    feet in the undisturbed case. Returns: `laboratory, foot` (nf, 14) N·m, with the wrenches
+    constant in the laboratory, and carried with the feet.
     """
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
-    dynamics = build_leg_dynamics(parameters)
+    dynamics = _build_leg_dynamics(parameters)
     placed = dynamics.place(q)
     forces = [dynamics.forces_of.index(name) for name in LEG_TORQUES]
     variables = [placed.chain.variables.index(name) for name in LEG_TORQUES]
@@ -149,24 +119,15 @@ def compute_leg_torques(
             tau[:, joints] -= (columns[:, joints] @ wrenches[:, foot, :, None])[..., 0]
         return tau
 
-    with_feet = move_wrenches(wrench, undisturbed, compute_foot_poses(placed))
+    with_feet = move_wrenches(wrench, undisturbed, _compute_foot_poses(placed))
     return subtract_loads(wrench), subtract_loads(with_feet)
 
 
 def move_wrenches(wrench: Array, before: FootPose, after: FootPose) -> Array:
     """Move wrenches with the feet from one pose to another.
 
-    Parameters
-    ----------
-    wrench : (nf, 2, 6) array
-        N and N·m about the laboratory origin.
-    before, after : FootPose
-        Poses of the feet.
-
-    Returns
-    -------
-    (nf, 2, 6) array
-        N and N·m about the laboratory origin.
+    `wrench`: (nf, 2, 6) N and N·m about the laboratory origin. Returns: (nf, 2, 6) N and N·m about
+    the laboratory origin.
     """
     force = wrench[..., :3]
     local = before[0] @ np.stack([force, wrench[..., 3:] - np.cross(before[1], force)], axis=3)
@@ -217,7 +178,7 @@ class MonteCarloContext:
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in the frames of
         the segments.
         """
-        self.feet = compute_foot_poses(build_leg_dynamics(case.parameters).place(states[0]))
+        self.feet = _compute_foot_poses(_build_leg_dynamics(case.parameters).place(states[0]))
         self.torques, _ = compute_leg_torques(
             case.parameters, self.basis, case.coefficients, case.wrench, self.feet
         )
@@ -389,7 +350,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
     """
     change = draw_disturbance(context, varied, level, number)
     try:
-        model = build_disturbed_model(context, change)
+        model = _build_disturbed_model(context, change)
         if varied is Varied.IP:
             # Inertial parameters move no marker: the motion stays, and torques are linear in them.
             phi = compute_dynamic_parameters(model.parameters.inertial)
@@ -477,19 +438,10 @@ class DisturbedModel:
     """Of the Gauss-Newton matrix at the start; None if it must be formed."""
 
 
-def build_disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
+def _build_disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
     """Apply a disturbance to the case.
 
-    Parameters
-    ----------
-    context : MonteCarloContext
-        The case.
-    change : Disturbance
-        From `draw_disturbance`.
-
-    Returns
-    -------
-    DisturbedModel
+    `change`: from `draw_disturbance`.
     """
     case = context.case
     parameters, start, problem = case.parameters, case.coefficients, context.problem

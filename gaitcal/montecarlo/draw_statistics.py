@@ -62,15 +62,8 @@ _ROWS = [(*linkage.COORDINATES, *linkage.REACTIONS).index(name) for name in draw
 def measure_settling(values: Array) -> tuple[float, float]:
     """Measure how far running mean and CV are from their final values over the last tenth.
 
-    Parameters
-    ----------
-    values : (n,) array
-        In the order of the draws.
-
-    Returns
-    -------
-    mean, cv : float
-        Largest deviation, per cent; NaN for fewer than `FEWEST` draws.
+    `values`: (n,) in the order of the draws. Returns: `mean, cv` largest deviation, per cent; NaN
+    for fewer than `FEWEST` draws.
     """
     n = len(values)
     if n < FEWEST:
@@ -282,20 +275,12 @@ def _estimate_cause(
     return CauseOfMarkerError(varied, level, beyond, pd.DataFrame(rows))
 
 
-def linearise_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
+def _linearise_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
     """Compute the derivatives of the 14 torques at the undisturbed case.
 
-    Parameters
-    ----------
-    context : MonteCarloContext
-        The case.
-
-    Returns
-    -------
-    by_joint : dict
-        Ground-reaction frame -> (nf, 14, np) N·m per m or rad of each joint parameter that varies.
-    by_inertial : (nf, 14, 36) array
-        N·m per relative change of each symmetric inertial parameter.
+    Returns: `by_joint` ground-reaction frame -> (nf, 14, np) N·m per m or rad of each joint
+    parameter that varies; `by_inertial` (nf, 14, 36) N·m per relative change of each symmetric
+    inertial parameter.
     """
     case, basis = context.case, context.basis
     q, v, a = (basis.evaluate(case.coefficients, k) for k in range(3))
@@ -345,7 +330,7 @@ def compute_linear_agreement(
     varied, level = cell
     is_used = (draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")
     used = draws[is_used].head(AGREEMENT_DRAWS)
-    by_joint, by_inertial = linearise_torques(context)
+    by_joint, by_inertial = _linearise_torques(context)
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     predicted = np.empty((len(used), len(draw.LEG_TORQUES)))
     for row, number in enumerate(used["draw"]):
@@ -407,7 +392,7 @@ def compute_variance_contributions(context: draw.MonteCarloContext) -> pd.DataFr
         parameter alone causes), `share` (per cent of the variance of the torque when joint and
         inertial parameters vary together).
     """
-    (by_joint, by_inertial), settings = linearise_torques(context), context.settings
+    (by_joint, by_inertial), settings = _linearise_torques(context), context.settings
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     inertial_bound = np.full(len(context.inertial_set.names), settings.inertial_percent / 100.0)
     bounds = np.concatenate([settings.joint_bounds, inertial_bound])

@@ -248,16 +248,7 @@ class Store:
     def list_missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
         """List the chunks of a plan that are not stored.
 
-        Parameters
-        ----------
-        plan : Plan
-            What is to be computed.
-        size : int
-            Draws at whose multiples chunks are cut.
-
-        Yields
-        ------
-        Chunk
+        `size`: draws at whose multiples chunks are cut.
         """
         stored = [chunk for path, chunk in self._list_chunks() if _read_intact(path) is not None]
         for varied, level in plan.cells:
@@ -303,7 +294,7 @@ class Store:
             draws = draws[
                 (draws["draw"] < plan.draws) & draws["set"].isin(sets) & draws["level"].isin(levels)
             ]
-        return sort_draws(draws.drop_duplicates(list(KEYS)), KEYS)
+        return _sort_draws(draws.drop_duplicates(list(KEYS)), KEYS)
 
     def _list_chunks(self) -> list[tuple[Path, Chunk]]:
         """List every file with the name of a chunk, in the order of names."""
@@ -360,19 +351,10 @@ def _note_other_versions(versions: object) -> tuple[str, ...]:
     return (note,) if changed else ()
 
 
-def sort_draws(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+def _sort_draws(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """Sort rows by columns, with sets in the order of `Varied`.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With a column `set`.
-    keys : sequence of str
-        Columns to sort by.
-
-    Returns
-    -------
-    DataFrame
+    `frame`: with a column `set`. `keys`: columns to sort by.
     """
     order = {varied.value: varied.key for varied in Varied}
     return frame.sort_values(
@@ -524,19 +506,7 @@ def run_chunk(
 
     BLAS uses one thread, wherever this runs: more would change the last bits.
 
-    Parameters
-    ----------
-    case : MonteCarloCase
-        The undisturbed case.
-    settings : MonteCarloSettings
-        Seed and bounds.
-    chunk : Chunk
-        Which draws.
-
-    Returns
-    -------
-    Chunk, pyarrow.Table
-        The chunk, and its draws in order, columns `FIELDS`.
+    Returns: the chunk, and its draws in order, columns `FIELDS`.
     """
     key = (case.compute_fingerprint(), settings)
     if getattr(_of_thread, "key", None) != key:

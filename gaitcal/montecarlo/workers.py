@@ -235,10 +235,7 @@ class DaskCluster(_Executing):
     def start_crew(self) -> Iterator[_Crew]:
         """Connect to all workers that the scheduler has at the time.
 
-        Raises
-        ------
-        InputError
-            No scheduler at the address, or one without workers.
+        Raises InputError: no scheduler at the address, or one without workers.
         """
         try:
             library = import_module("distributed")

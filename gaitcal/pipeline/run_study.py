@@ -85,21 +85,9 @@ class StudyRun:
 def find_study(path: Path, person: Options) -> Path | Draft:
     """Find the study file of a path, or draft a study from a folder.
 
-    Parameters
-    ----------
-    path
-        Study file, or folder of recordings.
-    person
-        Data of the person that the files do not contain; for a folder without a study file only.
-
-    Returns
-    -------
-    Path or Draft
-
-    Raises
-    ------
-    InputError
-        No study can be drafted from the folder, or data of the person are missing.
+    `path`: study file, or folder of recordings. `person`: data of the person that the files do not
+    contain; for a folder without a study file only. Raises InputError: no study can be drafted from
+    the folder, or data of the person are missing.
     """
     found = drafts.find_study_source(path, person)
     if isinstance(found, Path):

@@ -77,7 +77,7 @@ def write_results(
         tables = build_result_tables(
             calibration,
             _choose_norm(calibration, normal, settings),
-            build_manifest(calibration, settings),
+            _build_manifest(calibration, settings),
         )
         write_result_tables(tables, out)
         write_page(out, build_scene(calibration), build_calibration_page_data(calibration, tables))
@@ -102,22 +102,12 @@ def _choose_norm(
     return select_norm(subject, compute_mean_speed(summarise_means(calibration.trials)))
 
 
-def build_manifest(
+def _build_manifest(
     calibration: Calibration, settings: Mapping[str, Json] | None = None
 ) -> dict[str, Json]:
     """Build the manifest of a result: versions, settings and input hashes.
 
-    Parameters
-    ----------
-    calibration
-        The result.
-    settings
-        Further entries of `settings`.
-
-    Returns
-    -------
-    dict
-        Content of `manifest.json`.
+    `settings`: further entries of `settings`. Returns: content of `manifest.json`.
     """
     subject, prior = calibration.model.subject, calibration.study.joint_prior
     prior_entry = {} if prior is None else {"priors_sha256": prior.sha256}

@@ -419,15 +419,7 @@ def check_seams(trial: TrialEvidence) -> Iterator[Finding]:
 def find_seams(x: Array) -> list[Seam]:
     """Find seams in the paths of markers.
 
-    Parameters
-    ----------
-    x
-        (nf, nm, 3) m; NaN where not visible.
-
-    Returns
-    -------
-    list of Seam
-        In the order of frames.
+    `x`: (nf, nm, 3) m; NaN where not visible. Returns: in the order of frames.
     """
     if len(x) < 2 * HALF_WINDOW:
         return []

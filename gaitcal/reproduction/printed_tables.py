@@ -146,18 +146,8 @@ class TableRow:
     ) -> "TableRow":
         """Return the cell with the median over draws, and their range in the note.
 
-        Parameters
-        ----------
-        published : float or None
-            The printed figure, whose position relative to the range is noted.
-        values : iterable of float
-            Our figure for each draw of the noise.
-        note : str
-            A further note.
-
-        Returns
-        -------
-        TableRow
+        `published`: the printed figure, whose position relative to the range is noted. `values`:
+        our figure for each draw of the noise. `note`: a further note.
         """
         ours = summarise_draws(values)
         summary = f"median of {ours.draws} noise draws, range {ours.low:.3g} to {ours.high:.3g}"

@@ -79,17 +79,7 @@ def build_subject(table: SubjectTable, recordings: Sequence[Recording]) -> Subje
     The first recording that has a value precedes others. Files that name another person than the
     first recording are not used.
 
-    Parameters
-    ----------
-    table
-        Table `[subject]`, with a height.
-    recordings
-        Recordings, the static one first.
-
-    Returns
-    -------
-    Subject
-        SI units.
+    `table`: table `[subject]`, with a height. Returns: SI units.
     """
     facts = _collect_facts(recordings)
     knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
@@ -550,24 +540,9 @@ def add_cohort_priors(study: Study, path: Path) -> Study:
 def build_cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
     """Build the prior of a study's subject from a cohort, without the fold of this person.
 
-    Parameters
-    ----------
-    priors
-        Content of `priors.json`.
-    study
-        The study.
-    path
-        Its file, for messages.
-
-    Returns
-    -------
-    JointPrior
-        Prior of the parameters that were learnt.
-
-    Raises
-    ------
-    InputError
-        The priors are those of another marker set, nominal model or protocol.
+    `priors`: content of `priors.json`. `path`: its file, for messages. Returns: prior of the
+    parameters that were learnt. Raises InputError: the priors are those of another marker set,
+    nominal model or protocol.
     """
     settings, subject = study.settings, study.subject
     if not settings.takes_priors:

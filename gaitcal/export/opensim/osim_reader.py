@@ -95,14 +95,7 @@ class OsimDocument:
     def find_body(self, name: str) -> ET.Element:
         """Find the element of a body.
 
-        Parameters
-        ----------
-        name : str
-            Name of a body of the model.
-
-        Returns
-        -------
-        ET.Element
+        `name`: name of a body of the model.
         """
         bodies = self.model.findall("BodySet/objects/Body")
         return next(e for e in bodies if e.get("name", "") == name)
@@ -136,12 +129,7 @@ class OsimDocument:
         return read_numbers(self.find_body(name), "mass_center", self.source, count=3)
 
     def list_joints(self) -> Iterator[ET.Element]:
-        """List all joints of a file of either generation.
-
-        Yields
-        ------
-        ET.Element
-        """
+        """List all joints of a file of either generation."""
         yield from self.model.findall("BodySet/objects/Body/Joint/*")
         yield from self.model.findall("JointSet/objects/*")
 

@@ -153,10 +153,7 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
 def read_vtp(content: bytes) -> Mesh:
     """Read a surface, with polygons as triangles.
 
-    Raises
-    ------
-    ValueError
-        The content is not such a file, is damaged, or has an unsupported encoding.
+    Raises ValueError: the content is not such a file, is damaged, or has an unsupported encoding.
     """
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("a document type, which no geometry file needs")

@@ -124,7 +124,7 @@ def compute_volume(mesh: Mesh) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
+def _compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
     """Compute (nt, 3) outward normals, length = area (m^2), and (nt, 3) centroids (m)."""
     corners = mesh.vertices[mesh.triangles]
     outward = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -133,7 +133,7 @@ def compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
 
 def _compute_vertex_normals(mesh: Mesh) -> Array:
     """Compute (nv, 3) outward unit normals, averaged over adjacent triangles by area."""
-    faces, _ = compute_face_normals(mesh)
+    faces, _ = _compute_face_normals(mesh)
     sums = np.zeros_like(mesh.vertices)
     for k in range(3):
         np.add.at(sums, mesh.triangles[:, k], faces)
@@ -146,7 +146,7 @@ def _sample_surface(mesh: Mesh) -> tuple[Array, Array, Array]:
 
     Large triangles get their weight in a fit, which their corners alone would not give.
     """
-    outward, _ = compute_face_normals(mesh)
+    outward, _ = _compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     places = [(i + 1 / 3, j + 1 / 3) for i in range(_PARTS) for j in range(_PARTS - i)]
     shares = np.array([(a / _PARTS, b / _PARTS, 1.0 - (a + b) / _PARTS) for a, b in places])
@@ -258,7 +258,7 @@ def find_hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
 
     `head_radius`: m, of the femoral head.
     """
-    outward, middles = compute_face_normals(mesh)
+    outward, middles = _compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     votes = middles + head_radius * outward / np.maximum(area, 1e-30)[:, None]
     near = np.linalg.norm(votes[:, None] - votes, axis=2) < _VOTES_TOGETHER

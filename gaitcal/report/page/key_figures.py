@@ -109,7 +109,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     )
 
 
-def collect_walks(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
+def _collect_walks(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
     """Collect the numbers of every walk."""
     return tuple(
         walk for trial in trials if (walk := compute_gait_numbers(model, trial)) is not None
@@ -150,7 +150,7 @@ def build_further_lines(
     model: SubjectModel, trials: Sequence[TrialResult], tables: StrideTables
 ) -> list[Line]:
     """Build the lines on agreement and valid moments of further trials."""
-    walks = collect_walks(model, trials)
+    walks = _collect_walks(model, trials)
     return [_describe_agreement(trials, walks), _describe_valid_moments(walks, tables)]
 
 

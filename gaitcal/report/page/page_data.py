@@ -83,7 +83,7 @@ def build_calibration_page_data(
         for trial in calibration.trials
     ]
     return {
-        **build_person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
+        **_build_person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
         "lines": key_figures.build_top_lines(calibration, tables.strides),
         "trials": trials,
         "sections": build_result_sections(calibration, norm, tables.manifest, scores),
@@ -155,7 +155,7 @@ def build_further_page_data(
                 },
             }
         )
-    person = build_person_page_data(model.subject, verdict, NormTables(curves=norm.curves))
+    person = _build_person_page_data(model.subject, verdict, NormTables(curves=norm.curves))
     return {
         **person,
         "lines": [
@@ -167,7 +167,7 @@ def build_further_page_data(
     }
 
 
-def build_person_page_data(
+def _build_person_page_data(
     subject: Subject,
     verdict: Verdict,
     norm: NormTables = NO_NORM,
@@ -223,16 +223,16 @@ def build_person_page_data(
                 "side": s.side,
                 "base": s.variable,
                 "title": profile_score.make_score_title(s),
-                "score": round_score(s.score),
-                "se": round_score(s.error),
-                "norm": round_score(s.norm),
+                "score": _round_score(s.score),
+                "se": _round_score(s.error),
+                "norm": _round_score(s.norm),
             }
             for s in scores
         ],
     }
 
 
-def round_score(value: float) -> float | None:
+def _round_score(value: float) -> float | None:
     """Round a score to a hundredth of a degree; None if unknown."""
     return round(value, 2) if math.isfinite(value) else None
 

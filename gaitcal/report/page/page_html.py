@@ -70,7 +70,7 @@ file.
 PLOTS = "libraries/uPlot"  # The library that draws curves
 
 
-def build_policy(*scripts: str) -> str:
+def _build_policy(*scripts: str) -> str:
     """Build a Content-Security-Policy that admits these inline scripts only, and no request."""
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
@@ -185,7 +185,7 @@ def _collect_scripts_and_styles(
         "PAGE": _escape_script("\n".join([parts[0], _build_constants(), *parts[1:]])),
     }
     return {
-        "POLICY": build_policy(*running.values()),
+        "POLICY": _build_policy(*running.values()),
         "STYLE": "\n".join(
             [_read_part(f"{PLOTS}.min.css"), *(_read_part(f"styles/{name}") for name in styles)]
         ),

@@ -123,7 +123,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
     if not calibration.notes:
         out.append(plain_data.make_text("Nothing beyond the study file."))
     prefixes = {trial.name: f"{trial.name}: " for trial in calibration.trials}
-    out += build_note_blocks(
+    out += _build_note_blocks(
         [note for note in calibration.notes if not note.startswith(tuple(prefixes.values()))]
     )
     for name, prefix in prefixes.items():
@@ -133,7 +133,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
             out.append(
                 plain_data.fold_blocks(
                     f"Trial {plain_data.format_name(name)}: {format_count(len(notes), 'note')}",
-                    build_note_blocks(notes),
+                    _build_note_blocks(notes),
                 )
             )
     if calibration.model.frozen:
@@ -146,7 +146,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
     return out
 
 
-def build_note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
+def _build_note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
     """Build a list of notes; long ones are folded below it."""
     short = [note for note in notes if len(note) <= LONG_NOTE]
     long = [
@@ -295,5 +295,5 @@ def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
     return [
         plain_data.make_heading(f"Trial {plain_data.format_name(trial.name)}"),
         plain_data.make_text(description),
-        *build_note_blocks(notes),
+        *_build_note_blocks(notes),
     ]
