@@ -261,7 +261,7 @@ def check_unmeasured_mass(
         topic="pelvis residual",
         where=unmeasured[0].name if len(walks) > len(unmeasured) == 1 else STUDY,
         cause="markers do not determine "
-        f"{describe_unmeasured_segments(unmeasured[0].body, parameters)}",
+        f"{describe_unmeasured_segments(unmeasured[0].motion, parameters)}",
         found="the model keeps the trunk upright and the arms hanging along it; the difference from"
         f" the real motion is the main part of the pelvis residual (up to {force:.0f} N and "
         f"{moment:.0f} N·m RMS){where} and of the error bars of pelvis and trunk; inertial "
