@@ -110,6 +110,7 @@ def compute_leg_torques(
     placed = dynamics.place(q)
     forces = [dynamics.forces_of.index(name) for name in LEG_TORQUES]
     variables = [placed.chain.variables.index(name) for name in LEG_TORQUES]
+    # Inertia, gravity and velocity terms once; ground reactions differ by frame of reference.
     without_load = dynamics.compute_forces(q, v, a)[:, forces]
     columns = placed.columns_by_frame[:, variables]
 
@@ -119,6 +120,7 @@ def compute_leg_torques(
             tau[:, joints] -= (columns[:, joints] @ wrenches[:, foot, :, None])[..., 0]
         return tau
 
+    # In the frame of the foot, the measured wrench follows the disturbed foot: the insole measures.
     with_feet = move_wrenches(wrench, undisturbed, _compute_foot_poses(placed))
     return subtract_loads(wrench), subtract_loads(with_feet)
 
@@ -167,17 +169,20 @@ class MonteCarloContext:
         """(nn, nq, np) derivative of the control points by the joint parameters that vary; zero for
         those that move no marker.
         """
+        # Implicit function theorem at the undisturbed minimum: dc/dp = -H_cc^-1 H_cp.
         opened = self.problem.with_free(self.names)
         equations = opened.assemble_equations(case.coefficients, opened.build_body(case.parameters))
         solved = -banded.BandFactor(equations.band).solve(equations.mixed)
         moving = [self.names.index(name) for name in opened.chain.free]
         self.sensitivity[:, :, moving] = solved.reshape(*case.coefficients.shape, len(moving))
         states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
+        # Torques are linear in the dynamic parameters, so one regressor serves all draws of masses.
         rows = Dynamics(case.parameters).compute_regressor(*states)[:, _LEG_FORCES]
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in the frames of
         the segments.
         """
+        # Poses that the feet have without any disturbance, to which wrenches in foot frames refer.
         self.feet = _compute_foot_poses(_build_leg_dynamics(case.parameters).place(states[0]))
         self.torques, _ = compute_leg_torques(
             case.parameters, self.basis, case.coefficients, case.wrench, self.feet
@@ -245,18 +250,21 @@ def draw_disturbance(
         The same for the same arguments.
     """
     settings, part = context.settings, level / 100.0
+    # Every draw has its own stream, so that results depend neither on order nor on workers.
     rng = np.random.default_rng(
         np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number))
     )
     joint = inertial = noise = None
     if varied.joint:
         bounds = settings.joint_bounds
+        # m and rad, uniform within the bounds of Table II, scaled by the level.
         joint = part * bounds * rng.uniform(-1.0, 1.0, len(bounds))
     if varied.inertial:
         names = context.inertial_set.names
         inertial = part * settings.inertial_percent / 100.0 * rng.uniform(-1.0, 1.0, len(names))
     if varied is Varied.NOISE:
         time, markers = context.case.time, len(context.data.segment)
+        # Amplitudes in m; sine waves as in the published noise model.
         waves = draw_marker_noise(
             time - time[0], markers, rng, amplitude=part * 1e-3 * settings.noise_mm
         )
@@ -358,6 +366,8 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
             errors = (context.regressor @ change_of_phi.ravel()).reshape(-1, len(LEG_TORQUES))
             no_distance = np.zeros(context.data.weight.shape)
             return DrawResult(_record(context, (errors, errors), no_distance), 0, "")
+        # Joints and noise change the motion that fits the markers best: track anew, then compute
+        # torques.
         fitted = refit(model.problem, model.body, model.start, context.settings, model.factor)
         values = compute_errors(context, model, fitted.coefficients)
         return DrawResult(values, fitted.evaluations, fitted.failure)
@@ -410,6 +420,8 @@ def refit(
     Newton's steps when they no longer shrink tenfold. It ends by the size of the step, so that all
     draws are solved to the same accuracy.
     """
+    # No prior and no damping of the way: the start is near, and the minimum is that of the
+    # published cost.
     rule = descent.DescentSettings(
         gain=0.0,
         shortest_step=settings.refit_tolerance,
@@ -447,12 +459,15 @@ def _build_disturbed_model(context: MonteCarloContext, change: Disturbance) -> D
     parameters, start, problem = case.parameters, case.coefficients, context.problem
     if change.joint is not None:
         parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
+        # First-order change of the motion, which saves most of the iterations.
         start = start + context.sensitivity @ change.joint
     if change.inertial is not None:
+        # Relative changes, alike for right and left.
         factors = 1.0 + context.inertial_set.selection @ change.inertial
         parameters = parameters.with_inertial(case.parameters.inertial * factors)
     if change.noise is not None:
         problem = problem.with_measured(problem.data.measured + change.noise)
+    # Noise leaves the matrix of the equations nearly as it is: its factor is reused.
     known = None if change.joint is not None else context.undisturbed_factor
     return DisturbedModel(parameters, problem, problem.build_body(parameters), start, known)
 

@@ -68,9 +68,11 @@ def measure_settling(values: Array) -> tuple[float, float]:
     n = len(values)
     if n < FEWEST:
         return np.nan, np.nan
+    # Scaled to one, so that squares neither overflow nor vanish.
     scale = float(np.abs(values).max()) or 1.0
     x, count = values / scale, np.arange(1, n + 1)
     mean = np.cumsum(x) / count
+    # Running standard deviation: var = E[x^2] - E[x]^2.
     spread = np.sqrt(np.maximum(np.cumsum(x * x) / count - mean**2, 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         cv = np.where(mean != 0.0, spread / mean, 0.0)
@@ -108,6 +110,7 @@ def compute_statistics(draws: pd.DataFrame) -> pd.DataFrame:
 
 def _summarise_cell(cell: pd.DataFrame) -> list[dict[str, object]]:
     """Summarise the draws of one set at one level, in rows of `compute_statistics`."""
+    # Failed draws are counted, but have no values.
     good = cell[cell["failure"] == ""]
     failed = len(cell) - len(good)
     rows = []
@@ -263,6 +266,7 @@ def _estimate_cause(
     """Interpolate level and torque errors of one set at a marker RMS."""
     markers = select_levels(table, varied, f"markers_{side}")
     levels = np.concatenate([[0.0], markers["level"].to_numpy(dtype=float)])
+    # Level 0 has no error. Interpolation needs a distance that does not fall with the level.
     distance = np.maximum.accumulate(np.concatenate([[0.0], markers["average"].to_numpy()]))
     beyond = bool(rms_mm > distance[-1])
     level = float(np.interp(rms_mm, distance, levels))
@@ -288,13 +292,16 @@ def _linearise_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFr
     nf, nq, n_free = len(q), q.shape[1], len(context.names)
     moved = context.sensitivity.reshape(len(case.coefficients), -1)
     motion = [(basis.matrices[k] @ moved).reshape(nf, nq, n_free) for k in range(3)]
+    # Change of the torques at a fixed motion.
     laboratory = derivatives.by_parameter[:, _ROWS]
     # The motion follows the joint parameters: chain rule over position, velocity, acceleration.
     by_motion = (derivatives.by_position, derivatives.by_velocity, derivatives.by_acceleration)
     for derivative, change in zip(by_motion, motion, strict=True):
         laboratory = laboratory + derivative[:, _ROWS] @ change
+    # In foot frames the wrenches move with the feet as well.
     foot = laboratory - _compute_load_changes(context, q, motion[0])
     inertial = case.parameters.inertial
+    # Chain rule: dynamic parameters by inertial ones, and these by relative changes.
     relative = block_diag(*parameters.compute_dynamic_jacobian(inertial)) @ (
         inertial[:, None] * context.inertial_set.selection
     )
@@ -335,6 +342,7 @@ def compute_linear_agreement(
     predicted = np.empty((len(used), len(draw.LEG_TORQUES)))
     for row, number in enumerate(used["draw"]):
         change = draw.draw_disturbance(context, varied, level, int(number))
+        # The same random numbers as the draw, so that both errors belong to one disturbance.
         error = np.zeros(context.torques.shape)
         if change.joint is not None:
             error += by_joint[frame] @ change.joint
@@ -361,9 +369,11 @@ def _compute_load_changes(context: draw.MonteCarloContext, q: Array, change: Arr
     out = np.zeros((len(q), len(draw.LEG_TORQUES), len(context.names)))
     for foot, segment in enumerate(FEET):
         moves = placed.moves(segment)
+        # Twist of the foot per unit of each joint parameter: through the motion, and directly.
         twist = (columns[:, :, :nq] * moves[:nq]) @ change + columns[:, :, first:] * moves[first:]
         velocity, rotation = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
+        # A wrench that is rotated and moved with the foot, about the laboratory origin.
         force_change = np.cross(rotation, force)
         moment_change = np.cross(rotation, moment) + np.cross(velocity, force)
         wrench_change = np.concatenate([force_change, moment_change], axis=2)
@@ -401,6 +411,7 @@ def compute_variance_contributions(context: draw.MonteCarloContext) -> pd.DataFr
     parts = []
     for frame in ReactionFrame:
         derivatives = np.concatenate([by_joint[frame], by_inertial], axis=2)[valid]
+        # A uniform distribution within +-b has the variance b^2 / 3.
         variance = (bounds**2 / 3.0) * ((to_percent * derivatives) ** 2).mean(axis=0)
         for k, torque in enumerate(draw.LEG_TORQUES):
             # A torque that no parameter changes has no shares.
@@ -436,6 +447,7 @@ def compute_variance_shares(
         columns: the torques of the leg, `TORQUES` with the side.
     """
     rows = contributions[contributions["grf"] == frame.value]
+    # One row for each parameter, one column for each torque of this leg.
     wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
     wide = wide[[f"{torque}_{side}" for torque in draw.TORQUES]]
     inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])

@@ -92,11 +92,13 @@ def _check_without_noise(clean: SeedResult) -> list[Claim]:
     joints = clean.joints.values()
     degrees = max(r.orientation_deg or 0.0 for r in joints)
     position, marker = max(r.position_mm for r in joints), max(r.marker_mm for r in joints)
+    # The worst joint decides, in orientation, position and marker distance.
     recovered = degrees < NOISELESS_DEG and position < NOISELESS_MM and marker < NOISELESS_MM
     correct = clean.correct
     exact = (
         max(correct.force, correct.torque) < ZERO_RESIDUAL and correct.errors.inertia < ZERO_INERTIA
     )
+    # N or N·m, over all random seeds.
     worst = max(max(r.force, r.torque) for r in clean.random)
     inertia = [r.errors.inertia for r in clean.random]
     return [
@@ -206,6 +208,7 @@ def _check_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
     force, torque = compute_medians(lambda r: r.force), compute_medians(lambda r: r.torque)
     inertia = compute_medians(lambda r: r.errors.inertia)
     centre = compute_medians(lambda r: r.errors.centre)
+    # Random seeds against the correct one, force and torque.
     near = all(abs(b - a) <= NEARLY * a for a, b in (force, torque))
     masses = summarise_draws(d.correct.total_mass for d in draws)
     return [
@@ -236,6 +239,7 @@ def _check_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
 def _check_third_step(draws: Sequence[SeedResult]) -> list[Claim]:
     """Test the claim on joint and inertial parameters together."""
     third = [d.third for d in draws if d.third is not None]
+    # Relative change of the marker distance, which must not pay for the fall of the residual.
     rises = [t.marker_mm[1] / t.marker_mm[0] - 1.0 for t in third]
     force = summarise_draws(1.0 - t.force[1] / t.force[0] for t in third)
     torque = summarise_draws(1.0 - t.torque[1] / t.torque[0] for t in third)

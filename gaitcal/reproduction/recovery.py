@@ -32,7 +32,7 @@ from functools import cache
 import numpy as np
 from joblib import Parallel, delayed
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, compute_rms
 from gaitcal.calibration import combined, inertial_calibration, joint_estimate
 from gaitcal.io.recording import Recording
 from gaitcal.model import parameters as params
@@ -201,12 +201,14 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     """
     free, truth = list_free_parameters(problem), build_true_model().parameters
     began = time.process_time()
+    # Absolute zero: all coordinates and all errors of joint parameters.
     zero = np.zeros((markers.basis.control_points, len(markers.chain.coordinates)))
     p, coefficients, near = descend_together([markers], held, free, [zero], np.zeros(len(free)))
     fit = joint_estimate.JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
+    # The cost at the true parameters, with the motion that is best for them.
     at_truth = track_coefficients(
         markers, markers.build_body(truth), build_true_motion(problem).coefficients
     )
@@ -216,7 +218,7 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     return JointRecovery(
         names=names,
         errors=compute_joint_errors(fit.parameters, truth, names),
-        marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
+        marker_mm=1e3 * float(compute_rms(distance)),
         largest_mm=1e3 * float(distance.max()),
         cost=fit.state.cost,
         steps=near.steps + fit.iterations,
@@ -389,6 +391,7 @@ def _recover_inertia(
     settle. `decay`: factor of the penalty's weight at every re-seed.
     """
     began, truth = time.process_time(), build_true_model().parameters.inertial
+    # The cost of the paper: residual force and torque with a penalty on the change from the seed.
     fit = inertial_calibration.fit_published(
         equations, seed, params.make_symmetric_set(), reseed=reseed, decay=decay
     )
@@ -415,6 +418,7 @@ def _recover_together(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     """
     free, began = list_free_parameters("full leg"), time.process_time()
     equations = assemble_gait_equations(gait.parameters, gait.coefficients)
+    # The third step begins with inertial parameters that fit the joints of phase 1.
     inertial = inertial_calibration.fit_consistent(
         equations, build_true_model().parameters.inertial, params.make_symmetric_set()
     )
@@ -440,7 +444,7 @@ def _recover_together(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     return ThirdStep(
         force=(inertial.rms_force, force),
         torque=(inertial.rms_moment, torque),
-        marker_mm=(gait.marker_mm, 1e3 * float(np.sqrt(np.mean(distance**2)))),
+        marker_mm=(gait.marker_mm, 1e3 * float(compute_rms(distance))),
         position_mm=(positions[0], positions[1]),
         seconds=time.process_time() - began,
         converged=fit.converged,
@@ -550,9 +554,11 @@ def _recover(
         scale: assemble_gait_equations(gait.parameters, gait.coefficients, scale)
         for scale in inertial_calibration.TorqueScale
     }
+    # The paper's own normalisation of torque by body height.
     by_height = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
     streams = map(np.random.default_rng, seeds.spawn(random_seeds))
+    # Seeds of their own, so that more of them leave the first ones as they are.
     starts = [draw_random_seed(rng, with_held=noise is not None) for rng in streams]
     scales = {scale: _recover_inertia(scaled, truth) for scale, scaled in equations.items()}
     return SeedResult(

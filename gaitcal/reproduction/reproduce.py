@@ -92,6 +92,7 @@ def reproduce(
     def record_lap(part: str) -> None:
         laps[part] = time.perf_counter() - began - sum(laps.values())
 
+    # Phases 1 and 2 on exact data, then draws of the published noise.
     progress("without noise")
     clean = recover_noiseless(settings.seed, settings.random_seeds)
     progress(f"{settings.noise_seeds} draws of the noise")

@@ -32,6 +32,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
     names = list_moving_trials(folder)
     isolated = {name for name in names if get_table(entries, name).get("role") == Role.JOINT.value}
     for k, name in enumerate(names):
+        # Functional trials count only where there is no walk.
         if name in isolated and isolated != {*names}:
             continue
         cutoff = get_table(entries, name).get("bandwidth_hz")
@@ -41,6 +42,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
         compared = [
             m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0
         ]
+        # Both positions are in the axes of the result, m.
         modelled = compute_synthetic_markers(saved.model.parameters, placed, q)[:, compared]
         differences = (
             saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled

@@ -83,6 +83,7 @@ def group_joint_parameters(calibration: Calibration) -> tuple[ParameterGroup, ..
     groups = []
     for joint in GROUPS:
         of_joint = [row for row in rows if row.part == joint]
+        # Joints that no trial was to fit are not listed.
         shown = [row for row in of_joint if row.status != "fixed"]
         if shown:
             groups.append(
@@ -164,10 +165,12 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
         joints.setdefault(name.split(".")[0], []).append(name)
     out = []
     for joint, names in joints.items():
+        # Inertial parameters have a segment instead of a joint, and no range of motion.
         if joint not in {j.name for j in JOINTS}:
             parameters = moments.format_list([moments.describe_parameter(n) for n in names])
             out.append(f"{moments.describe_segment(joint).capitalize()}: {parameters}.")
             continue
+        # The usual reason is that the joint hardly moved.
         moved = compute_range_of_motion(calibration, joint)
         parameters = moments.format_list([moments.describe_parameter(n) for n in names])
         text = (
@@ -259,6 +262,7 @@ def summarise_fitted(calibration: Calibration) -> str:
     if joint:
         parts.append(f"{moments.format_count(joint, 'joint parameter')} (joint positions and axes)")
     if inertial:
+        # One variable for both sides: fewer variables than fitted parameters.
         is_symmetric = inertial < sum(
             r.status == "fitted" for r in _label_parameters(calibration, joints=False)
         )
@@ -283,6 +287,7 @@ def _label_parameters(calibration: Calibration, *, joints: bool) -> list[Labelle
         if str(entry["kind"]).startswith("joint ") is not joints:
             continue
         name, status, error = str(entry["name"]), str(entry["status"]), entry["standard_error"]
+        # kg·cm² instead of kg·mm², so that numbers stay short.
         unit, scale = SHORTER_UNITS.get(str(entry["unit"]), (str(entry["unit"]), 1.0))
         rows.append(
             LabelledParameter(

@@ -144,12 +144,14 @@ def _build_angles(
             continue
         offset = np.degrees(static.get(name, 0.0))
         errors = (trial.coordinate_errors, trial.trial_coordinate_errors)
+        # The whole standard error, and its part that differs from stride to stride.
         error, stride_error = (None if e is None else np.degrees(e[:, k]) for e in errors)
         values = {
             "value": np.degrees(body.q[:, k]) - offset,
             "nominal": None if nominal is None else np.degrees(nominal.q[:, k]) - offset,
             "truth": known[name].truth - offset if name in known else None,
         }
+        # Pelvis angles in the room depend on the walking direction.
         if name in PELVIS_ANGLES:
             values = {
                 part: pelvis[part][:, PELVIS_ANGLES.index(name)] if part in pelvis else None
@@ -175,6 +177,7 @@ def _build_feet(trial: TrialResult) -> Iterator[Curve]:
         error, stride_error = (
             None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.marker_error)
         )
+        # The direction of the foot is valid where the foot is visible, as its last joint angle.
         valid = find_valid_angles(trial, f"subtalar_angle_{side}", hidden)
         value = np.degrees(feet.compute_progression(side, line))
         yield Curve(
@@ -257,6 +260,7 @@ def _build_powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
         return
     errors = None if loads.errors is None else loads.errors.kinetics
     for name in select_free_powers(model.frozen):
+        # Powers of the pelvis and of the arms have no clinical use.
         if find_joint(split_side(name)[0]) in ("", "arm"):
             continue
         yield Curve(
@@ -282,6 +286,7 @@ def _build_forces(loads: Loads) -> Iterator[Curve]:
 
 def _build_residuals(loads: Loads) -> Iterator[Curve]:
     """Build the pelvis residuals of the last and the first model."""
+    # Residuals with nominal and fitted inertial parameters.
     if not (stages := loads.residuals):
         return
     first, last = stages[0], stages[-1]

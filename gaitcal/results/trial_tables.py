@@ -169,7 +169,9 @@ def build_vector_table(
     standard errors.
     """
     errors = None if loads.errors is None else loads.errors.kinetics
+    # Standard errors, and their part from the markers of this trial.
     known = {"_se": errors, "_se_stride": None if errors is None else errors.from_markers}
+    # Columns exist in every file, so that tables of several trials can be joined.
     unknown = np.full(len(kinetics.time), np.nan)
     columns = _build_first_columns(kinetics.time, loads.reactions)
     for name in joint_kinetics.COMPONENTS:
