@@ -156,6 +156,7 @@ def calibrate_preprocessed(
     state = track_trials(
         fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
     )
+    # A functional trial whose joint cannot have moved so spoils the joints of all trials.
     refused = find_impossible_functional_trials(state)
     if refused:
         # The joints are fitted again, to the other trials.
@@ -199,6 +200,8 @@ def track_trials(state: CalibrationState, progress: Progress) -> CalibrationStat
     static posture, and the force diagnosis.
     """
     joint = state.joint
+    # A tilted talus shifts the ankle angles, not the posture: they are counted from the static
+    # trial.
     zeroed = _zero_ankles(state)
     progress("tracking with the nominal and the calibrated joint parameters")
     if joint is None:
@@ -265,8 +268,10 @@ def _assemble_calibration(state: CalibrationState, study: Study, progress: Progr
         *fit_findings.check_unmeasured_mass(results, nominal.parameters),
     )
     names = [t.name for t in state.walks]
+    # Trials that were left out while fitting belong to the result with their reason.
     absent = {f.where: f.evidence for f in state.findings if f.topic == LEFT_OUT}
     of_trials = (finding for t in results for finding in t.findings)
+    # A fault is reported once, without the findings that only follow from it.
     found = remove_consequences((*state.checked, *after_fit, *of_trials))
     notes = _collect_notes(state, results, after_fit)
     calibration = Calibration(
@@ -339,6 +344,7 @@ def _fit_inertial(
     began = time.perf_counter()
     nominal, parameters, settings = state.model, state.parameters, state.settings
     motions = [inertial_calibration.LoadedMotion.from_motion(t.motion, r) for t, r in loaded]
+    # m, distance of the hip centres: one of the published scales of torque.
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, which = nominal.subject, _choose_inertial_set(settings)
     scale = inertial_calibration.TorqueScale(settings.torque_scale)
@@ -368,6 +374,8 @@ def _fit_inertial(
         )
         for t, r in loaded
     ]
+    # Errors of markers, joints, plates and fixed masses also move the residual: the fit may explain
+    # only what exceeds them.
     noise = inertial_evidence.estimate_residual_noise(
         problems,
         parameters,
@@ -426,6 +434,8 @@ def _fit_together(
                 t.whole_body_problem.follow_pelvis(coefficients), coefficients, wrench, valid
             )
         )
+    # Parameters that no trial shows stay as they are: forces would move them to absorb other
+    # errors.
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(
         load_share=settings.joint_step_load_share, spread=_make_population_spread(state)
@@ -441,6 +451,7 @@ def _fit_together(
     zeroed = _zero_ankles(replace(state, parameters=fit.parameters))
     trials = []
     for t, coefficients in zip(state.trials, fit.coefficients, strict=True):
+        # Moving the zero angles changes coordinates by a constant.
         shifted = shift_coefficients(
             coefficients, t.whole_body_problem.chain.coordinates, zeroed.offsets
         )
@@ -495,6 +506,7 @@ def _list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
         )
         count = len(joint.free) + len(inertial.names)
         fits.append(("joint and inertial", combined, count, combined.steps, text))
+    # Both fits use the same walks.
     trials = tuple(t.name for t, _ in _select_trials_for_inertial_fit(state))
     inertial_phases = [
         PhaseSummary(

@@ -171,6 +171,7 @@ def check_tracked_trial(
     moments, valid, legs = None, None, None
     if loads is not None:
         moments, valid, legs = loads.final, loads.reactions.valid, loads.reactions.valid_legs
+    # Moments are checked in valid frames only.
     bounds = check_physical_limits(motion, weight, moments, valid, legs)
     return (
         *check_tracked_markers(tracked),
@@ -252,6 +253,7 @@ def check_unmeasured_mass(
     unmeasured = [t for t in walks if is_trunk_unmeasured(t.motion)]
     if not unmeasured:
         return
+    # The last stage has the fitted parameters.
     residuals = [t.loads.residuals[-1] for t in unmeasured if t.loads is not None]
     force, moment = max(r.rms_force for r in residuals), max(r.rms_moment for r in residuals)
     in_all = len(unmeasured) == len(walks)
@@ -310,9 +312,11 @@ def diagnose_forces(state: CalibrationState) -> ForceDiagnosis:
         Empty if the nominal bodies are impossible.
     """
     model, checked = state.model, state.checked
+    # A motion that is wrong itself cannot accuse the forces.
     doubtful = list_trials_with_faulty_legs(checked) | {
         f.where for f in checked if f.topic == ONE_MARKER and f.cause
     }
+    # Masses of the table: fitted ones would already have absorbed a part of the fault.
     parameters = state.parameters.with_inertial(model.nominal.inertial)
     if find_impossible_bodies(parameters.inertial):
         return ForceDiagnosis()

@@ -91,6 +91,7 @@ def fit_joints(
             errors = compute_held_out_errors(trials, nominal, fit)
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
         trials = tuple(t.with_tissue(joint.tissue.get(t.name), joint.artefact) for t in trials)
+        # Limbs carry their mass centres and moments along as joints move.
         if settings.ip != "published":
             parameters = parameters.with_inertial(
                 move_limb_inertia(parameters.inertial, nominal, parameters)
@@ -161,6 +162,7 @@ def _fit_published_phases(
         fits_tissue=False,
     )
     joint = joint_phases.calibrate_in_phases(phases, nominal, fit_settings)
+    # Columns of every trial, also of those that a phase did not use.
     keys = [key for phase in phases for key in phase.tissue.keys]
     columns = tissue.make_body_columns({t.name: t.body for t in used}, keys)
     return replace(joint, tissue=columns)
@@ -182,6 +184,7 @@ def compute_held_out_errors(
         joint, parameters = fit([mask_frames(t, folds[t.name] == fold) for t in kept])
         for t in trials:
             held = folds[t.name] == fold
+            # Frames of this fold, tracked with parameters that never saw them.
             if held.any():
                 tissued = (
                     t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
@@ -277,6 +280,7 @@ def _calibrate_robustly(
             last[t.name] = track_robustly(t.joint_fit_problem, fitted, loss, factor)
         return [replace(t, joint_fit_problem=last[t.name].problem) for t in trials]
 
+    # Iteratively reweighted least squares: fit, weigh the samples by their residuals, fit again.
     joint, parameters = fit(reweight(None, nominal))
     change, count = np.inf, 1
     while joint is not None and change > SETTLED and count < MOST_ROUNDS:
@@ -285,6 +289,7 @@ def _calibrate_robustly(
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
     finished, findings = [], []
     for t in trials:
+        # Each of a trial's problems gets weights by its residuals.
         body = track_robustly(t.whole_body_problem, parameters, loss)
         phase_parameters = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
         fitted = (

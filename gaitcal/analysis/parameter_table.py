@@ -95,6 +95,7 @@ def list_parameter_rows(calibration: Calibration) -> list[dict[str, Any]]:
     for name, unit, to_si, before, after in zip(
         IP_NAMES, IP_UNITS, IP_TO_SI, nominal.inertial, fitted.inertial, strict=True
     ):
+        # `thigh_r.com.ant`: segment, quantity, direction.
         segment, quantity = name.split(".", 1)
         kind = _INERTIAL_KINDS[quantity.split(".")[0]]
         rows.append(

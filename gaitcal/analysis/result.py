@@ -300,6 +300,7 @@ class TrialResult(Displayed):
             return self
         is_whole = set(legs) == set(linkage.SIDES)
         kept_sides = {*linkage.SIDES} - {*legs}
+        # Errors of pelvis and trunk depend on both legs, so they go with either.
         kept = np.array([get_leg(name) in kept_sides for name in linkage.COORDINATES])
 
         def exclude(errors: Array | None) -> Array | None:

@@ -112,6 +112,8 @@ def analyse(
     if uncertainty.joint is not None:
         found = uncertainty.tissue
         activity = trial.name if trial.role is Role.MOTION else ""
+        # Soft tissue moves alike in one kind of task: the calibration has estimated it for some
+        # kinds.
         kind = soft_tissue_artefact.choose_kind_for_trial(found, activity)
         tissue = soft_tissue_artefact.make_further_tissue(
             prepared.whole_body_problem,
@@ -155,6 +157,8 @@ def assemble_trial_result(trial: MovingTrial, state: CalibrationState) -> TrialR
     motion_sensitivity = None
     if trial.joint is None:
         joint, coefficients = state.uncertainty.joint, trial.motion.coefficients
+        # How the motion follows its markers and the joint parameters: all error bars of angles and
+        # torques use it.
         motion_sensitivity = error_sources.compute_motion_sensitivity(
             trial.body_with_tissue, coefficients, trial.parameters, joint, trial.scores
         )
@@ -182,6 +186,7 @@ def _assemble_without_torque_errors(
     """Assemble all of the result but the errors of torques."""
     whole_body_motion, final, subject = trial.motion, trial.parameters, state.model.subject
     events, strides = _detect_events(trial, state.model.with_parameters(final))
+    # Feet and pelvis are measured against the direction of each stride.
     lines = assign_stride_lines(strides, whole_body_motion.time)
     long_axes, by_coordinate = compute_foot_axes(whole_body_motion, final, lines)
     variances, coordinate_errors, trial_errors = None, None, None
@@ -212,6 +217,7 @@ def _assemble_without_torque_errors(
             if phase_parameters is final
             else track_motion(trial.reported_problem, phase_parameters)
         )
+    # The floor belongs to the motion that it is compared with.
     floor_parameters = final if trial.joint is None else phase_parameters
     return TrialResult(
         name=trial.name,
@@ -281,6 +287,7 @@ def _check_crouches(
     height = body.q[:, body.coordinates.index("pelvis_ty")]
     repetitions = [(c.start, c.stop) for c in events.repeats]
     counted = list[FootEvents]()
+    # Time that is counted already: repetitions, or strides of both feet.
     if repetitions:
         counted = [FootEvents(*np.transpose(repetitions))]
     elif events.events:
@@ -334,6 +341,7 @@ def _estimate_foot_axes(
     variance, trial_variance = (both[:, of_feet].copy() for both in variances)
     for k, foot in enumerate(inverse_dynamics.FEET):
         if foot in rotations:
+            # Only the part of a rotation out of the plane changes the direction in the horizontal plane.
             components = np.einsum("fki,fi->fk", rotations[foot], normals[:, k])
             variance[:, k] += np.square(components).sum(axis=1)
     return FootAxes(long_axes, np.sqrt(variance), np.sqrt(trial_variance))
@@ -368,6 +376,7 @@ def estimate_axis_deviations(
         segment: (scale * x, scale * y, scale * z) for segment, (x, y, z) in PALPATED_DEG.items()
     }
     for segment, move in (possible_displacements or {}).items():
+        # deg: palpation and a possible displacement of the markers are independent.
         x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.rotation)).tolist()
         out[segment] = x, y, z
     return out
@@ -458,6 +467,7 @@ def summarise_trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
     RmsErrors
     """
     nominal, calibrated, floor = trial.compute_rms_mm(*segments)
+    # With one or two markers the segment follows them nearly exactly: its floor is zero.
     is_rigid = (
         len(segments) != 1
         or int(trial.calibrated.errors.select_observed(*segments).sum()) >= FEWEST_MARKERS

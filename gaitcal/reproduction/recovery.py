@@ -32,7 +32,7 @@ from functools import cache
 import numpy as np
 from joblib import Parallel, delayed
 
-from gaitcal.arrays import Array, compute_rms
+from gaitcal.arrays import Array
 from gaitcal.calibration import combined, inertial_calibration, joint_estimate
 from gaitcal.io.recording import Recording
 from gaitcal.model import parameters as params
@@ -218,7 +218,7 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     return JointRecovery(
         names=names,
         errors=compute_joint_errors(fit.parameters, truth, names),
-        marker_mm=1e3 * float(compute_rms(distance)),
+        marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
         largest_mm=1e3 * float(distance.max()),
         cost=fit.state.cost,
         steps=near.steps + fit.iterations,
@@ -444,7 +444,7 @@ def _recover_together(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     return ThirdStep(
         force=(inertial.rms_force, force),
         torque=(inertial.rms_moment, torque),
-        marker_mm=(gait.marker_mm, 1e3 * float(compute_rms(distance))),
+        marker_mm=(gait.marker_mm, 1e3 * float(np.sqrt(np.mean(distance**2)))),
         position_mm=(positions[0], positions[1]),
         seconds=time.process_time() - began,
         converged=fit.converged,
