@@ -108,6 +108,7 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
     """
     found, left_out = list[SessionEvidence](), list[str]()
     for person in cohort.people:
+        # Only finished, trustworthy results; the reason for every other one is reported.
         outcome = read_outcome(out, person)
         try:
             if outcome is None or outcome.failed:
@@ -144,12 +145,14 @@ def read_evidence(folder: Path, name: str) -> SessionEvidence:
     verdict = summary.get("verdict")
     if verdict != TRUSTED:
         raise NotUsedError(f"its verdict is {verdict}")
+    # A result that leans on a cohort would count that cohort twice.
     if JOINT_PRIOR in summary:
         raise NotUsedError("it was calibrated with priors of a cohort")
     saved = load_result(folder)
     settings, subject, errors = saved.settings, saved.model.subject, saved.uncertainty.joint
     parts = None
     if errors is not None and settings.decided_by is Protocol.EVIDENCE and settings.jp:
+        # m and rad, deviations from the nominal joints.
         deviation = saved.model.parameters.joint - saved.model.nominal.joint
         parts = compute_part_evidence(
             errors, deviation, JP_NAMES, combine_joint_priors(settings.joint_prior)
@@ -185,10 +188,12 @@ def compute_part_evidence(
         information, right = np.zeros((len(wanted),) * 2), np.zeros(len(wanted))
         if free:
             mean, root = select_prior(free, prior)[0], factor_prior(free, prior)
+            # In units of the prior: C_x = R R^T is then at most the identity.
             rows = np.linalg.solve(
                 root, errors.effects[[errors.names.index(name) for name in free]]
             )
             values, vectors = np.linalg.eigh(rows @ rows.T)
+            # A singular covariance has no likelihood.
             if values[0] <= RANK * values[-1]:
                 return None
             estimate = vectors.T @ np.linalg.solve(
@@ -224,10 +229,13 @@ def select_sessions(
     def count_people(rules: Rules) -> int:
         return len({person.name for person in by_rules[rules]})
 
+    # Deviations by different rules have different zeros: one set of rules only. The second key
+    # makes ties reproducible.
     rules = max(by_rules, key=lambda r: (count_people(r), astuple(r)))
     used = {p.name for p in by_rules[rules]}
     people = []
     for name in sorted(used):
+        # Sessions of one person are not independent: the one with the most information counts.
         best = max((p for p in by_rules[rules] if p.name == name), key=lambda p: p.information_gain)
         sessions = (one.evidence.recordings for one in found if one.evidence.name == name)
         people.append(replace(best, recordings=frozenset().union(*sessions)))
@@ -256,6 +264,7 @@ def learn_cohort(
         others = f" (not used: {_count_reasons(left_out)})" if left_out else ""
         message = f"found {len(people)} people to learn from; allowed: {FEWEST} or more{others}"
         raise InputError(message, code=Code.PRIORS)
+    # The order of people must not change the result.
     people = sorted(people, key=lambda p: p.name)
     folds = assign_folds([p.name for p in people])
     parts = []

@@ -179,6 +179,7 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
     tones, sentences = [], []
     if (worst := _find_worst_fit(trials)) is not None:
         fit, trial = worst
+        # The floor is the least marker error that joints, or rigid segments, allow.
         ratio, floor = (
             _compute_ratio(fit),
             fit.floor if fit.joint_ratio is None else fit.joint_floor,
@@ -195,6 +196,7 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
             "plain",
             "",
         )
+        # The limit is the residual that known errors explain at most.
         if held is not None:
             force += f" (limit {format_number(held.force.limit)})"
             moment += f" (limit {format_number(held.moment.limit)})"
@@ -226,6 +228,7 @@ def _describe_valid_moments(walks: Sequence[GaitNumbers], tables: StrideTables) 
     text = summarise_usable_strides(
         [use for walk in loaded for use in tables.get_uses(walk.trial.name)]
     )
+    # The moment that clinics ask for most often; others are in the curves.
     found = [peak for peak in tables.peaks if peak.peak is ADDUCTION_PEAK]
     if both := ", ".join(_format_peak(peak, tables.subject.mass) for peak in found):
         text += (

@@ -181,6 +181,7 @@ def _build_person_page_data(
             "kind": get_curve_kind(name).label,
             "source": curve.source,
         }
+        # Mean and standard deviation over the stride, in the unit of the curves.
         for side, parts in curve.sides.items():
             entry[side] = [list(map(plain_data.round_number, part)) for part in parts]
         bands.append(entry)
@@ -312,6 +313,7 @@ def build_conventions() -> dict[str, Any]:
     `units`: unit of moments -> kind -> title, digits, factor and divisor of values.
     """
     body, one = Subject(name="", mass=1.0, height=1.0, sex="male"), np.ones(1)
+    # A power is that of a joint, over all of its axes.
     powers = {group.power: " over all axes" for group in coordinates.GROUPS.values() if group.power}
     moved = [
         (name, kind)
@@ -339,6 +341,8 @@ def build_conventions() -> dict[str, Any]:
 
     by_signs: dict[str, dict[str, Any]] = {}
     for signs, acting in itertools.product(Signs, Acting):
+        # The browser switches conventions without knowing any rule: every sign and word is in the
+        # page.
         convention = Convention(signs=signs, acting=acting)
         by_signs.setdefault(signs.value, {})[acting.key] = {
             f"{name}/{kind.label}": describe(convention, name, kind) for name, kind in every

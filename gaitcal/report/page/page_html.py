@@ -140,6 +140,7 @@ def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) 
     viewer, licences = _read_meshcat()
     content = _collect_scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
     content["CONVENTIONS"] = plain_data.dump_script_json(page_data.build_conventions())
+    # Data in the page itself: it is opened without a server.
     content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
     of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
     content["LICENCES"] = "\n\n".join(
@@ -214,6 +215,7 @@ def _read_meshcat() -> tuple[str, list[str]]:
     if not places:
         raise GaitcalError("meshcat is not installed; install gaitcal again")
     folder = Path(places[0]) / "viewer"
+    # The viewer is read from the installed package; importing it would start its server.
     viewer = folder / "dist" / "main.min.js"
     texts = [
         ("MeshCat", folder / "LICENSE"),

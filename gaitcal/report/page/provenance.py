@@ -90,6 +90,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
     for trial in calibration.study.trials:
         recording = trial.recording
         visible = np.isfinite(recording.markers).all(axis=2)
+        # Of all markers and frames.
         visible_percent = 100.0 * float(visible.mean()) if visible.size else 0.0
         rows.append(
             [
@@ -122,6 +123,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
     out = [plain_data.make_heading("What was assumed")]
     if not calibration.notes:
         out.append(plain_data.make_text("Nothing beyond the study file."))
+    # Notes of one trial begin with its name and are folded below it.
     prefixes = {trial.name: f"{trial.name}: " for trial in calibration.trials}
     out += _build_note_blocks(
         [note for note in calibration.notes if not note.startswith(tuple(prefixes.values()))]

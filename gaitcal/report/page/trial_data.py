@@ -35,6 +35,7 @@ def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
     """Pack one frame in `every` of the curves; `valid` is a number of the shared `masks`."""
     kept = slice(None, None, every)
     masks = list_masks(curves)
+    # Many curves are valid in the same frames: each mask is stored once.
     numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
 
     def pack(values: Array | None) -> dict[str, Any] | None:
@@ -174,6 +175,7 @@ def _build_strides(
     for use in tables.get_uses(trial.name):
         side, cycle, stride = use.side, use.cycle, measured.get((use.side, use.number))
         foot = trial_tables.express_foot_in_stride(trial, side, cycle, stride)
+        # Pelvis and foot angles depend on the stride's line of progression: curves for each stride.
         along_line: dict[str, dict[str, Any]] = {name: {} for name in PELVIS_ANGLES}
         for part, angles in pelvis.items():
             in_stride = trial_tables.express_pelvis_in_stride(trial, angles, cycle, stride)
