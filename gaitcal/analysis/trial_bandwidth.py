@@ -154,7 +154,7 @@ def _take_cutoffs(markers: float, plates: float | None, motion: bandwidth.DenseM
     if hz > AT_LIMIT * motion.highest:
         rate = spline.compute_frame_rate(motion.problem.basis)
         note += f"; the limit of {rate:.0f} frames per second"
-    # Joints need the full range of motion: no less smooth than the markers choose.
+    # Joints need the full range of motion: a cut-off of at least what the markers choose, Hz.
     joints = max(markers, hz, min(JOINTS_HZ, motion.highest))
     return Bandwidth(
         motion_hz=hz, joints_hz=joints, chosen_by=chosen_by, penalised=True, notes=(note,)

@@ -251,6 +251,7 @@ def _run_and_report_errors(run: Callable[[], object], *, verbose: bool) -> None:
         _print_error(f"ended by {ending.name}; the output is as it was before this command")
         sys.exit(ending.exit_code)
     except BrokenPipeError:
+        # `gaitcal ... | head`: the reader has ended, and closing the output would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except Exception as error:

@@ -65,6 +65,7 @@ def draw_figures(
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
     read_files = (SUMMARY, CYCLES, STRIDES, PEAKS, NORMAL_CURVES)
+    # Peaks and normative curves are optional.
     names = [name for name in read_files if (result / name).exists()]
     with console.show_progress() as step:
         step("reading the result")
@@ -85,6 +86,7 @@ def draw_figures(
             read.require_unchanged()
     for remark in read.remarks:
         console.print_line(f"warning: {remark}")
+    # A figure for a paper must not hide doubts about its result.
     if verdict.judgement is not Judgement.TRUSTWORTHY:
         console.print_line(f"warning: the result is {verdict.judgement.value}. {verdict.sentence}")
     for file in files:

@@ -457,7 +457,7 @@ def make_row(folder: Path) -> dict[str, Cell]:
         raise InputError("is no result of 'gaitcal calibrate'", source=folder, code=Code.NO_RESULT)
     subject, reasons = manifest["subject"], summary.get("reasons") or [{}]
     trials: dict[str, dict[str, Any]] = summary["trials"]
-    # Other activities have their own table: their peaks are not those of walking.
+    # Other activities are in another table: their peaks are not those of walking.
     walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
     activities = [name for name, trial in trials.items() if trial.get("role") == "motion"]
     row: dict[str, Cell] = {

@@ -250,14 +250,14 @@ def draw_disturbance(
         The same for the same arguments.
     """
     settings, part = context.settings, level / 100.0
-    # Every draw has its own stream, so that results depend neither on order nor on workers.
+    # Each draw has a separate random stream: results depend neither on order nor on workers.
     rng = np.random.default_rng(
         np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number))
     )
     joint = inertial = noise = None
     if varied.joint:
         bounds = settings.joint_bounds
-        # m and rad, uniform within the bounds of Table II, scaled by the level.
+        # m and rad, uniform within the bounds of the settings times the level.
         joint = part * bounds * rng.uniform(-1.0, 1.0, len(bounds))
     if varied.inertial:
         names = context.inertial_set.names
@@ -420,8 +420,7 @@ def refit(
     Newton's steps when they no longer shrink tenfold. It ends by the size of the step, so that all
     draws are solved to the same accuracy.
     """
-    # No prior and no damping of the way: the start is near, and the minimum is that of the
-    # published cost.
+    # The start is near: one factor is kept throughout, and the size of the steps ends the search.
     rule = descent.DescentSettings(
         gain=0.0,
         shortest_step=settings.refit_tolerance,

@@ -202,6 +202,7 @@ def run_found_study(
         if isinstance(source, Draft)
         else list_input_files(load_study_file(source), source)
     )
+    # An invalid file ends the run before anything is computed.
     bands = None if settings.normal is None else normal_bands.read_normal_bands(settings.normal)
     further = [file for file in (settings.normal, settings.priors) if file is not None]
     kept = check_output_folder(out, ResultKind.CALIBRATION, [*read, *further])

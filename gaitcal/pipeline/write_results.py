@@ -74,6 +74,7 @@ def write_results(
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / saved_result.MARKER_SET).write_text(format_marker_set(marker_set), encoding="utf-8")
+        # Page and CSV files are made of the same tables, so that they cannot differ.
         tables = build_result_tables(
             calibration,
             _choose_norm(calibration, normal, settings),

@@ -120,7 +120,7 @@ def find_plate_contacts(
     """Find the contacts of the feet with all plates that last longer than a knock.
 
     Feet are assigned as for torques (`foot_contact.assign_feet`), from the markers alone and
-    without the study's assignment. Where a belt carries both feet, a contact is the time in which
+    without the study's assignment. Where one belt carries both feet, a contact is the time in which
     one foot stands alone, as centre and force are that foot's only there.
 
     Parameters
@@ -138,15 +138,17 @@ def find_plate_contacts(
         In the order of the plates and in time.
     """
     found, points = list[PlateContact](), feet.build_points(height)
-    for plate in plates:
-        wrench = np.nan_to_num(resample_wrench(plate, feet.time))
+    wrenches = [np.nan_to_num(resample_wrench(plate, feet.time)) for plate in plates]
+    one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
+    for plate, wrench in zip(plates, wrenches, strict=True):
         level = foot_contact.get_surface_height(plate)
         for stretch in find_runs(wrench[:, 1] > LOADED_N):
             # A knock is no step, nor is a foot that merely touches the edge of a plate.
             if measure_duration(feet.time, stretch) < foot_contact.MIN_LOADING_S:
                 continue
             for part in foot_contact.assign_feet(wrench, stretch, feet.time, points, level):
-                run = part.alone
+                # If another plate is loaded meanwhile, it may carry a part of the same force.
+                run = part.alone if one_loaded[stretch].all() else part.frames
                 if wrench[run, 1].max() < BODY_N:
                     continue
                 away = foot_contact.measure_distances(wrench, run, points, level)

@@ -554,11 +554,11 @@ def _recover(
         scale: assemble_gait_equations(gait.parameters, gait.coefficients, scale)
         for scale in inertial_calibration.TorqueScale
     }
-    # The paper's own normalisation of torque by body height.
+    # The paper divides torque by body height.
     by_height = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
     streams = map(np.random.default_rng, seeds.spawn(random_seeds))
-    # Seeds of their own, so that more of them leave the first ones as they are.
+    # Separate streams, so that more random seeds leave the first ones as they are.
     starts = [draw_random_seed(rng, with_held=noise is not None) for rng in streams]
     scales = {scale: _recover_inertia(scaled, truth) for scale, scaled in equations.items()}
     return SeedResult(

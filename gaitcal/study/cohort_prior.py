@@ -143,8 +143,7 @@ def build_sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
     alike, opposite = list[Array](), list[Array]()
     for k in range(len(names)):
         other = int(np.flatnonzero(reflected[:, k])[0])
-        # Each pair of mirrored parameters is visited once; a median-plane parameter is its own
-        # mirror.
+        # Each pair of mirrored parameters is visited once.
         if other < k:
             continue
         for sign, found in ((1.0, alike), (-1.0, opposite)):
@@ -389,7 +388,7 @@ def compute_expected_deviations(
     stored = part.populations[number]
     matrix = build_design(part.parameters, person, heights, by_size=part.by_size)
     count, effects = matrix.shape
-    # The file stores lower triangles; `unit` scales to the natural variables of the part.
+    # The file stores lower triangles; `unit`, the root of the anatomical prior, gives m and rad.
     uncertainty, spread = (
         build_symmetric(values, n)
         for values, n in ((stored.effect_covariance, effects), (stored.spread, count))

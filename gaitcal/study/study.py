@@ -568,8 +568,8 @@ def build_cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointP
                 "others"
             )
             raise InputError(message, source=path, field=rule, code=Code.PRIORS)
-    # A person of the cohort must not inform the own prior: that person's fold is left out. Persons
-    # are recognised by name or by identical recordings.
+    # A person of the cohort must not inform this person's prior if both are the same: the fold of
+    # that person is left out, recognised by name or by identical recordings.
     name, recordings = hash_name(priors.cohort, subject.name), set(study.inputs.values())
     folds = (
         p.fold

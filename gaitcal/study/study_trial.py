@@ -106,7 +106,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
             )
             raise _make_fault(message, trial.file, f"trial '{trial.name}'.time")
         recording = recording.frames(inside)
-    # A standing person is turned so that y is up, as no walk gives the direction.
+    # Poses and key points need no standing trial: their posture is built from the segments.
     if trial.role == Role.STATIC.value:
         recording = make_upright_posture(recording)
     recording = _note_partial_forces(recording, trial)
