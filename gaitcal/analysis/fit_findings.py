@@ -282,7 +282,7 @@ def list_trials_with_faulty_legs(checked: Sequence[Finding]) -> frozenset[str]:
     Parameters
     ----------
     checked : sequence of Finding
-        What the checks found before the fit.
+        Findings of the checks before the fit.
 
     Returns
     -------

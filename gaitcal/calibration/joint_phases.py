@@ -67,7 +67,7 @@ class JointProblem:
     joint: str | None
     """The joint of an isolated trial; None for the whole body."""
     activity: str = ""
-    """What a trial of the whole body does that is no walk: its skin moves as in no other trial."""
+    """Activity of a whole-body trial that is no walk: its skin moves as in no other trial."""
 
     @property
     def name(self) -> str:
@@ -126,7 +126,7 @@ class JointCalibration:
     at_bound: tuple[str, ...] = ()
     """Fitted parameters on their bound, or beyond."""
     notes: tuple[str, ...] = ()
-    """What the user should know and need not act upon."""
+    """Notes that need no action."""
     reached: Mapping[str, Parameters] = field(default_factory=dict)
     """Trial -> the parameters at the end of its phase, where a later one moves them again."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)

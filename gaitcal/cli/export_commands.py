@@ -261,7 +261,7 @@ class _Exported:
     entries: dict[str, dict[str, Json]] = field(default_factory=dict)
     """File -> its entry in the manifest."""
     details: dict[str, str] = field(default_factory=dict)
-    """File -> what is printed about it."""
+    """File -> text that is printed about it."""
     sha256: dict[str, str | None] = field(default_factory=dict)
     """File of the result that was read -> its SHA-256."""
     stale: tuple[str, ...] = ()
@@ -381,7 +381,7 @@ def _export_into(
     parameters
         `joints` or `joints,masses`.
     attachments
-        `stay` or `follow`: what muscle points, wraps and meshes do.
+        `stay` or `follow`: muscle points, wraps and meshes.
     names
         TOML file with the names of hips, knees and ankles; None: they are found.
     muscles

@@ -69,7 +69,7 @@ class CommonSettings:
 
 
 class PersonError(InputError):
-    """Why a person has no result, and what to do."""
+    """Reason for which a person has no result, and its remedy."""
 
     def __init__(self, cause: str, action: str = "", *, code: Code) -> None:
         super().__init__(cause, code=code)
@@ -91,7 +91,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     Raises
     ------
     InputError
-        The folder gives no study, or the checks find an error; a `PersonError` has what to do.
+        The folder gives no study, or the checks find an error; a `PersonError` has the remedy.
     """
     if not is_folder(person.folder):
         raise PersonError(

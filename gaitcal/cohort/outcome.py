@@ -46,7 +46,7 @@ from gaitcal.study.study_file import StudyFile
 STATE = "state"
 """Folder of the outcomes within that of the cohort."""
 AGAIN = "run the same command again: it tries this person once more"
-"""What to do after a temporary failure."""
+"""Remedy after a temporary failure."""
 FORMAT = 4
 """Format of stored outcomes: after a change of it, everyone is computed again."""
 READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")
@@ -66,7 +66,7 @@ class Outcome:
     cause: str = ""
     """Why there is no result; empty if there is one."""
     action: str = ""
-    """What to do about it."""
+    """Its remedy."""
     code: str = ""
     """Kind of the cause, for `gaitcal explain`."""
     passing: bool = False
@@ -233,7 +233,7 @@ def list_input_files(folder: Path) -> dict[str, Path]:
 
 
 def _find_files(folder: Path) -> Iterator[Path]:
-    """Find the files of a person's folder, the marker sets above it, and what studies name."""
+    """Find the files of a person's folder, marker sets above it, and files that studies name."""
     if not is_folder(folder):
         return
     # One level below, as in a person's folder with a folder for each session.
@@ -349,7 +349,7 @@ COMPRESSION = "zstd"
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One person, with what a worker needs."""
+    """One person, with the data that a worker needs."""
 
     person: CohortPerson
     out: Path

@@ -64,7 +64,7 @@ class Moments(Displayed):
     """(nf, 2) N·m, right and left: internal reaction moment of the thigh on the shank about the
     knee frame's x axis, adduction positive."""
     residual_force: Array
-    """(nf, 3) N, laboratory axes: what the ground reactions do not explain."""
+    """(nf, 3) N, laboratory axes: the part that ground reactions do not explain."""
     residual_moment: Array
     """(nf, 3) N·m about the pelvis origin, laboratory axes."""
     bwh: float

@@ -156,7 +156,7 @@ class Convention:
                 return self._sign(name, kind, side) * values
 
     def senses(self, variable: str, side: str) -> tuple[str, str]:
-        """Describe what positive and negative values of a variable mean in strides of one side.
+        """Describe positive and negative values of a variable in strides of one side.
 
         Parameters
         ----------

@@ -92,7 +92,7 @@ def check_file_events(
     list of FootEvent
         Events to use, inside the trial.
     tuple of Finding
-        What was left out or corrected, and why; without the name of the trial.
+        Events that were left out or corrected, and why; without the name of the trial.
     """
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     first, last = time[0] - half, time[-1] + half

@@ -204,7 +204,7 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     Raises
     ------
     InputError
-        The message names file, line, what was found and what is allowed.
+        The message names file, line, the value found and the allowed ones.
     """
     source = find_bands_file(path)
     comments, rows = _split_lines(source)

@@ -307,7 +307,7 @@ def _measure_times(
     stop: float | None,
     struck: float | None,
 ) -> dict[str, float]:
-    """Measure what events alone give; `struck`: s, strike of the other foot before the step."""
+    """Measure times from events alone; `struck`: s, strike of the other foot before the step."""
     out: dict[str, float] = {}
     off = _find_off(foot, other, start, stop)
     if stop is not None and struck is not None:

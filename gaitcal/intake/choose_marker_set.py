@@ -358,7 +358,7 @@ def rank_sets_of_recordings(
 def describe_unknown_labels(
     recordings: Sequence[Recording], local_sets: Sequence[tuple[str, MarkerSet]]
 ) -> str:
-    """Describe which labels no marker set contains, and what the nearest set lacks.
+    """Describe which labels no marker set contains, and those that the nearest set lacks.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Propose what markers with unknown labels are: a landmark each, else the segment it moves with.
+"""Propose landmarks for markers with unknown labels, else the segments that they move with.
 
 One recording stands, the others move. Heights, headings and postures of the arms are tried
 (`place_markers`), and the likeliest is kept, unless the opposite heading is nearly as likely. The

@@ -40,7 +40,7 @@ class KnownField:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the user gives about the subject; None: not given."""
+    """Subject data from the user; None: not given."""
 
     mass: float | None = None
     """kg."""

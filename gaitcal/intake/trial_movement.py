@@ -196,7 +196,7 @@ def check_units(recording: Recording, marker_set: MarkerSet) -> str:
     Returns
     -------
     str
-        What is wrong and what to do; empty if the lengths are those of a body.
+        The fault and its remedy; empty if the lengths are those of a body.
     """
     pelvis, *feet = (
         compute_segment_middle(recording, marker_set, name)

@@ -1,4 +1,4 @@
-"""Identify markers without their labels: what moves together, the heading, and positions.
+"""Identify markers without their labels: joint movement, heading, and positions.
 
 *Moving together.* Skin moves the markers of a segment relative to each other by some millimetres;
 the distance of markers on two segments changes by centimetres as joints rotate. S_ij, the standard
@@ -512,7 +512,7 @@ class MarkerLocations:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionEvidence:
-    """What is known of markers besides their positions."""
+    """Knowledge about markers besides their positions."""
 
     log_odds: Array
     """(n, n), that two markers are on one segment; 0 where nothing is known."""

@@ -55,7 +55,7 @@ class InterruptedWork(BaseException):
     ending
         The exception that interrupted the command.
     work
-        What was kept, for the message.
+        Description of the kept files, for the message.
     """
 
     def __init__(self, ending: KeyboardInterrupt | Stopped, work: str) -> None:

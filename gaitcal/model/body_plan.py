@@ -112,7 +112,7 @@ DISTAL_LANDMARKS = {
     "knee": ("ankle_lat", "ankle_med", "heel", "toe"),
     "ankle": ("heel", "toe"),
 }
-"""Joint -> landmarks that move with what lies beyond it."""
+"""Joint -> landmarks of the segments beyond it."""
 CENTRE_LANDMARKS = {
     "hip": ("asis",),
     "knee": ("knee_lat", "knee_med"),

@@ -100,7 +100,7 @@ class ParameterChoice(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class MonteCarloSettings:
-    """What a draw depends on, besides the model, its set, its level and its number."""
+    """Settings of a draw, besides the model, its set, its level and its number."""
 
     seed: int = 0
     parameters: ParameterChoice = ParameterChoice.LEG

@@ -235,7 +235,7 @@ def remove_spikes(
 
 @dataclass(frozen=True, kw_only=True)
 class CleanTrial(Trial):
-    """A trial as it is fitted, and what was removed from its recording."""
+    """A trial as it is fitted, and the samples that were removed from its recording."""
 
     outliers: tuple[Outlier, ...] = ()
     """Markers removed in frames in which they were metres away from the body."""
@@ -268,7 +268,7 @@ def clean_trial(
     Returns
     -------
     CleanTrial
-        The trial with a clean recording, and what was removed.
+        The trial with a clean recording, and the removed samples.
     """
     recording, outliers = remove_outliers(trial.recording, segment_of)
     given = trial.collect_fields()

@@ -370,7 +370,7 @@ def compute_tissue_spread(size: float, far: float) -> float:
     size
         m, standard deviation of the artefact in walking.
     far
-        rad, flexion beyond what is near the static posture.
+        rad, flexion from which a posture is not near the static one.
 
     Returns
     -------

@@ -2,7 +2,7 @@
 
 `dynamics/off_sole.py` finds the frames in which a centre of pressure is outside its foot; torques
 are invalid there, in the tracked motion as well. A fault of soles, plates or synchronisation has a
-check of its own; what only follows from it is not reported again (`_is_explained`).
+check of its own; its consequences are not reported again (`_is_explained`).
 """
 
 import re
@@ -292,7 +292,7 @@ def check_pressure_outside_sole(
     trial
         The trial.
     others
-        Findings of the other checks of this trial; what they explain is not reported again.
+        Findings of the other checks of this trial; faults that they explain are not reported again.
 
     Yields
     ------

@@ -187,7 +187,7 @@ def build_comparison_content(
 def _list_people(
     comparison: SessionComparison, results: Sequence[Path]
 ) -> list[tuple[tuple[str, str], ...]]:
-    """List for each session what is known of subject and session, and the verdict."""
+    """List for each session the data of subject and session, and the verdict."""
     verdicts = [
         str(read_json_object(result / SUMMARY).get("verdict") or "not recorded")
         for result in results

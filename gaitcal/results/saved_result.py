@@ -45,7 +45,7 @@ class SavedResult:
     """A calibrated subject, and how the labels of its recordings are read."""
 
     model: SubjectModel
-    files: Snapshot  # What was read, to be compared when the work is done
+    files: Snapshot  # Hashes of the read files, to be compared when the work is done
     marker_set: MarkerSet  # With the weights of the model
     rename: Mapping[str, str]  # Label in the files -> label in the marker set
     settings: CalibrationSettings
@@ -66,7 +66,7 @@ def load_result(folder: Path) -> SavedResult:
     Returns
     -------
     SavedResult
-        What further trials need.
+        The data that further trials need.
 
     Raises
     ------

@@ -241,7 +241,7 @@ def summarise_subject(subject: Subject) -> dict[str, Json]:
     Returns
     -------
     dict
-        `name`, `mass_kg`, `height_m` and what else is known.
+        `name`, `mass_kg`, `height_m` and other known data.
     """
     out: dict[str, Json] = {
         "name": subject.name,
@@ -634,7 +634,7 @@ def require_not_refused(folder: Path) -> None:
 
 
 def find_model_doubts(summary: Mapping[str, object]) -> tuple[Finding, ...]:
-    """Find what the verdict on a calibration means for every further trial: one finding, or none.
+    """Find the consequence of a calibration's verdict for further trials: one finding, or none.
 
     Findings on the forces of its walks do not concern the model; those on their markers do.
     """

@@ -186,7 +186,7 @@ def read_rows(
     Returns
     -------
     Content
-        What `parse` returns.
+        Result of `parse`.
 
     Raises
     ------

@@ -86,7 +86,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     Raises
     ------
     InputError
-        One line: file, field, what was found, what is allowed.
+        One line: file, field, value found, allowed values.
     """
     # Corrected events precede those of the recording.
     whole = apply_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)

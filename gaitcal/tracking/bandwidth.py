@@ -210,7 +210,7 @@ class DenseMotion:
         """n - nq."""
 
     def smooth_at(self, cutoff_hz: float) -> "SmoothedMotion":
-        """Smooth the motion with a cut-off, and compute what it loses.
+        """Smooth the motion with a cut-off, and compute the loss of fit.
 
         Parameters
         ----------

@@ -37,7 +37,7 @@ The centre of arms and legs is the static posture, or an arm that hangs along th
 of the lumbar joint keeps the trunk in the laboratory as it was in the static trial, while the
 pelvis moves. R_p is the pelvis, R_0 the trunk of the static trial without its heading, and psi the
 heading of the pelvis without its swing. (Local straight lines with Gaussian weights of 0.35 s leave
-9 % of what repeats once a second.)
+9 % of a movement of 1 Hz.)
 
     Rz(extension) Rx(bending) Ry(rotation) = R_p^T Ry(psi) R_0.
 

@@ -1,4 +1,4 @@
-"""Displacements of a model's joints, and of what is fixed to the bones between them.
+"""Displacements of a model's joints, and of elements that are fixed to the bones between them.
 
 A bone between two joints, whose centres a, b in the body have moved to a', b', takes along what is
 fixed to it by the affine map

@@ -63,7 +63,7 @@ class _Span:
 
 @dataclass(frozen=True)
 class FramePlacement:
-    """Frame of a joint in a body; None for what stays."""
+    """Frame of a joint in a body; None if it stays."""
 
     translation: Array | None  # (3,) m
     rotation: Array | None  # (3, 3)
@@ -287,7 +287,7 @@ class _Edits:
             text = format_numbers(values)
             whole = f"<{tag}>{text}</{tag}>".encode()
             if element is None:
-                # After the first tag of its holder, with the same indentation as what follows.
+                # After the first tag of its holder, with the indentation of the following element.
                 blank = _BLANK.match(content, span.inside)
                 lead = blank.group() if blank else b""
                 self.found.append((span.inside, span.inside, lead + whole))
@@ -317,7 +317,7 @@ class _Edits:
 
 
 def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
-    """Find the element that names what a socket is connected to.
+    """Find the element that names the target of a socket.
 
     Betas of OpenSim 4 spell it differently.
 

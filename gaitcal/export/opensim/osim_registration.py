@@ -496,7 +496,7 @@ def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[s
     measured = locate_markers(nominal, start)
 
     def compute_residual(q: Array) -> Array:
-        """Compute distances of the markers, and from the start for what they do not determine."""
+        """Compute distances of the markers, and of coordinates from their start."""
         distances = locate_markers(calibrated, q) - measured
         return np.concatenate([distances.ravel(), _HOLD * (q - start)])
 

@@ -19,7 +19,7 @@ ezc3d reads the file; this module reads parts of it again where ezc3d is not suf
 - Frame numbers of the header stop at 65535 or begin again at zero. The number of frames is then
   that of TRIAL, LONG_FRAMES or further rounds of the counter with which the data fill the file.
 - ezc3d does not name a damaged parameter (`find_damage`).
-- ezc3d does not report what it writes differently: groups without a name, and types
+- ezc3d does not report all that it writes differently: groups without a name, and types
   (`find_changed_parameters`).
 """
 
@@ -286,7 +286,7 @@ class Record:
 
     group: int  # Number of the group, positive
     name: str
-    content: bytes  # What follows the offset
+    content: bytes  # After the offset
     is_group: bool
 
 

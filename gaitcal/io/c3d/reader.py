@@ -174,7 +174,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def serve() -> None:
-    """Parse one file after the other until the caller has gone; discard what the library prints."""
+    """Parse one file after the other until the caller has gone; discard the library's output."""
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         import ezc3d  # noqa: F401  before the first file's time begins

@@ -52,7 +52,7 @@ _MOST_TRIANGLES = (
 )
 _COARSER = 1.2  # Factor of the grid's cells from one attempt at fewer triangles to the next
 _SLACK = 0.05  # Of the longest side: how far a mesh may leave the box that places it
-_MOST_VERTICES = 65_536  # What 16-bit corner numbers in the page can name
+_MOST_VERTICES = 65_536  # Limit of the 16-bit corner numbers in the page
 REFERENCE_MASS, REFERENCE_HEIGHT = 74.7, 1.787  # kg, m of the reference body: sums over its URDF
 _HIP_DROP, _HIP_FORWARD = 0.100, 0.023  # m: lumbar joint to mid-hip
 _FOOT_LENGTH = 0.271

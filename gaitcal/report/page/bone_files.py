@@ -56,7 +56,7 @@ _FILES: dict[str, tuple[tuple[str, ...], int]] = {
 """Bone, by its name in a page -> what its file may be called without ending, and how many triangles
 of it are shown.
 """
-_WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}  # What `spine` is in one file
+_WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}  # Parts of `spine`
 NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")
 """Without these, whose landmarks place all others, there are no bones."""
 

@@ -146,7 +146,7 @@ def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) 
     content["LICENCES"] = "\n\n".join(
         filter(None, [*licences, content["LICENCES"], of_bones])
     ).replace("<", "‹")
-    # One pass over the template: what a name holds is never looked at again.
+    # One pass over the template: inserted text is never searched for names.
     return re.sub(
         r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _read_part("templates/page.html")
     )
@@ -178,7 +178,7 @@ def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
 def _collect_scripts_and_styles(
     scripts: Sequence[str], styles: Sequence[str], **first: str
 ) -> dict[str, str]:
-    """Collect what a template needs; `first`: scripts that run before all others."""
+    """Collect the parts of a template; `first`: scripts that run before all others."""
     parts = [_read_part(f"scripts/{name}") for name in scripts]
     running = {
         **{name.upper(): _escape_script(script) for name, script in first.items()},

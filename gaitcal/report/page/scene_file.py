@@ -49,8 +49,8 @@ _DAMAGE = (
     EOFError, SyntaxError,
     MemoryError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What NumPy, zipfile and zlib raise on files that are not what they seem."""
-_BODY = "garments"  # What files of this version call the body meshes
+"""Errors of NumPy, zipfile and zlib on files of another kind."""
+_BODY = "garments"  # Name of the body meshes in files of this version
 _LANDMARKS = "landmarks/"
 EARLY = 0.005  # s: a later first frame is reported as not the begin of the recording
 _JOINT_ARRAYS = (
