@@ -341,7 +341,7 @@ def _estimate_foot_axes(
     variance, trial_variance = (both[:, of_feet].copy() for both in variances)
     for k, foot in enumerate(inverse_dynamics.FEET):
         if foot in rotations:
-            # Only the part of a rotation about the vertical changes the direction seen from above.
+            # Only the part of a rotation about the vertical changes the horizontal direction.
             components = np.einsum("fki,fi->fk", rotations[foot], normals[:, k])
             variance[:, k] += np.square(components).sum(axis=1)
     return FootAxes(long_axes, np.sqrt(variance), np.sqrt(trial_variance))

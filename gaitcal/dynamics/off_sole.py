@@ -76,7 +76,7 @@ OFF_SOLE_SHARE = 0.1
 class PressurePosition:
     """Centre of pressure of one loading relative to the outline of the soles on its plate."""
 
-    distance: Array  # (n,) m outside, negative inside; -inf where a foot is not seen
+    distance: Array  # (n,) m outside, negative inside; -inf where a foot is not visible
     direction: Array  # (n, 2) unit vector, x and z of the laboratory: outwards
     allowed: Array  # (n,) m
 

@@ -86,7 +86,7 @@ class Convention:
     signs: Signs = Signs.OPENSIM
     """Which sense is positive."""
     acting: Acting = Acting.INTERNAL
-    """Whose moment it is."""
+    """Structures that cause the moment."""
     frame: MomentFrame = MomentFrame.COORDINATES
     """Along which axes."""
     unit: MomentUnit = MomentUnit.NM

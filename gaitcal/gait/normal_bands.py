@@ -137,7 +137,7 @@ class NormalBand:
         mean, sd = (
             np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd)
         )
-        # In the unit of `cycles.csv` a convention is only a sign: it is its own inverse.
+        # In the unit of `cycles.csv` a convention is only a sign: its inverse is the same.
         return self.signs.values(self.variable, factor * mean, side, subject), factor * sd
 
 

@@ -87,7 +87,7 @@ def raise_on_signals() -> Iterator[None]:
         try:
             yield
         except Exception as error:
-            # A library that was being loaded may have wrapped the signal in its own error
+            # A library that was being loaded may have wrapped the signal in another error
             cause: BaseException | None = error
             while cause is not None and not isinstance(cause, (KeyboardInterrupt, Stopped)):
                 cause = cause.__cause__ or cause.__context__

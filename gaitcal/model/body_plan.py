@@ -99,7 +99,7 @@ from the side.
 """
 LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
 """sd of the angle from above between the lines from left to right through two landmarks."""
-# sd of the difference between right and left of a joint's line, seen from above
+# sd of the difference between right and left of a joint's line, in the horizontal plane
 AXIS_DEG = 11.0
 JOINT_ROTATION_DEG = 8.0
 """Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur

@@ -272,7 +272,7 @@ def _place_markers(
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
-        # whether the joints tell the rest: quality/marker_checks.py
+        # whether the joints determine the rest: quality/marker_checks.py
         needed = PELVIS_MARKERS_NEEDED if segment == "pelvis" else 1
         if kept < needed and segment in ("pelvis", *linkage.LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)

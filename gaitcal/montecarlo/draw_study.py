@@ -269,7 +269,7 @@ class Store:
         Parameters
         ----------
         plan : Plan, optional
-            Whose draws; all if not given.
+            Sets, levels and number of draws; all stored draws if not given.
 
         Returns
         -------

@@ -4,7 +4,7 @@
 coordinate by coordinate, of all markers visible in frame t on segment s and on the segments that
 share a joint with s. A marker of s farther than `REACH_M` from c(s, t) is removed in that frame.
 Nothing is removed in a frame in which more than `MOST_SHARE` of all markers are that far: the
-unit or the labels are wrong then, which is a finding of its own.
+unit or the labels are wrong then, which is a separate finding.
 
 *Isolated jumps.* With a the distance of x_k from the midpoint of x_(k-1) and x_(k+1), and s the
 step between these two less the steps before and after it, position k is removed where a is larger

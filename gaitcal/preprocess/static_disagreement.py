@@ -12,7 +12,7 @@ cost
 
 The explanations are: one marker moved (without its term), two labels are swapped (m exchanged), the
 cluster is mirrored (m reflected), or it slid or rotated on the segment, with or without the markers
-on landmarks (the terms of those that slid have a C of their own). The price is what a free quantity
+on landmarks (the terms of those that slid have another C). The price is what a free quantity
 gains by chance. The cheapest explanation of the segments concerned is reported; its C corrects the
 pose, all quantities are computed again, and what is left is explained in turn.
 

@@ -638,7 +638,7 @@ def find_model_doubts(summary: Mapping[str, object]) -> tuple[Finding, ...]:
 
     Findings on the forces of its walks do not concern the model; those on their markers do.
     """
-    # Reasons of single walks say nothing about further trials; those of joints, masses or the whole
+    # Reasons of single walks do not concern further trials; those of joints, masses or the whole
     # study do.
     walks = {
         name for name, entry in get_table(summary, "trials").items() if entry.get("role") == "gait"

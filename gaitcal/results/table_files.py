@@ -30,7 +30,7 @@ _BLOCK: Final = 50_000  # Rows that are text in memory at once
 _QUOTE: Final = '"'
 _SPECIAL: Final = (",", _QUOTE, "\n", "\r", "#")
 VERDICT: Final = "verdict: "
-"""How comment lines begin that tell it, of one trial or of one among several (`walk: verdict:
+"""Beginnings of comment lines on the verdict, of one trial or of one among several (`walk: verdict:
 ...`).
 """
 REFUSED_HEADER: Final = (

@@ -169,7 +169,7 @@ def _build_angles(
 
 
 def _build_feet(trial: TrialResult) -> Iterator[Curve]:
-    """Build foot progression relative to the trial's line; each stride has its own line."""
+    """Build foot progression relative to the trial's line; strides have other lines."""
     feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.motion)
     if feet is None:
         return

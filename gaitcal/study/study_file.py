@@ -319,7 +319,7 @@ class TrialTable(Table):
     @field_validator("joint")
     @classmethod
     def _require_joint(cls, joint: str | None, info: ValidationInfo) -> str | None:
-        # Without a valid role, its own error is reported
+        # Without a valid role, the error of the role is reported
         role = info.data.get("role", "joint" if joint else "gait")
         if role == "joint" and joint is None:
             raise ValueError(

@@ -57,7 +57,7 @@ class Trial:
     file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
-    """`file`; where forces have one of their own, `forces`; where a person corrected events,
+    """`file`; where forces have another file, `forces`; where a person corrected events,
     `events`.
     """
 

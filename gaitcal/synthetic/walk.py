@@ -417,10 +417,9 @@ def _build_force_rows(
 def _compute_typical_force(phase: Array) -> Array:
     """Compute (nf, 3) the total ground reaction of a walking person, body weights.
 
-    The first two harmonics that symmetry allows, of OpenSim's `subject01` (from whose recording the
-    curves are): forward and up once and twice a step, sideways once and three times a stride. In
-    the recording the load passes to the other foot at 0.076 of a stride, here in the middle of
-    double support.
+    The first two harmonics that symmetry allows, from the recording of OpenSim's `subject01`:
+    forward and up once and twice a step, sideways once and three times a stride. In the recording
+    the load passes to the other foot at 0.076 of a stride, here in the middle of double support.
     """
     step, stride = 4 * np.pi * (phase + FORCE_PHASE_LAG), 2 * np.pi * (phase + FORCE_PHASE_LAG)
     return np.stack(

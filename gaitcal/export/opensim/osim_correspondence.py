@@ -326,6 +326,21 @@ def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
         above = leg
 
 
+def _name_leg_joints(
+    peer: PeerModel, chains: Mapping[str, Sequence[PeerJoint]]
+) -> dict[str, PeerJoint]:
+    """Name the joints of both legs, `chains`: side -> moving joints from the hip downwards."""
+    out: dict[str, PeerJoint] = {}
+    for side, chain in chains.items():
+        out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], chain, strict=False)}
+        # A fourth joint near the ankle is subtalar; farther away it is that of the toes.
+        if len(chain) > 3:
+            fourth = peer.compute_body_pose(chain[3].child, chain[2].child).translation
+            if np.linalg.norm(fourth) < TALUS:
+                out[f"subtalar_{side}"] = chain[3]
+    return out
+
+
 def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
     """Find `hip_r` and so on by the tree of bodies; raise InputError without two legs."""
     below: dict[str, list[PeerJoint]] = {}
@@ -350,18 +365,10 @@ def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
 
     for body in peer.masses:
         legs = [j for j in below.get(body, []) if is_leg(j)]
-        if len(legs) != 2:
-            continue
-        right, left = sorted(legs, key=lambda j: -j.in_parent.translation[2])
-        out: dict[str, PeerJoint] = {}
-        for side, leg in (("r", right), ("l", left)):
-            row = list_chain(leg)
-            out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
-            if len(row) > 3:
-                fourth = peer.compute_body_pose(row[3].child, row[2].child).translation
-                if np.linalg.norm(fourth) < TALUS:
-                    out[f"subtalar_{side}"] = row[3]
-        return out
+        if len(legs) == 2:
+            # The right leg is the one with the larger z.
+            right, left = sorted(legs, key=lambda j: -j.in_parent.translation[2])
+            return _name_leg_joints(peer, {"r": list_chain(right), "l": list_chain(left)})
     raise InputError(
         "has no pelvis with two legs of three joints or more, nor coordinates hip_flexion_r, "
         f"knee_angle_r (and _l); found the bodies {', '.join(peer.masses)}; --names FILE.toml "

@@ -182,7 +182,7 @@ def find_shared_markers(
             continue
         if FOLLOWED_SEGMENT.get(known or "", known) not in (segment, None):
             continue
-        # The marker belongs to another registered body between this one and its own.
+        # Another registered body, between this one and the marker's, has the marker.
         if any(peer.is_below(marked, b) and peer.is_below(b, body) for b in others):
             continue
         theirs.append(peer.compute_body_pose(marked, body).act(position))

@@ -49,7 +49,7 @@ COMPUTED_GROUPS = (*NON_POSITION_GROUPS, "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
 USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not show it")
 
-# ------------------------------------------------------------------------- ezc3d in its own process
+# ------------------------------------------------------------------------- ezc3d in another process
 
 # Longest start of the parser process (s); on a busy machine it loads its libraries slowly
 START_SECONDS = 120.0

@@ -1,6 +1,6 @@
 """Fit the human body meshes of example-robot-data to a subject; capsules replace missing meshes.
 
-Each mesh has its own unit and its origin at the proximal joint; x forward, y up, z to the right.
+Each mesh has another unit, and its origin at the proximal joint; x forward, y up, z to the right.
 The reference body (that package's `human.urdf`) gives the joint positions in each mesh. A limb mesh
 is scaled along its length, so that its joints meet the subject's joint centres, and across by a
 girth that depends on body mass and height. Pelvis and trunk are scaled to hip and shoulder centres.
@@ -121,7 +121,7 @@ def fit_body_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
 def _fit_limb(
     mesh: str, segment: str, ends: tuple[Array, Array], heights: tuple[float, float], across: float
 ) -> FittedMesh:
-    """Fit a mesh: its `heights` (own unit) go to the joint centres `ends` (proximal, distal)."""
+    """Fit a mesh: its `heights` (mesh units) go to the joint centres `ends` (proximal, distal)."""
     along = (ends[0] - ends[1]) / (heights[0] - heights[1])
     scale = float(np.linalg.norm(along))
     y = along / scale
