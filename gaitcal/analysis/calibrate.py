@@ -328,11 +328,10 @@ def _select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial
     excluded = state.force_diagnosis.faulty | fit_findings.list_trials_with_faulty_legs(
         state.checked
     )
-    usable = [
-        (t, t.reactions)
-        for t in state.trials
-        if t.reactions is not None and t.reactions.valid.any() and t.name not in excluded
-    ]
+    usable = []
+    for t in state.trials:
+        if t.reactions is not None and t.reactions.valid.any() and t.name not in excluded:
+            usable.append((t, t.reactions))
     with_trunk = [(t, r) for t, r in usable if not fit_findings.is_trunk_unmeasured(t.motion)]
     return with_trunk or usable
 

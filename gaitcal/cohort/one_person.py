@@ -149,11 +149,12 @@ def _describe_contradictions(
         ("mass_kg", person.options.mass, study.subject.mass),
         ("height_m", person.options.height, study.subject.height),
     )
-    found = [
-        f"{field} = {other:g} is given for the cohort; {value:g} of the study file is used"
-        for field, other, value in subject
-        if other is not None and abs(other / value - 1) > CONTRADICTION
-    ]
+    found = []
+    for name, other, value in subject:
+        if other is not None and abs(other / value - 1) > CONTRADICTION:
+            found.append(
+                f"{name} = {other:g} is given for the cohort; {value:g} of the study file is used"
+            )
     # Priors are compared by content, not by name.
     prior, priors = study.joint_prior, common.priors
     if prior is not None and priors is not None and prior.sha256 != compute_sha256(priors):

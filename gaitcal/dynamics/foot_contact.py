@@ -651,8 +651,8 @@ def select_overlapping_steps(
     steps: Sequence[FootContact], foot: int, frames: slice
 ) -> list[FootContact]:
     """Select the steps of a foot that overlap some frames."""
-    return [
-        s
-        for s in steps
-        if s.foot == foot and s.frames.start < frames.stop and frames.start < s.frames.stop
-    ]
+    out: list[FootContact] = []
+    for s in steps:
+        if s.foot == foot and s.frames.start < frames.stop and frames.start < s.frames.stop:
+            out.append(s)
+    return out

@@ -135,12 +135,13 @@ def _remove_misfits(
     shown = [*plates, *motion]
     used, findings = _remove_offset_events(inside, plates, motion)
     astray = [e for e in used if AGREE < abs(_measure_nearest(e, shown)) < RIVAL]
-    contradicted = [
-        e
-        for e in used
-        if e not in astray
-        and PLATE_OFFSET < abs(_measure_plate_difference(e, plates, motion)) < SAME_EVENT
-    ]
+    contradicted = []
+    for e in used:
+        if (
+            e not in astray
+            and PLATE_OFFSET < abs(_measure_plate_difference(e, plates, motion)) < SAME_EVENT
+        ):
+            contradicted.append(e)
     if astray:
         cause = "single events of the file do not agree with its forces and motion"
         names = ", ".join(_format_event(e) for e in astray)
@@ -379,9 +380,11 @@ def _estimate_common_offset(
     file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array
 ) -> float:
     """Estimate the shift (s) with which most events agree; among equals the smallest."""
-    steps = [
-        s.time - e.time for e in file for s in shown if s.side == e.side and s.moment is e.moment
-    ]
+    steps = []
+    for e in file:
+        for s in shown:
+            if s.side == e.side and s.moment is e.moment:
+                steps.append(s.time - e.time)
     if not steps:
         return 0.0
     best = max(

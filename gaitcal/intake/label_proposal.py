@@ -590,11 +590,10 @@ def _drop_lone_forearms(
     """
     segments = np.array(placed.body.segments)
     used = set(segments[placed.assignment[placed.assignment >= 0]].tolist())
-    lone = [
-        f"forearm_hand_{s}"
-        for s in SIDES
-        if f"forearm_hand_{s}" in used and not used & {f"upper_arm_{s}", "head_trunk"}
-    ]
+    lone = []
+    for s in SIDES:
+        if f"forearm_hand_{s}" in used and not used & {f"upper_arm_{s}", "head_trunk"}:
+            lone.append(f"forearm_hand_{s}")
     if not lone:
         return placed
     without = replace(evidence, allowed=evidence.allowed & ~np.isin(segments, lone))

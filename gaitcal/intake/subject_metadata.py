@@ -192,11 +192,10 @@ def _collect_dates(options: Options, files: Sequence[tuple[str, Facts]]) -> dict
 def _compute_age_by_dates(files: Sequence[tuple[str, Facts]]) -> KnownField | None:
     """Compute the age (years, one decimal) by the first plausible dates of birth and session."""
     ages = [(name, compute_age(facts.birth_date, facts.session_date)) for name, facts in files]
-    plausible = [
-        (name, round(age, 1))
-        for name, age in ages
-        if age is not None and 0.0 <= age <= GREATEST_AGE
-    ]
+    plausible = []
+    for name, age in ages:
+        if age is not None and 0.0 <= age <= GREATEST_AGE:
+            plausible.append((name, round(age, 1)))
     if not plausible:
         return None
     first, value = plausible[0]

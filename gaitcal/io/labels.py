@@ -424,11 +424,12 @@ def parse_events(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[FootEvent
     if times.ndim != 2 or times.shape[0] != 2:
         return ()
     seconds = 60.0 * times[0] + times[1]
-    events = [
-        FootEvent(EVENT_MOMENTS[label.lower()], SIDES[context.lower()], float(second))
-        for label, context, second in zip(labels, contexts, seconds, strict=False)
-        if label.lower() in EVENT_MOMENTS and context.lower() in SIDES and np.isfinite(second)
-    ]
+    events = []
+    for label, context, second in zip(labels, contexts, seconds, strict=False):
+        if label.lower() in EVENT_MOMENTS and context.lower() in SIDES and np.isfinite(second):
+            events.append(
+                FootEvent(EVENT_MOMENTS[label.lower()], SIDES[context.lower()], float(second))
+            )
     return tuple(sorted(events, key=lambda e: e.time))
 
 

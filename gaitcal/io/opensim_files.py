@@ -378,12 +378,11 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """
     time, values = tabulate_plates(plates)
     kinds = ("ground_force_{}_v", "ground_force_{}_p", "ground_moment_{}_m")
-    names = [
-        f"{kind.format(k + 1)}{axis}"
-        for k in range(len(plates))
-        for kind in kinds
-        for axis in "xyz"
-    ]
+    names = []
+    for k in range(len(plates)):
+        for kind in kinds:
+            for axis in "xyz":
+                names.append(f"{kind.format(k + 1)}{axis}")
     atomic.write_text_atomically(
         path, StorageTable(time, tuple(names), values, True).format_text(path.name)
     )

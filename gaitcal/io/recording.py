@@ -128,11 +128,10 @@ class Recording(Displayed):
         """
         import pandas as pd
 
-        columns = {
-            f"{name}_{axis}": self.markers[:, m, i]
-            for m, name in enumerate(self.labels)
-            for i, axis in AXES
-        }
+        columns = {}
+        for m, name in enumerate(self.labels):
+            for i, axis in AXES:
+                columns[f"{name}_{axis}"] = self.markers[:, m, i]
         return pd.DataFrame({"time": self.time, **columns})
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:

@@ -287,9 +287,9 @@ class MarkerSet(Displayed):
         for label, others in self.aliases.items():
             letters = {other.casefold() for other in others}
             there = [other for other in others if other in in_file]
-            there += [
-                other for other in given if other not in known and other.casefold() in letters
-            ]
+            for other in given:
+                if other not in known and other.casefold() in letters:
+                    there.append(other)
             if there and label not in in_file:
                 new_names[there[0]] = label
         taken = in_file | set(new_names.values())

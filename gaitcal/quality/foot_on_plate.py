@@ -216,11 +216,10 @@ def check_overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding
     feet = trial.feet
     if feet is None or step.plate.corners is None:
         return
-    surface = [
-        plate
-        for plate in trial.recording.plates
-        if plate is step.plate or has_known_outline(plate, BODY_N)
-    ]
+    surface = []
+    for plate in trial.recording.plates:
+        if plate is step.plate or has_known_outline(plate, BODY_N):
+            surface.append(plate)
     sole = foot_contact.build_sole(feet.build_points(trial.subject.height), step.foot, step.frames)
     still = sole.resting.any(axis=1) & feet.visible[step.frames, step.foot]
     if still.sum() < 3:

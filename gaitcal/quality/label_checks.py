@@ -162,5 +162,9 @@ def swap_sides(recording: Recording) -> Recording:
         With the label of its namesake for every marker that has one.
     """
     labels = recording.labels
-    other = {a: b for a in labels for b in labels if _is_right_of(a, b) or _is_right_of(b, a)}
+    other = {}
+    for a in labels:
+        for b in labels:
+            if _is_right_of(a, b) or _is_right_of(b, a):
+                other[a] = b
     return replace(recording, labels=tuple(other.get(label, label) for label in labels))

@@ -480,9 +480,10 @@ def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
     if trial.rebuilding is None or trial.model is None:
         return
     markers = trial.rebuilding.markers
-    doubted = [
-        m for m in markers if m.landmarks and (m.uncertainty > LANDMARK_M or m.unknown_marker)
-    ]
+    doubted = []
+    for m in markers:
+        if m.landmarks and (m.uncertainty > LANDMARK_M or m.unknown_marker):
+            doubted.append(m)
     for marker in doubted:
         cure = (
             "check the angles of that segment, or use a static trial in which the marker is visible"
@@ -737,17 +738,19 @@ def _find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
     """
     part, _, side = segment.partition("_")
     below = {"thigh": f"shank_{side}", "shank": f"foot_{side}"}.get(part)
-    return [
-        label
-        for label in _list_unknown_labels(trial)
-        if not is_unlabelled(label)
-        and _has_fixed_distances(trial, label, segment)
-        and not (
-            below
-            and trial.list_weighted_markers(below)
-            and _has_fixed_distances(trial, label, below)
-        )
-    ]
+    out: list[str] = []
+    for label in _list_unknown_labels(trial):
+        if (
+            not is_unlabelled(label)
+            and _has_fixed_distances(trial, label, segment)
+            and not (
+                below
+                and trial.list_weighted_markers(below)
+                and _has_fixed_distances(trial, label, below)
+            )
+        ):
+            out.append(label)
+    return out
 
 
 def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool:
@@ -760,12 +763,12 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
     }
     near_joint |= dict.fromkeys(trial.list_weighted_markers(segment), FIXED_DISTANCE_M)
     spread = [(_measure_scatter(trial, label, other), most) for other, most in near_joint.items()]
-    others = [
-        _measure_scatter(trial, label, m)
-        for s in linkage.SIDES
-        for m in trial.list_weighted_markers(f"foot_{s}")
-        + trial.list_weighted_markers(f"thigh_{s}")
-    ]
+    others = []
+    for s in linkage.SIDES:
+        for m in trial.list_weighted_markers(f"foot_{s}") + trial.list_weighted_markers(
+            f"thigh_{s}"
+        ):
+            others.append(_measure_scatter(trial, label, m))
     # in a trial without motion every distance is constant
     moved = max((s for s in others if s is not None), default=0.0)
     return (

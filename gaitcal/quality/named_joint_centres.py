@@ -54,11 +54,10 @@ def find_measured_markers(
     """
     window = find_still_window(standing, marker_set.labels).frames
     at = average_visible({m: standing.markers[window, i] for i, m in enumerate(standing.labels)})
-    named = {
-        n: m[0]
-        for n, m in resolve_marker_set(marker_set, standing).landmarks.items()
-        if len(m) == 1 and m[0] in at
-    }
+    named = {}
+    for n, m in resolve_marker_set(marker_set, standing).landmarks.items():
+        if len(m) == 1 and m[0] in at:
+            named[n] = m[0]
     if (
         not {f"{name}_{side}" for name in ("asis", "knee_lat", "ankle_lat") for side in SIDES}
         <= named.keys()

@@ -303,9 +303,10 @@ def measure_hip_height(trial: TrialEvidence) -> float | None:
 
     Returns: m; None if a landmark is missing.
     """
-    paths = [
-        trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES
-    ]
+    paths = []
+    for name in ("asis", "ankle_lat"):
+        for side in linkage.SIDES:
+            paths.append(trial.landmark(f"{name}_{side}"))
     if any(path is None for path in paths):
         return None
     up = np.array([path[:, 1] for path in paths if path is not None])

@@ -125,9 +125,11 @@ def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
     ends = [f"{name}_{side}" for name in ("ankle_lat", "heel", "knee_lat") for side in SIDES]
     feet = _list_heights(trial, ends)
     if not feet:
-        legs = [
-            m for s, labels in trial.marker_set.tracking.items() if s[:-2] in LEGS for m in labels
-        ]
+        legs = []
+        for s, labels in trial.marker_set.tracking.items():
+            if s[:-2] in LEGS:
+                for m in labels:
+                    legs.append(m)
         feet = list(
             trial.recording.markers[:, [trial.column[m] for m in legs if m in trial.column], 1].T
         )

@@ -244,11 +244,11 @@ def move_attachments(
 
 def _map_frames(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
     """Map the path of each body and offset frame to the bone's map in the axes of that frame."""
-    return {
-        path: bone.express_in(pose)
-        for body, bone in bones.items()
-        for path, pose, _ in document.list_frames(body)
-    }
+    out: dict[str, Bone] = {}
+    for body, bone in bones.items():
+        for path, pose, _ in document.list_frames(body):
+            out[path] = bone.express_in(pose)
+    return out
 
 
 def _find_parent_path(element: ET.Element) -> str:

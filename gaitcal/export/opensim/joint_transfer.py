@@ -257,13 +257,12 @@ class Transfer:
         calibrated = self.model.parameters
         parameters = self._draw_parameters(rng)
         bodies = {s: replace(r, pose=r.draw_pose(rng)) for s, r in self.bodies.items()}
-        unchanged = {
-            leg.ours: osim_registration.perturb_joint(
-                leg, self.peer, self.bodies, calibrated, parameters
-            )
-            for leg in self.legs
-            if self._is_undetermined(leg.ours)
-        }
+        unchanged = {}
+        for leg in self.legs:
+            if self._is_undetermined(leg.ours):
+                unchanged[leg.ours] = osim_registration.perturb_joint(
+                    leg, self.peer, self.bodies, calibrated, parameters
+                )
         other = replace(
             self,
             model=replace(self.model, parameters=parameters),
@@ -554,7 +553,11 @@ class Transfer:
 
     def _list_bodies_that_stay(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
         """List bodies with a moved joint whose attachments cannot follow; feet excepted."""
-        ends = [end for move in moves for end in (move.parent, move.child) if end is not None]
+        ends = []
+        for move in moves:
+            for end in (move.parent, move.child):
+                if end is not None:
+                    ends.append(end)
         moved = {end.body for end in ends if end.moved > joint_moves.UNMOVED_M}
         feet = set()
         for leg in self.legs:

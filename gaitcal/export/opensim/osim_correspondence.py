@@ -291,9 +291,10 @@ def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], kind:
     """
     joint, hip = leg[kind], leg.get("hip")
     # Coordinate -> axis of its rotation in the joint's frame.
-    axes = {
-        a.coordinate: a.axis for a in joint.axes or () if a.rotates and a.coordinate is not None
-    }
+    axes = {}
+    for a in joint.axes or ():
+        if a.rotates and a.coordinate is not None:
+            axes[a.coordinate] = a.axis
     flexes = kind != "subtalar" and len(axes) > 1
     if flexes and hip is not None and peer.is_below(joint.parent, hip.parent):
         z = (peer.compute_body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]

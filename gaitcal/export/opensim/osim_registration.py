@@ -130,9 +130,10 @@ def add_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
         for name, labels in marker_set.landmarks.items()
         if len(labels) == 1
     }
-    further = {
-        label: place for label, place in at.items() if place is not None and label not in m.labels
-    }
+    further = {}
+    for label, place in at.items():
+        if place is not None and label not in m.labels:
+            further[label] = place
     if not further:
         return model
     segments, places = zip(*further.values(), strict=True)

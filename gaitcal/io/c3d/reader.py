@@ -474,11 +474,10 @@ def _select_markers(
         raise FileFault(f"all {len(named)} named points are computed ones; markers are needed")
     names, repetition_notes = labelling.number_repetitions(spelt[i] for i in keep)
     numbers = _find_listed_as_computed(group, NON_POSITION_GROUPS)
-    places = {
-        spelt[i]: i
-        for i in named
-        if i not in set(keep) and labels[i] not in numbers and not labelling.is_number(spelt[i])
-    }
+    places = {}
+    for i in named:
+        if i not in set(keep) and labels[i] not in numbers and not labelling.is_number(spelt[i]):
+            places[spelt[i]] = i
     return keep, names, notes + prefix_notes + repetition_notes, places
 
 

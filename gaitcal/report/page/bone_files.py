@@ -192,11 +192,10 @@ def _split_polygons(corners: IntArray, ends: IntArray) -> IntArray:
     starts = np.concatenate([[0], ends[:-1]]) if len(ends) else ends
     if len(ends) and (np.any(np.diff(ends) < 0) or ends[0] < 0 or ends[-1] > len(corners)):
         raise ValueError("polygons beyond the corners")
-    fans = [
-        (corners[a], corners[k], corners[k + 1])
-        for a, b in zip(starts, ends, strict=True)
-        for k in range(a + 1, b - 1)
-    ]
+    fans = []
+    for a, b in zip(starts, ends, strict=True):
+        for k in range(a + 1, b - 1):
+            fans.append((corners[a], corners[k], corners[k + 1]))
     return np.array(fans, dtype=np.intp).reshape(-1, 3)
 
 

@@ -409,19 +409,20 @@ def add_doubts(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) 
     verdict = data["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
     code = page_data.explain_code(Code.RESULT_EDITED)
-    new = [
-        {
-            **code,
-            "severity": "warning",
-            "cause": cause,
-            "evidence": "",
-            "action": action,
-            "trials": [name],
-            "leg": "",
-        }
-        for name, cause, action in doubts
-        if (cause, name) not in known
-    ]
+    new = []
+    for name, cause, action in doubts:
+        if (cause, name) not in known:
+            new.append(
+                {
+                    **code,
+                    "severity": "warning",
+                    "cause": cause,
+                    "evidence": "",
+                    "action": action,
+                    "trials": [name],
+                    "leg": "",
+                }
+            )
     if not new:
         return dict(data)
     judgement = verdict["judgement"]
