@@ -74,8 +74,7 @@ def draw_figures(
         )
         charts = build_paper_charts(strides, signs, width_mm) if signs else []
         for table in _read_moment_arms(result, only or ()):
-            for one in build_moment_arm_charts(table, width_mm):
-                charts.append(one)
+            charts += build_moment_arm_charts(table, width_mm)
         charts = select_charts(charts, only or ())
         folder = out or result / FOLDER
         with result_folder.amend_result(folder) as stage:

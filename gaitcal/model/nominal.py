@@ -234,8 +234,7 @@ def _list_arm_markers(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str
     for side in sides:
         labels += marker_set.landmarks.get(f"acromion_{side}", ())
         for part in ("upper_arm", "forearm_hand"):
-            for m in marker_set.tracking.get(f"{part}_{side}", ()):
-                labels.append(m)
+            labels.extend(marker_set.tracking.get(f"{part}_{side}", ()))
     return [label for label in labels if marker_set.weight(label) > 0]
 
 

@@ -128,8 +128,7 @@ def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
         legs = []
         for s, labels in trial.marker_set.tracking.items():
             if s[:-2] in LEGS:
-                for m in labels:
-                    legs.append(m)
+                legs.extend(labels)
         feet = list(
             trial.recording.markers[:, [trial.column[m] for m in legs if m in trial.column], 1].T
         )
