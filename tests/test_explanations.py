@@ -27,7 +27,7 @@ PAGES = PACKAGE / "explanations" / "pages"
 LIST = Path(__file__).parent / "codes.txt"
 NEED_A_CODE = ("Finding", "InputError", "PersonError")
 """Calls that must name a code; `UsageError` and `ConvergenceError` have one each of their own."""
-LONGEST_LINES = 60
+LONGEST_LINES = 30
 
 
 def test_no_code_changes_its_meaning() -> None:
