@@ -569,7 +569,7 @@ def build_trial_problem(
         raise InputError(
             message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN
         )
-    basis = build_spline_basis(recording.time, rule.count_nodes(recording.time))
+    basis = build_spline_basis(recording.time, rule.count_control_points(recording.time))
     placed = marker_residual.PlacedMarkers(index, model.markers.local[chosen])
     data = marker_residual.MarkerData(
         placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight
