@@ -221,23 +221,9 @@ def fit_phase(
 ) -> PhaseResult:
     """Fit one phase.
 
-    Parameters
-    ----------
-    plan : PhasePlan
-        Trials and free parameters.
-    nominal : Parameters
-        Centre of the prior and of the bounds.
-    settings : JointSettings
-        Settings and prior.
-    present : Parameters, optional
-        Start of the search; `nominal` if not given.
-    known : ErrorSources, optional
-        Errors before the phase (`estimate_joints`).
-
-    Returns
-    -------
-    PhaseResult
-        Estimate, errors and findings.
+    `nominal`: centre of the prior and of the bounds. `present`: start of the search; `nominal` if
+    not given. `known`: errors before the phase (`estimate_joints`). Returns: estimate, errors and
+    findings.
     """
     fit = partial(
         estimate_joints,

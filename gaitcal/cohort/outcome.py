@@ -153,15 +153,7 @@ class Outcomes:
     def get_outcome(self, person: CohortPerson) -> Outcome:
         """Get the outcome of a person, as the run returned it or from the disk.
 
-        Parameters
-        ----------
-        person : CohortPerson
-            One session of a person.
-
-        Returns
-        -------
-        Outcome
-            A failure if there is none.
+        Returns: a failure if there is none.
         """
         cause = "its outcome was not found on the disk when the tables were written"
         found = self.failed.get(person.key) or read_outcome(self.out, person)
@@ -390,16 +382,7 @@ def process_person(task: Task) -> Outcome:
 def report_lost_person(task: Task, reason: str) -> Outcome:
     """Make and store the failure of a person in whose task a worker died several times.
 
-    Parameters
-    ----------
-    task : Task
-        The person.
-    reason : str
-        How the worker died.
-
-    Returns
-    -------
-    Outcome
+    `reason`: how the worker died.
     """
     cause = f"its worker process died: {reason}"
     action = f"use fewer --jobs, if memory is short; {AGAIN}"

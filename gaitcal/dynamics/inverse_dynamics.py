@@ -405,10 +405,7 @@ def compute_pelvis_residual(q: Array, forces: Array) -> Array:
 def compute_pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
     """Compute the axes of tilt, list and rotation, and their derivatives by tilt and by list.
 
-    Returns
-    -------
-    tuple of (nf, 3, 3) arrays
-        Laboratory axes, an axis in each row.
+    Returns: laboratory axes, an axis in each row.
     """
     ct, st, cl, sl = np.cos(q[:, 3]), np.sin(q[:, 3]), np.cos(q[:, 4]), np.sin(q[:, 4])
     zero, one = np.zeros(len(q)), np.ones(len(q))

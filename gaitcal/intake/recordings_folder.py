@@ -218,14 +218,7 @@ def _read_toml(file: FolderFile) -> FolderFile:
 def is_study(content: Mapping[str, object]) -> bool:
     """Return whether a TOML table is a study.
 
-    Parameters
-    ----------
-    content
-        Of the file.
-
-    Returns
-    -------
-    bool
+    `content`: of the file.
     """
     return "trial" in content or "subject" in content
 
@@ -264,14 +257,7 @@ def _try_reading_forces(path: Path) -> Forces | None:
 def find_marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
     """Find marker sets next to the folder, where laboratories keep one for all their subjects.
 
-    Parameters
-    ----------
-    folder
-        Its path.
-
-    Returns
-    -------
-    tuple of FolderFile
+    `folder`: its path.
     """
     above = folder.resolve().parent
     try:

@@ -249,14 +249,7 @@ def _choose_widths(
 def list_doubtful_figures(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
     """List figures of files for mass, height and widths that are in no plausible unit, each once.
 
-    Parameters
-    ----------
-    files
-        Name and facts of every file of the person.
-
-    Returns
-    -------
-    tuple of str
+    `files`: name and facts of every file of the person.
     """
     # of a figure in several files the first file is named
     first = {}

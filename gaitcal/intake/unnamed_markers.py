@@ -381,10 +381,7 @@ def _insert_side(text: str, side: str) -> str:
 def load_standing_bodies() -> tuple[BodyTemplate, ...]:
     """Load the body, once for each posture of the arms.
 
-    Returns
-    -------
-    tuple of BodyTemplate
-        With hanging arms first.
+    Returns: with hanging arms first.
     """
     table = read_toml(find_models_folder() / "body_places.toml")
     rows: list[tuple[str, str, str, str, list[float], float, float]] = []

@@ -231,10 +231,7 @@ def compute_pose_points(
 def refuse_origins(labels: Collection[str]) -> None:
     """Refuse points named as the segments of a body, as they do not show rotations.
 
-    Raises
-    ------
-    FileFault
-        All labels are names of segments.
+    Raises FileFault: all labels are names of segments.
     """
     segments = [VISUAL3D.get(label.lower(), "") for label in labels]
     if set(NEEDED_SEGMENTS) <= set(segments) and all(segments):

@@ -128,10 +128,7 @@ class MonteCarloSettings:
     def convert_to_json(self) -> Mapping[str, float]:
         """Convert to a flat dictionary of numbers, for the store of draws.
 
-        Returns
-        -------
-        mapping
-            Setting -> number.
+        Returns: setting -> number.
         """
         return asdict(self) | {"parameters": self.parameters.value}
 

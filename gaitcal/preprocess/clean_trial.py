@@ -195,19 +195,9 @@ def remove_spikes(
 ) -> tuple[Recording, Spikes]:
     """Remove single positions that jump away from their neighbours in time and come back.
 
-    Parameters
-    ----------
-    recording
-        Marker positions (nf, nm, 3) of one trial.
-    noise
-        Of markerless points; None for markers.
-
-    Returns
-    -------
-    recording : Recording
-        NaN at the removed positions.
-    spikes : dict
-        Marker -> number of removed positions, and the distance (m) of the largest jump.
+    `recording`: marker positions (nf, nm, 3) of one trial. `noise`: of markerless points; None for
+    markers. Returns: `recording` NaN at the removed positions; `spikes` marker -> number of removed
+    positions, and the distance (m) of the largest jump.
     """
     x, limit = recording.markers, compute_jump_limit(recording, noise)
     if len(x) < 5:

@@ -151,15 +151,7 @@ class Stance:
     def from_model(cls, model: SubjectModel) -> "Stance":
         """Take the posture of a saved model with all coordinates zero.
 
-        Parameters
-        ----------
-        model
-            Nominal or calibrated.
-
-        Returns
-        -------
-        Stance
-            Without knee axes.
+        Returns: without knee axes.
         """
         axes, origins = kinematics.compute_body_poses(
             model.parameters, np.zeros((1, len(linkage.COORDINATES)))

@@ -83,15 +83,7 @@ def _is_harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
 def check_sides(trial: TrialEvidence) -> Iterator[Finding]:
     """Report right markers that are to the left of their left namesakes, in the pelvis frame.
 
-    Parameters
-    ----------
-    trial
-        The trial as read.
-
-    Yields
-    ------
-    Finding
-        One error or warning, or nothing.
+    Yields one error or warning, or nothing.
     """
     if trial.pelvis is None:
         return

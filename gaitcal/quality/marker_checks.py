@@ -81,15 +81,7 @@ COMMON_FRAMES = 20  # Fewest frames in which both markers are visible
 def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers metres away from the body; they are left out there.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or a note if they have little weight.
+    Yields one warning, or a note if they have little weight.
     """
     if not trial.outliers:
         return
@@ -251,15 +243,7 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
 def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
     """Report a static trial with one posterior spine marker of two.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning for each such marker.
+    Yields one warning for each such marker.
     """
     if not trial.is_static or trial.model is None:
         return
@@ -278,15 +262,7 @@ def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
 def check_unknown_labels(trial: TrialEvidence) -> Iterator[Finding]:
     """Report labels that are not in the marker set; they are not used.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One note, or nothing.
+    Yields one note, or nothing.
     """
     strangers = _list_unknown_labels(trial)
     if strangers:
@@ -305,15 +281,7 @@ def _list_unknown_labels(trial: TrialEvidence) -> list[str]:
 def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     """Report labels that occur twice, and trajectories with two labels.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        A warning on labels, an error on trajectories.
+    Yields a warning on labels, an error on trajectories.
     """
     names = [label.rpartition("#")[0] for label in trial.recording.labels if "#" in label]
     twice = [name for name in names if name in trial.column]

@@ -142,15 +142,7 @@ def identify_computed_points(one: Array, other: Array, middle: Array) -> tuple[b
 def check_named_centres(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Report joint centres that have the labels of lateral markers.
 
-    Parameters
-    ----------
-    trials
-        All trials of the study.
-
-    Yields
-    ------
-    Finding
-        One error of the static trial, or nothing.
+    Yields one error of the static trial, or nothing.
     """
     static = next((t for t in trials if t.makes_model and t.model is not None), None)
     if static is None or static.marker_set.noise is not None:

@@ -318,15 +318,7 @@ def measure_hip_height(trial: TrialEvidence) -> float | None:
 def collect_landmarks(trial: TrialEvidence) -> dict[str, Array]:
     """Collect the landmarks of pelvis and legs in the still window of a static trial.
 
-    Parameters
-    ----------
-    trial
-        Any trial.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Landmark -> (3,) m; empty for a moving trial.
+    Returns: landmark -> (3,) m; empty for a moving trial.
     """
     used = {"sacrum", *(f"{name}_{side}" for name in ("asis", *LEG) for side in linkage.SIDES)}
     return {name: point for name, point in (trial.posture or {}).items() if name in used}
@@ -433,16 +425,7 @@ def _format_measures(found: Sequence[LandmarkMeasure]) -> str:
 def describe_labels(trial: TrialEvidence, landmark: str) -> str:
     """Name the markers of a landmark.
 
-    Parameters
-    ----------
-    trial
-        The static trial.
-    landmark
-        Name of a landmark, such as `knee_lat_r`.
-
-    Returns
-    -------
-    str
+    `landmark`: name of a landmark, such as `knee_lat_r`.
     """
     labels = trial.marker_set.landmarks.get(landmark, (landmark,))
     return " and ".join(f"'{label}'" for label in labels)

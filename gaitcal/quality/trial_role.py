@@ -79,15 +79,7 @@ def check_upright(trial: TrialEvidence) -> Iterator[Finding]:
     rotated by 180 deg about its forward axis: upside down. If the feet are above it, the vertical
     axis is reversed.
 
-    Parameters
-    ----------
-    trial
-        Any trial.
-
-    Yields
-    ------
-    Finding
-        One error, or nothing.
+    Yields one error, or nothing.
     """
     if trial.pelvis is None:
         return

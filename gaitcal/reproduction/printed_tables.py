@@ -98,14 +98,7 @@ class DrawSpread:
 def summarise_draws(values: Iterable[float]) -> DrawSpread:
     """Compute median and range of a figure over draws.
 
-    Parameters
-    ----------
-    values : iterable of float
-        One for each draw, at least one.
-
-    Returns
-    -------
-    DrawSpread
+    `values`: one for each draw, at least one.
     """
     array = np.array(list(values), dtype=float)
     return DrawSpread(float(np.median(array)), float(array.min()), float(array.max()), len(array))

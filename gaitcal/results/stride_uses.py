@@ -180,17 +180,7 @@ def average_toe_offs(uses: Iterable[StrideUse]) -> dict[str, float]:
 def build_use_columns(subject: Subject, uses: Iterable[StrideUse]) -> dict[str, Column]:
     """Build the columns of `strides.csv`.
 
-    Parameters
-    ----------
-    subject
-        Gives person and session.
-    uses
-        The strides.
-
-    Returns
-    -------
-    dict
-        `STRIDE_COLUMNS` by name.
+    Returns: `STRIDE_COLUMNS` by name.
     """
     rows = [
         (

@@ -294,14 +294,7 @@ class Ground:
 def make_walking_ground(phase: Array) -> Ground:
     """Make the floor under a walk whose feet are those of the nominal person.
 
-    Parameters
-    ----------
-    phase
-        (nf,) strides since a right heel strike.
-
-    Returns
-    -------
-    Ground
+    `phase`: (nf,) strides since a right heel strike.
     """
     feet = compute_feet(nominal.published_model().parameters, compute_nominal_curves(phase).q)
     right = _compute_right_share(phase)

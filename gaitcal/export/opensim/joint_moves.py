@@ -305,16 +305,7 @@ def summarise_muscle_points(
 ) -> tuple[MovedPoints, ...]:
     """Summarise the moved points of each muscle, the one with the farthest first.
 
-    Parameters
-    ----------
-    document : OsimDocument
-        Model file as it was read.
-    bones : mapping
-        Body -> its map.
-
-    Returns
-    -------
-    tuple of MovedPoints
+    `bones`: body -> its map.
     """
     out, bone_at = [], _map_frames(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():

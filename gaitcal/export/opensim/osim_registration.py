@@ -92,15 +92,7 @@ class Registration:
     def draw_pose(self, rng: np.random.Generator) -> pin.SE3:
         """Draw the pose of the body from its errors.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        pin.SE3
-            In our segment, m.
+        Returns: in our segment, m.
         """
         rotation = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
         translation = rng.normal(size=3) * np.sqrt(self.translation_variance)

@@ -142,14 +142,7 @@ def _undo_half_turn(motion: Element) -> pin.SE3:
 def make_axis_vector(element: Element) -> Array:
     """Make the unit axis of a coordinate, with its sign.
 
-    Parameters
-    ----------
-    element : Element
-        Elementary motion of the linkage.
-
-    Returns
-    -------
-    (3,) Array
+    Returns: (3,).
     """
     axis = np.zeros(3)
     axis[element.axis] = element.sign
@@ -159,16 +152,7 @@ def make_axis_vector(element: Element) -> Array:
 def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
     """Get the inertia of one segment.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        Inertial parameters.
-    segment : str
-        Segment; the talus has no mass.
-
-    Returns
-    -------
-    SegmentInertia
+    `segment`: segment; the talus has no mass.
     """
     if segment not in MASSIVE_SEGMENTS:
         return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
@@ -305,12 +289,7 @@ def add_child(
 def write_xml(root: ET.Element, path: Path | str) -> None:
     """Write an indented UTF-8 document, completely or not at all.
 
-    Parameters
-    ----------
-    root : ET.Element
-        Root of the document.
-    path : Path or str
-        File to write.
+    `path`: file to write.
     """
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")

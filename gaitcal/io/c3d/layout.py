@@ -341,15 +341,7 @@ def _name_parameter(name: str) -> str:
 def find_damage(content: bytes) -> str:
     """Describe the first damaged parameter of a C3D file.
 
-    Parameters
-    ----------
-    content
-        All bytes of the file.
-
-    Returns
-    -------
-    str
-        Empty if every record can be read.
+    Returns: empty if every record can be read.
     """
     try:
         for record in (record for record in parse_records(content) if not record.is_group):
@@ -367,15 +359,7 @@ def find_damage(content: bytes) -> str:
 def find_changed_parameters(source: bytes, target: bytes) -> tuple[str, ...]:
     """List the parameters of one C3D file that another lacks or holds with other types or values.
 
-    Parameters
-    ----------
-    source, target
-        All bytes of the two files.
-
-    Returns
-    -------
-    tuple of str
-        Names `GROUP:NAME`.
+    Returns: names `GROUP:NAME`.
     """
     old, new = _read_values(source), _read_values(target)
     return tuple(

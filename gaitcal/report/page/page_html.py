@@ -365,17 +365,7 @@ def append_page_data(data: Mapping[str, Any], further: Mapping[str, Any]) -> dic
 def select_trials(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     """Select some trials from page data, with the reasons about them.
 
-    Parameters
-    ----------
-    data
-        Page data of further trials.
-    names
-        Trials to keep.
-
-    Returns
-    -------
-    dict
-        Page data.
+    `data`: page data of further trials. Returns: page data.
     """
     trials = [trial for trial in data["trials"] if trial["name"] in names]
     about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]

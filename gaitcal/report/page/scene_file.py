@@ -83,10 +83,7 @@ _TRIAL_ARRAYS = tuple(_list_trial_shapes(0, 0, 0))
 def save_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene, whole or not at all.
 
-    Raises
-    ------
-    InputError
-        `path` cannot be written.
+    Raises InputError: `path` cannot be written.
     """
     arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
     for i, trial in enumerate(scene.trials):
@@ -117,10 +114,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
 def load_scene(path: Path | str) -> Scene:
     """Read a scene that `save_scene` wrote.
 
-    Raises
-    ------
-    InputError
-        The file is missing, or is not a scene.
+    Raises InputError: the file is missing, or is not a scene.
     """
     path = Path(path)
     try:
