@@ -101,7 +101,7 @@ def calibrate_study(
         )
     console.print_line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
-    # The result is written in any case; the exit code tells scripts that it must not be used.
+    # The result is written in any case; by the exit code a script knows that it must not be used.
     if verdict.judgement is Judgement.REFUSED and not force:
         raise _make_refusal_error(
             "the result is refused (it was written, with no torque valid)", verdict

@@ -433,6 +433,7 @@ def select_norm(subject: Subject, speed: float | None) -> Norm:
     if speed is None:
         remark = "No norm of curves: the walking speed, which selects it, is not known."
         return Norm(steps=steps, remark=remark)
+    # Dimensionless speed (Froude number's root): children of different size walk alike at the same.
     relative = speed / np.sqrt(GRAVITY * length)
     walk = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}"
     chosen = next((row for row in SPEEDS if SLOWEST <= relative < row.high), None)

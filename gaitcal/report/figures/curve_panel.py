@@ -129,6 +129,7 @@ def _draw(axes: Axes, panel: CurvePanel, letters: chart.Sizes) -> None:
                 color=colour,
                 linewidth=0,
             )
+    # Percent of the stride; other abscissas have limits by their data.
     if panel.x_label == CurvePanel.x_label:
         axes.set_xlim(0.0, 100.0)
         axes.set_xticks([0, 20, 40, 60, 80, 100])

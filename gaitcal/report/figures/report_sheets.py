@@ -212,6 +212,7 @@ def build_profile_chart(scores: Sequence[profile_score.Score], width: float) -> 
                 known = np.isfinite(s.error)
                 error = f" ± {s.error:.1f}" if known else ""
                 texts.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
+                # The score of both sides is printed, but has no bar.
                 if s.side in SIDES:
                     colour = chart.SIDE_COLOURS[s.side]
                     axes.barh(

@@ -144,6 +144,7 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
                 *_build_fit_cells(trial_result.summarise_leg_fit(trial)),
             ],
         )
+    # A functional trial that was fitted before gait may fit less well with the final joints.
     calibrated, final = trial.calibrated.errors.rms(), trial.final.errors.rms()
     if calibrated is not None and final is not None and abs(final - calibrated) >= SHOWN_CHANGE_M:
         sums.append(
