@@ -269,15 +269,7 @@ def list_trials_with_faulty_legs(checked: Sequence[Finding]) -> frozenset[str]:
 
     Their motion asks for forces that did not act.
 
-    Parameters
-    ----------
-    checked : sequence of Finding
-        Findings of the checks before the fit.
-
-    Returns
-    -------
-    frozenset of str
-        Names of trials.
+    `checked`: findings of the checks before the fit. Returns: names of trials.
     """
     return frozenset(
         f.where

@@ -301,17 +301,7 @@ def select_movable_parameters(
     A trial qualifies if it shows segments on both sides of the joint and its markers determine the
     joint's angles.
 
-    Parameters
-    ----------
-    problems : sequence of MotionProblem
-        The trials.
-    wanted : sequence of str
-        Joint parameters to select from.
-
-    Returns
-    -------
-    tuple of str
-        In the order of `wanted`.
+    `wanted`: joint parameters to select from. Returns: in the order of `wanted`.
     """
     passed = set()
     for problem in problems:

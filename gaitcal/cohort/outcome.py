@@ -179,17 +179,7 @@ def _make_failure(
 def read_outcome(out: Path, person: CohortPerson) -> Outcome | None:
     """Read the outcome of an earlier run.
 
-    Parameters
-    ----------
-    out : Path
-        Folder of the cohort.
-    person : CohortPerson
-        One session of a person.
-
-    Returns
-    -------
-    Outcome or None
-        None if there is none that can be read.
+    `out`: folder of the cohort. Returns: None if there is none that can be read.
     """
     content: dict[str, Any] = read_json_object(get_state_path(out, person.subfolder, ".json"))
     try:

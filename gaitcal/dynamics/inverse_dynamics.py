@@ -181,14 +181,7 @@ class Dynamics:
     def build_joint_states(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Build configurations, velocities and accelerations of all joints.
 
-        Parameters
-        ----------
-        q, v, a
-            (nf, 27) coordinates and their derivatives, m and rad.
-
-        Returns
-        -------
-        tuple of (nf, nv) arrays
+        `q`, `v`, `a`: (nf, 27) coordinates and their derivatives, m and rad.
         """
         at = self.body.chain.at_coordinates
         velocity, acceleration = (np.zeros((len(q), self.body.model.nv)) for _ in range(2))

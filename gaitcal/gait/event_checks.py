@@ -164,19 +164,7 @@ def check_corrected_events(
     All of them are used nevertheless. A foot without any event of a kind is warned of, as it has no
     strides, or none of their phases, in any table.
 
-    Parameters
-    ----------
-    events : sequence of FootEvent
-        Corrected events.
-    shown : sequence of FootEvent
-        Events of force plates and motion.
-    time : (nf,) Array
-        s, frames of the trial.
-
-    Returns
-    -------
-    tuple of Finding
-        Without the name of the trial.
+    `time`: (nf,) s, frames of the trial. Returns: without the name of the trial.
     """
     low, high = time[0] + EDGE, time[-1] - EDGE
     inside = [e for e in events if shown and low < e.time < high]

@@ -298,15 +298,7 @@ def describe_name_conflict(stem: str, role: tuple[str, str]) -> str:
 def make_trial_names(stems: Sequence[str]) -> list[str]:
     """Make trial names from file names: valid as file names, and unique whatever the case.
 
-    Parameters
-    ----------
-    stems
-        File names without ending.
-
-    Returns
-    -------
-    list of str
-        In the same order.
+    `stems`: file names without ending. Returns: in the same order.
     """
     out: list[str] = []
     for stem in stems:
@@ -549,15 +541,7 @@ def _measure_distance(points: Array, feet: Array) -> float | None:
 def compare_names(stem: str, table: str) -> float:
     """Compare two names without words that mean only `forces`.
 
-    Parameters
-    ----------
-    stem, table
-        File names without ending.
-
-    Returns
-    -------
-    float
-        Similarity, 0 to 1.
+    `stem`, `table`: file names without ending. Returns: similarity, 0 to 1.
     """
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()

@@ -350,15 +350,7 @@ def weigh_walking(plates: Sequence[ForcePlate]) -> float | None:
     body for that time. They are complete if both impulses are similar, and the third begins at its
     strike if both double supports last equally long.
 
-    Parameters
-    ----------
-    plates
-        Of the walk.
-
-    Returns
-    -------
-    float or None
-        kg, median over the strides; None without a stride.
+    Returns: kg, median over the strides; None without a stride.
     """
     # whole loadings of every plate: beginning, end and impulse
     steps = []

@@ -186,17 +186,7 @@ def _check_upright(
 def check_units(recording: Recording, marker_set: MarkerSet) -> str:
     """Check whether lengths are wrong by a power of ten, in any movement.
 
-    Parameters
-    ----------
-    recording
-        With the labels of the set.
-    marker_set
-        The set.
-
-    Returns
-    -------
-    str
-        The fault and its remedy; empty if the lengths are those of a body.
+    Returns: the fault and its remedy; empty if the lengths are those of a body.
     """
     pelvis, *feet = (
         compute_segment_middle(recording, marker_set, name)

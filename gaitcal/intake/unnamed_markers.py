@@ -353,16 +353,7 @@ class BodyTemplate:
     def replace_arm(self, side: str, other: "BodyTemplate") -> "BodyTemplate":
         """Return the body with one arm in the posture of another body.
 
-        Parameters
-        ----------
-        side
-            `r` or `l`.
-        other
-            The same body with other arms.
-
-        Returns
-        -------
-        BodyTemplate
+        `side`: `r` or `l`. `other`: the same body with other arms.
         """
         arm = [
             segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments

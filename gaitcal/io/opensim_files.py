@@ -50,20 +50,7 @@ USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not sho
 def read_trc(path: Path) -> Recording:
     """Read the markers of a TRC file.
 
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    Recording
-        Metres, y up.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read.
+    `path`: the file. Returns: metres, y up. Raises InputError: the file cannot be read.
     """
     return axes.make_y_up(parse_trc(path), USUAL_VERTICAL)
 

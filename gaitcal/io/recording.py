@@ -250,10 +250,7 @@ def replace_zeros(markers: Array) -> tuple[Array, tuple[str, ...]]:
 def require_plain_labels(recording: Recording) -> None:
     """Require marker and plate names that a text table can hold.
 
-    Raises
-    ------
-    FileFault
-        A name has control characters or is empty.
+    Raises FileFault: a name has control characters or is empty.
     """
     for name in (*recording.labels, *(plate.name for plate in recording.plates)):
         if clean_label(name) != name or not name:

@@ -295,17 +295,7 @@ def name_torque_column(torque: str, frame: ReactionFrame, measure: str) -> str:
 def name_marker_column(side: str, measure: str) -> str:
     """Name the column of a marker distance (mm).
 
-    Parameters
-    ----------
-    side : str
-        `r` or `l`.
-    measure : str
-        `rms` or `mean`.
-
-    Returns
-    -------
-    str
-        `markers_l.rms`.
+    `side`: `r` or `l`. `measure`: `rms` or `mean`. Returns: `markers_l.rms`.
     """
     return f"markers_{side}.{measure}"
 

@@ -187,14 +187,7 @@ class Stance:
     def drop_markers(self, labels: Collection[str]) -> "Stance":
         """Return the posture without markers that are no evidence of their static position.
 
-        Parameters
-        ----------
-        labels
-            Of markers that were reconstructed, not observed.
-
-        Returns
-        -------
-        Stance
+        `labels`: of markers that were reconstructed, not observed.
         """
         points: dict[str, dict[str, Array]] = {}
         for segment, placed in self.points.items():

@@ -201,17 +201,7 @@ def check_overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding
 
     Plates that touch each other are one surface.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-    step
-        A loading of a plate by a foot of this trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    `step`: a loading of a plate by a foot of this trial. Yields one warning, or nothing.
     """
     feet = trial.feet
     if feet is None or step.plate.corners is None:

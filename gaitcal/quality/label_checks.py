@@ -28,15 +28,7 @@ LEGS = ("thigh", "shank", "foot")
 def check_swapped_labels(trial: TrialEvidence) -> Iterator[Finding]:
     """Report labels that are swapped in a part of the trial, or in all of it.
 
-    Parameters
-    ----------
-    trial
-        The trial as read.
-
-    Yields
-    ------
-    Finding
-        One for each pair: a note if the swap was corrected or has no effect.
+    Yields one for each pair: a note if the swap was corrected or has no effect.
     """
     back = trial.restored_swaps
     for k, found in enumerate((*back, *trial.swapped_labels)):
@@ -143,15 +135,7 @@ def _is_right_of(a: str, b: str) -> bool:
 def swap_sides(recording: Recording) -> Recording:
     """Swap the labels of right and left.
 
-    Parameters
-    ----------
-    recording
-        Any recording.
-
-    Returns
-    -------
-    Recording
-        With the label of its namesake for every marker that has one.
+    Returns: with the label of its namesake for every marker that has one.
     """
     labels = recording.labels
     other = {}

@@ -100,15 +100,7 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
 def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers of the set that the file lacks, with similar labels of the file.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        A warning on markers that torques need, a note on others.
+    Yields a warning on markers that torques need, a note on others.
     """
     absent = [label for label in trial.expected if label not in trial.column]
     needed = [] if trial.is_isolated else [label for label in absent if _is_needed(trial, label)]
@@ -158,15 +150,7 @@ def check_base_segment(trial: TrialEvidence) -> Iterator[Finding]:
     The base segment is the pelvis or, if it is hidden, the segment proximal to a functional trial's
     joint.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        An error; a note if another segment replaces the pelvis.
+    Yields an error; a note if another segment replaces the pelvis.
     """
     if trial.is_static or trial.model is None:
         return
@@ -318,15 +302,7 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
 def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
     """Report segments of the legs, and other tracked ones, without a visible marker with weight.
 
-    Parameters
-    ----------
-    trial
-        A whole-body trial; others are not checked.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    `trial`: a whole-body trial; others are not checked. Yields one warning, or nothing.
     """
     if not trial.is_whole_body or trial.model is None:
         return
@@ -358,15 +334,7 @@ def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
 def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Report long gaps, markers that are missing most of the time, and gaps of the pelvis.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        A warning if a segment keeps too few other markers; otherwise notes.
+    Yields a warning if a segment keeps too few other markers; otherwise notes.
     """
     used = {m for m in trial.as_fitted.present if trial.is_ever_visible(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
@@ -501,15 +469,7 @@ def check_not_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
 def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers of a static trial that are not at their segment.
 
-    Parameters
-    ----------
-    trial
-        The trial; moving trials are not checked.
-
-    Yields
-    ------
-    Finding
-        One error, or nothing.
+    `trial`: the trial; moving trials are not checked. Yields one error, or nothing.
     """
     lines, height = _locate_segment_lines(trial), trial.subject.height
     wrong = []

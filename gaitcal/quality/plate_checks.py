@@ -237,15 +237,7 @@ def check_corners(trial: TrialEvidence) -> Iterator[Finding]:
 def check_time_overlap(trial: TrialEvidence) -> Iterator[Finding]:
     """Report plates whose times do not overlap with those of the markers.
 
-    Parameters
-    ----------
-    trial
-        A whole-body trial; others are not checked.
-
-    Yields
-    ------
-    Finding
-        One error, or nothing.
+    `trial`: a whole-body trial; others are not checked. Yields one error, or nothing.
     """
     time = trial.recording.time
     for plate in trial.recording.plates if trial.is_whole_body else ():

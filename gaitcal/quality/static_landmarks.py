@@ -234,15 +234,7 @@ def _fit_displacement(
 def check_proportions(trial: TrialEvidence) -> Iterator[Finding]:
     """Report landmarks of a static trial that are swapped or displaced, and a wrong body height.
 
-    Parameters
-    ----------
-    trial
-        The trial; moving trials are not checked.
-
-    Yields
-    ------
-    Finding
-        Errors, warnings and notes.
+    `trial`: the trial; moving trials are not checked. Yields errors, warnings and notes.
     """
     p = collect_landmarks(trial)
     if not p:

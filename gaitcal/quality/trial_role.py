@@ -493,15 +493,7 @@ def check_straight_legs(trial: TrialEvidence) -> Iterator[Finding]:
 def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Check that further static trials show the same body as the first.
 
-    Parameters
-    ----------
-    trials
-        All trials of the study.
-
-    Yields
-    ------
-    Finding
-        One for each further static trial: a note if it agrees.
+    Yields one for each further static trial: a note if it agrees.
     """
     standing = [trial for trial in trials if trial.is_static]
     if not standing:

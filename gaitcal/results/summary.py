@@ -180,15 +180,7 @@ STATIC_ANGLES = "static_angles_deg"
 def summarise_calibration(calibration: Calibration) -> dict[str, Json]:
     """Build the content of `summary.json`.
 
-    Parameters
-    ----------
-    calibration
-        A finished calibration.
-
-    Returns
-    -------
-    dict
-        Lengths in mm, forces in N, torques in N·m, times in s.
+    Returns: lengths in mm, forces in N, torques in N·m, times in s.
     """
     means = summarise_means(calibration.trials)
     return {

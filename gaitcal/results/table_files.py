@@ -99,15 +99,7 @@ def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
 def convert_to_columns(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
     """Convert rows with the same names to columns.
 
-    Parameters
-    ----------
-    rows
-        Name -> value.
-
-    Returns
-    -------
-    dict
-        Name -> values; empty without rows.
+    `rows`: name -> value. Returns: name -> values; empty without rows.
     """
     columns: dict[str, list[Any]] = {}
     for row in rows:

@@ -117,17 +117,7 @@ class FeetOnGround:
 def compute_feet(parameters: Parameters, q: Array) -> FeetOnGround:
     """Compute the points of both feet and their Jacobians.
 
-    Parameters
-    ----------
-    parameters
-        Of the linkage.
-    q
-        (nf, nq) coordinates, m and rad.
-
-    Returns
-    -------
-    FeetOnGround
-        In the laboratory.
+    `q`: (nf, nq) coordinates, m and rad. Returns: in the laboratory.
     """
     chain = get_chain()
     placed = Kinematics(chain.body(parameters), q)

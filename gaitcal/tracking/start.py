@@ -66,17 +66,7 @@ def find_start_coefficients(body: LinkageModel, data: MarkerData, basis: SplineB
 def find_start_coordinates(body: LinkageModel, data: MarkerData) -> Array:
     """Find coordinates from rigid fits, continuous in time.
 
-    Parameters
-    ----------
-    body
-        Linkage with its joint parameters.
-    data
-        Markers.
-
-    Returns
-    -------
-    (nf, nq) array
-        m, rad.
+    `body`: linkage with its joint parameters. Returns: (nf, nq) m, rad.
     """
     chain, links = body.chain, _Links(body)
     nf = data.measured.shape[-1]

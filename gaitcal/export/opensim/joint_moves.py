@@ -105,15 +105,7 @@ class Bone:
     def map_point(self, x: Array) -> Array:
         """Map a point of the bone to its new position.
 
-        Parameters
-        ----------
-        x : (3,) Array
-            m, in the body.
-
-        Returns
-        -------
-        (3,) Array
-            m, x' of the module.
+        `x`: (3,) m, in the body. Returns: (3,) m, x' of the module.
         """
         from_middle = x - self.middle_before
         long = self.direction * float(self.direction @ from_middle)
@@ -146,19 +138,7 @@ def find_moved_bones(
 ) -> dict[str, Bone]:
     """Find the bodies between two of our joints, at least one of which moved.
 
-    Parameters
-    ----------
-    moves : sequence of JointMove
-        Outcome of each joint.
-    peer : PeerModel
-        Model as it was read.
-    legs : sequence of LegJoint
-        Joints of the model that correspond to ours.
-
-    Returns
-    -------
-    dict
-        Body -> its map.
+    `legs`: joints of the model that correspond to ours. Returns: body -> its map.
     """
     # Body -> centre of each of its joints, before and after.
     ends: dict[str, list[tuple[Array, Array]]] = {}

@@ -624,16 +624,7 @@ def find_segment(body: str) -> str | None:
 def match_label(label: str, candidates: tuple[str, ...]) -> str | None:
     """Match a label: the same one, or the only one that differs in case and punctuation only.
 
-    Parameters
-    ----------
-    label : str
-        Label to be found.
-    candidates : tuple of str
-        Labels of the other model.
-
-    Returns
-    -------
-    str or None
+    `label`: label to be found. `candidates`: labels of the other model.
     """
     if label in candidates:
         return label

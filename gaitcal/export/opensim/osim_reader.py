@@ -136,15 +136,7 @@ class OsimDocument:
     def list_attached_elements(self, joint: str) -> list[str]:
         """List elements that are fixed to a frame of this joint and move with it.
 
-        Parameters
-        ----------
-        joint : str
-            Name of the joint.
-
-        Returns
-        -------
-        list of str
-            Names of the elements.
+        `joint`: name of the joint. Returns: names of the elements.
         """
         elements = self.find_joint(joint).findall("frames/*")
         frames = tuple({f"{joint}/{frame.get('name')}" for frame in elements})
@@ -449,19 +441,7 @@ def read_osim(path: Path | str) -> PeerModel:
 def build_peer_model(document: OsimDocument) -> PeerModel:
     """Build bodies, joints and markers from a document.
 
-    Parameters
-    ----------
-    document : OsimDocument
-        Model file as it was read.
-
-    Returns
-    -------
-    PeerModel
-
-    Raises
-    ------
-    InputError
-        The document contains something unknown.
+    Raises InputError: the document contains something unknown.
     """
     model, path = document.model, document.source
     masses: dict[str, float] = {}

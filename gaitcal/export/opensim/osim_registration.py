@@ -75,15 +75,7 @@ class Registration:
     def compute_point_covariance(self, point: Array) -> Array:
         """Compute the covariance of a point as a position in the body.
 
-        Parameters
-        ----------
-        point : (3,) Array
-            m, in our segment.
-
-        Returns
-        -------
-        (3, 3) Array
-            m^2, axes of our segment.
+        `point`: (3,) m, in our segment. Returns: (3, 3) m^2, axes of our segment.
         """
         arm = pin.skew(point - self.centre)
         out: Array = self.translation_variance * np.eye(3) + arm @ self.rotation_covariance @ arm.T

@@ -95,15 +95,7 @@ class SegmentInertia:
 def list_joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
     """List all 14 joints of the Pinocchio model, each after the joint of its parent.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        Joint parameters.
-
-    Returns
-    -------
-    tuple of JointFrames
-        The first is that of the pelvis in the laboratory.
+    Returns: the first is that of the pelvis in the laboratory.
     """
     root = Joint("ground_pelvis", GROUND, "pelvis", make_root_elements("pelvis"))
     body = get_chain().body(parameters)
@@ -163,15 +155,7 @@ def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
 def convert_to_body_fixed_xyz(rotation: Array) -> Array:
     """Convert a rotation to body-fixed x-y-z angles, as in OpenSim's `orientation`.
 
-    Parameters
-    ----------
-    rotation : (3, 3) Array
-        R = Rx(a) Ry(b) Rz(c).
-
-    Returns
-    -------
-    (3,) Array
-        rad, a, b, c.
+    `rotation`: (3, 3) R = Rx(a) Ry(b) Rz(c). Returns: (3,) rad, a, b, c.
     """
     a = np.arctan2(-rotation[1, 2], rotation[2, 2])
     # Ry(b) Rz(c), see the module.
@@ -198,15 +182,7 @@ def convert_to_space_fixed_xyz(rotation: Array) -> Array:
 def convert_from_body_fixed_xyz(angles: Array) -> Array:
     """Convert body-fixed x-y-z angles to a rotation.
 
-    Parameters
-    ----------
-    angles : (3,) Array
-        rad, a, b, c.
-
-    Returns
-    -------
-    (3, 3) Array
-        Rx(a) Ry(b) Rz(c).
+    `angles`: (3,) rad, a, b, c. Returns: (3, 3) Rx(a) Ry(b) Rz(c).
     """
     a, b, c = (float(angle) for angle in angles)
     rotation: Array = make_axis_rotation(0, a) @ make_axis_rotation(1, b) @ make_axis_rotation(2, c)

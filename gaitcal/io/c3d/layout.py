@@ -195,15 +195,7 @@ def find_sample_layout(
 def read_long_number(parts: Any) -> int | None:
     """Read a number from two 16-bit values (the lower first) or from one float.
 
-    Parameters
-    ----------
-    parts
-        One or two numbers.
-
-    Returns
-    -------
-    int or None
-        None if there is no such number.
+    `parts`: one or two numbers. Returns: None if there is no such number.
     """
     values = np.asarray(parts, dtype=np.float64).ravel()
     if not 1 <= len(values) <= 2 or not np.isfinite(values).all():

@@ -331,10 +331,7 @@ def _find_files() -> dict[str, Path]:
 def read_stl(content: bytes) -> Mesh:
     """Read a binary STL and join equal corners.
 
-    Raises
-    ------
-    ValueError
-        The content is not a binary STL, or is truncated.
+    Raises ValueError: the content is not a binary STL, or is truncated.
     """
     # Binary STL: 80 bytes of header, the number of triangles, then 50 bytes for each.
     count = int.from_bytes(content[80:84], "little")
