@@ -445,7 +445,7 @@ def _fit_in_frames(
         if lent is not None:
             name, position, path = lent
             labels, static, paths = [*labels, name], [*static, position], [*paths, path]
-        # in the second fit, what was near the static posture throughout stays
+        # in the second fit, segments near the static posture throughout stay as they are
         if near and segment not in near and lent is None:
             if segment in before:
                 out[segment] = before[segment]

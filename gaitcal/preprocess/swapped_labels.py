@@ -95,7 +95,7 @@ def find_swapped_labels(
             found[pair] = swap
         if known is not None:
             found[pair] = replace(found[pair], frames=known.frames | swap.frames)
-    # jumps are exact to the frame: they replace what lengths show
+    # jumps are exact to the frame: they replace intervals by lengths
     for swap in find_swaps_by_jumps(recording, templates, noise):
         found[frozenset((swap.label, swap.other))] = swap
     return tuple(found.values())

@@ -79,7 +79,7 @@ class MarkerData:
     weight: Array  # (nm, nf) >= 0
     # (nm, 3, nf) m, how far each marker is from its place, in its segment's axes
     shift: Array | None = None
-    # what joints do besides moving along their coordinates
+    # movement of joints besides that along their coordinates
     secondary: SecondaryMotion | None = None
 
     @property

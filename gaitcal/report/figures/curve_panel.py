@@ -40,7 +40,7 @@ class CurvePanel:
     title: str
     unit: str
     senses: tuple[str, str] = ("", "")
-    """What positive and negative values mean, below the title."""
+    """Meaning of positive and negative values, below the title."""
     x: Array = field(default_factory=lambda: np.arange(float(POINTS)))
     x_label: str = "gait cycle (%)"
     mean: Mapping[str, Array]  # (n,)
@@ -74,7 +74,7 @@ class CurvePanel:
         letters
             Sizes of letters.
         label
-            What it shows, for readers who cannot see it.
+            Description for readers who cannot see it.
         """
         return chart.Panel(label, partial(_draw, panel=self, letters=letters), size)
 

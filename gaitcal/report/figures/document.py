@@ -86,7 +86,7 @@ class ReportContent:
     joints: tuple[tuple[str, ...], ...]
     """Head, then a row for each joint: its displacement by calibration."""
     undetermined: tuple[str, ...]
-    """What the recordings do not determine."""
+    """Parameters that the recordings do not determine."""
     comments: Mapping[str, str]
     """Section (`COMMENT_SECTIONS`) -> comment of the user."""
     footer: str
@@ -106,7 +106,7 @@ class ComparisonContent:
     people: tuple[
         tuple[str, ...], ...
     ]  # Head with the names of both sessions, then label and value of each
-    sentences: tuple[str, ...]  # Warnings, then what differs
+    sentences: tuple[str, ...]  # Warnings, then differences
     scores: tuple[
         tuple[str, ...], ...
     ]  # Head, then a row for each angle or score: before, after, difference
@@ -133,7 +133,7 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     Parameters
     ----------
     content
-        What the report contains.
+        Content of the report.
     path
         The file.
 

@@ -46,9 +46,8 @@ class Sheet:
     without: str  # Why there is no curve in any panel, where there is none
     comment: str
     thick: str = "mean ± 1 standard error"
-    thin: str = (
-        "thin: strides, vertical: toe-off"  # What thick lines with their bands are, and thin ones
-    )
+    # Meaning of thick lines with their bands, and of thin ones
+    thin: str = "thin: strides, vertical: toe-off"
 
     @property
     def has_curves(self) -> bool:

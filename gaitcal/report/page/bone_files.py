@@ -53,8 +53,8 @@ _FILES: dict[str, tuple[tuple[str, ...], int]] = {
     "skull": (("hat_skull",), 2200),
     "jaw": (("hat_jaw",), 600),
 }
-"""Bone, by its name in a page -> what its file may be called without ending, and how many triangles
-of it are shown.
+"""Bone, by its name in a page -> possible names of its file without ending, and number of triangles
+on the page.
 """
 _WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}  # Parts of `spine`
 NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")

@@ -35,7 +35,7 @@ SCRIPTS = (
     "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "events.js",
     "comments.js", "print.js", "page.js",
 )  # fmt: skip
-"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all
+"""In the order in which they run: the body in 3-D; visible parts; curves; tables; all
 together.
 """
 STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
@@ -59,12 +59,12 @@ COHORT_SCRIPTS: Final = (
     ),
     *("cohort/distributions.js", "cohort/means.js", "cohort/cohort.js"),
 )
-"""In the order in which they run: what `result.html` has too; people and what is chosen; each part;
+"""In the order in which they run: scripts of `result.html`; people and selections; each part;
 all together.
 """
 COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
 COHORT_DATA: Final = ("CURVES", "COHORT")
-"""What `cohort.html` is of: packed mean curves, and everything else as JSON, in the order of the
+"""Data of `cohort.html`: packed mean curves, and everything else as JSON, in the order of the
 file.
 """
 PLOTS = "libraries/uPlot"  # The library that draws curves
