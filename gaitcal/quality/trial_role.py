@@ -117,7 +117,7 @@ def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
     ends = [f"{name}_{side}" for name in ("ankle_lat", "heel", "knee_lat") for side in SIDES]
     feet = _list_heights(trial, ends)
     if not feet:
-        legs = []
+        legs: list[str] = []
         for s, labels in trial.marker_set.tracking.items():
             if s[:-2] in LEGS:
                 legs.extend(labels)
