@@ -5,7 +5,7 @@ from html import escape
 
 
 class Displayed:
-    """Base class of what users print: a title and a few lines, each a label and a value.
+    """Base class of objects that users print: a title and a few lines, each a label and a value.
 
     A dataclass that derives from it needs `repr=False`, else the decorator writes all fields out.
     """

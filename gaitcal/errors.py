@@ -192,7 +192,7 @@ class GaitcalError(Exception):
 
 
 class InputError(GaitcalError):
-    """Faulty input. The message is one line: file, field, what was found, what is allowed."""
+    """Faulty input. The message is one line: file, field, value found, allowed values."""
 
     code = Code.INPUT
     """Default; raise with a more specific code."""
@@ -323,13 +323,13 @@ class Finding:
     where: str = ""
     """Name of the trial, or `study`; empty if the caller knows the trial."""
     found: str
-    """Evidence: what was found, with numbers."""
+    """Evidence, with numbers."""
     cure: str = ""
-    """Remedy: what to do; empty if nothing needs to be done."""
+    """Remedy; empty if nothing needs to be done."""
     source: str = ""
     """The file at fault."""
     cause: str = ""
-    """What is wrong, as a clause ("the heel marker R_Heel is displaced"); empty if topic and
+    """The fault, as a clause ("the heel marker R_Heel is displaced"); empty if topic and
     evidence suffice. Findings with one cause are reported once."""
     leg: str = ""
     """`r` or `l` if it concerns one leg alone."""
@@ -339,19 +339,19 @@ class Finding:
 
     @property
     def evidence(self) -> str:
-        """The cause, if any, and what was found."""
+        """The cause, if any, and the evidence."""
         return f"{self.cause}: {self.found}" if self.cause else self.found
 
     @property
     def line(self) -> str:
-        """The finding in one line: file, trial, what was found, what to do."""
+        """The finding in one line: file, trial, evidence, remedy."""
         place = self.where if self.where == STUDY else f"trial '{self.where}'"
         parts = [part for part in (self.source, place, self.topic) if part]
         return f"{': '.join(parts)}: {self.evidence}" + (f"; {self.cure}" if self.cure else "")
 
     @classmethod
     def from_error(cls, fault: InputError, where: str, source: str, topic: str) -> "Finding":
-        """Make a finding of an InputError, whose text already contains what is allowed."""
+        """Make a finding of an InputError, with a text that already contains the allowed values."""
         text = str(fault).removeprefix(f"{source}: ")
         return cls(
             code=fault.code,

@@ -215,7 +215,7 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
         return self
 
     def save(self, path: Path | str) -> None:
-        """Write what is shown as one HTML file that opens offline, and plays if the viewer does.
+        """Write the shown scene as one HTML file that opens offline, and plays if the viewer does.
 
         Raises InputError: `path` cannot be written.
         """

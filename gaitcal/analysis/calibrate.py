@@ -97,9 +97,9 @@ def calibrate(
         Also compute the held-out error (`analysis/fit_joints.py`), which takes four more fits of
         the joint parameters.
     checked : sequence of Finding, optional
-        What `gaitcal.check_study` found; the study is checked here if it is not given. Errors among
-        it do not stop the calibration, but its verdict is "refused" then: no torque counts as
-        valid, and no error bar is given.
+        Findings of `gaitcal.check_study`; the study is checked here if they are not given. Errors
+        among them do not stop the calibration, but its verdict is "refused" then: no torque counts
+        as valid, and no error bar is given.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def calibrate_preprocessed(
     preprocessed : PreprocessedStudy
         From `preprocess_study`.
     checked : sequence of Finding
-        What `check_preprocessed` found.
+        Findings of `check_preprocessed`.
     progress : callable
         Called with a line of text at the beginning of each step.
     compute_held_out : bool
@@ -255,7 +255,7 @@ def _assemble_calibration(state: CalibrationState, study: Study, progress: Progr
     Returns
     -------
     Calibration
-        Compared with the truth if the study declares it; without what its verdict refuses.
+        Compared with the truth if the study declares it; without results that its verdict refuses.
     """
     progress("standard errors and inverse dynamics")
     results = tuple(assemble_trial_result(t, state) for t in state.trials)
@@ -297,7 +297,7 @@ def _assemble_calibration(state: CalibrationState, study: Study, progress: Progr
 def _collect_notes(
     state: CalibrationState, results: Sequence[TrialResult], after_fit: Sequence[Finding]
 ) -> tuple[str, ...]:
-    """Collect what was assumed: by model, fits and trials, and the findings that are notes."""
+    """Collect the assumptions: of model, fits and trials, and the findings that are notes."""
     joint, inertial = state.joint, state.inertial
     return (
         *state.model.notes,
@@ -328,11 +328,10 @@ def _select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial
     excluded = state.force_diagnosis.faulty | fit_findings.list_trials_with_faulty_legs(
         state.checked
     )
-    usable = [
-        (t, t.reactions)
-        for t in state.trials
-        if t.reactions is not None and t.reactions.valid.any() and t.name not in excluded
-    ]
+    usable = []
+    for t in state.trials:
+        if t.reactions is not None and t.reactions.valid.any() and t.name not in excluded:
+            usable.append((t, t.reactions))
     with_trunk = [(t, r) for t, r in usable if not fit_findings.is_trunk_unmeasured(t.motion)]
     return with_trunk or usable
 
@@ -472,7 +471,7 @@ def _fit_together(
 def _factor_inertial_errors(state: CalibrationState) -> Array | None:
     """Compute (84, n) R with covariance R R^T of the inertial parameters; None if unknown.
 
-    It is the covariance of the fit, and that of the population for what the fit keeps.
+    It is the covariance of the fit, and that of the population for parameters that the fit keeps.
     """
     inertial, nominal = state.inertial, state.parameters.inertial
     which = _choose_inertial_set(state.settings)

@@ -237,17 +237,7 @@ def check_unmeasured_mass(
 
     It is a note: torques of the legs do not depend on it.
 
-    Parameters
-    ----------
-    results : sequence of TrialResult
-        The trials of a calibration.
-    parameters : Parameters
-        With the nominal masses.
-
-    Yields
-    ------
-    Finding
-        At most one.
+    Yields: at most one.
     """
     walks = [t for t in results if t.joint is None and t.loads is not None and t.loads.residuals]
     unmeasured = [t for t in walks if is_trunk_unmeasured(t.motion)]
@@ -279,15 +269,7 @@ def list_trials_with_faulty_legs(checked: Sequence[Finding]) -> frozenset[str]:
 
     Their motion asks for forces that did not act.
 
-    Parameters
-    ----------
-    checked : sequence of Finding
-        What the checks found before the fit.
-
-    Returns
-    -------
-    frozenset of str
-        Names of trials.
+    `checked`: findings of the checks before the fit. Returns: names of trials.
     """
     return frozenset(
         f.where
@@ -301,15 +283,7 @@ def diagnose_forces(state: CalibrationState) -> ForceDiagnosis:
 
     A trial whose markers are in doubt by the checks has a doubtful motion.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-
-    Returns
-    -------
-    ForceDiagnosis
-        Empty if the nominal bodies are impossible.
+    Returns: empty if the nominal bodies are impossible.
     """
     model, checked = state.model, state.checked
     # A motion that is wrong itself cannot accuse the forces.
@@ -340,15 +314,7 @@ def diagnose_forces(state: CalibrationState) -> ForceDiagnosis:
 def note_trials_without_masses(state: CalibrationState) -> list[str]:
     """Note the trials that are left out of the inertial fit, and why.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-
-    Returns
-    -------
-    list of str
-        One note for each reason.
+    Returns: one note for each reason.
     """
     faulty = state.force_diagnosis.faulty
     faulty_legs = list_trials_with_faulty_legs(state.checked)

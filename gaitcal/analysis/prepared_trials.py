@@ -56,11 +56,11 @@ class MovingTrial(Trial):
     whole_body_problem: MotionProblem
     """The whole body, with the bandwidth of the final motion."""
     reported_problem: MotionProblem
-    """What marker errors are reported of: the segments of a functional trial's joint alone, or the
-    whole body.
+    """Problem of the reported marker errors: the segments of a functional trial's joint alone, or
+    the whole body.
     """
     joint_fit_problem: MotionProblem
-    """What joint parameters are fitted to: `reported_problem`, or pelvis and legs if all trials are
+    """Problem of the joint fit: `reported_problem`, or pelvis and legs if all trials are
     fitted at once.
     """
     tissue: SoftTissue | None = None
@@ -169,7 +169,7 @@ class MovingTrial(Trial):
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationState:
-    """What one stage of a calibration hands on to the next."""
+    """State that one stage of a calibration hands on to the next."""
 
     model: SubjectModel
     """The person: nominal in a calibration, calibrated if further trials are analysed."""
@@ -182,7 +182,7 @@ class CalibrationState:
     prior: JointPrior = field(default_factory=lambda: joint_prior.combine_joint_priors({}))
     """Of anatomy, study and cohort."""
     checked: tuple[Finding, ...] = ()
-    """What the checks found before the fits."""
+    """Findings of the checks before the fits."""
     possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
     """Trial -> segment -> possible displacement of its markers since the static trial."""
     findings: tuple[Finding, ...] = ()
@@ -212,7 +212,7 @@ def prepare_calibration(
     preprocessed : PreprocessedStudy
         From `preprocess_study`.
     checked : sequence of Finding
-        What the checks found.
+        Findings of the checks.
 
     Returns
     -------

@@ -153,7 +153,7 @@ class TrialResult(Displayed):
     held_out: HeldOut | None = None
     """Error on frames that were not used in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
-    """Cut-off frequency of `motion`, and what chose it."""
+    """Cut-off frequency of `motion`, and the data that chose it."""
     events: GaitEvents = field(default=GaitEvents())
     """Foot strikes and foot offs, each with its source; none in a functional trial."""
     strides: tuple[spatiotemporal.Stride, ...] = ()
@@ -233,7 +233,7 @@ class TrialResult(Displayed):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed about this trial, each note with its name."""
+        """Assumptions about this trial, each note with its name."""
         notes = (
             *self.recording.notes,
             *(self.bandwidth.notes if self.bandwidth else ()),
@@ -382,9 +382,9 @@ class Calibration(Displayed):
     """Parameters to be fitted that these trials do not determine; they keep their nominal value,
     or that of their prior."""
     notes: tuple[str, ...]
-    """What was assumed."""
+    """Assumptions."""
     findings: tuple[Finding, ...]
-    """What was found, before and after the fit."""
+    """Findings before and after the fit."""
     verdict: Verdict
     """Trustworthy, doubtful or refused, with reasons: the warnings and errors among `findings`, one
     for each cause."""
@@ -465,7 +465,7 @@ class Calibration(Displayed):
 
 
 def remove_refused_results(calibration: Calibration) -> Calibration:
-    """Remove valid torques and error bars of what the verdict refuses: legs, trials, or all."""
+    """Remove valid torques and error bars that the verdict refuses: of legs, trials, or all."""
     verdict = calibration.verdict
     trials = tuple(t.exclude_legs(verdict.list_refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty

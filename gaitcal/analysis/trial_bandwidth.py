@@ -57,7 +57,7 @@ WORSE_M = 3e-4
 
 
 class ChosenBy(Enum):
-    """What chose the bandwidth of a trial's motion."""
+    """Source of the bandwidth of a trial's motion."""
 
     MARKERS = "markers"
     PLATES = "plates"
@@ -73,7 +73,7 @@ class Bandwidth:
     joints_hz: float
     """The same while joint parameters are fitted."""
     chosen_by: ChosenBy
-    """What chose `motion_hz`."""
+    """Source of `motion_hz`."""
     penalised: bool
     """False: only the number of spline nodes limits the motion."""
     notes: tuple[str, ...] = ()
@@ -91,7 +91,7 @@ def choose_bandwidth(
     Parameters
     ----------
     problem : MotionProblem
-        What the joint parameters of the trial are fitted to, with the nodes of the settings if
+        Problem of the trial's joint fit, with the nodes of the settings if
         given.
     trial : Trial
         Rotated so that x is forward.

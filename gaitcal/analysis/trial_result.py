@@ -143,16 +143,7 @@ def analyse(
 def assemble_trial_result(trial: MovingTrial, state: CalibrationState) -> TrialResult:
     """Assemble the result of a tracked trial of a session.
 
-    Parameters
-    ----------
-    trial : MovingTrial
-        After the last fit.
-    state : CalibrationState
-        With models, errors and the force diagnosis.
-
-    Returns
-    -------
-    TrialResult
+    `state`: with models, errors and the force diagnosis.
     """
     motion_sensitivity = None
     if trial.joint is None:
@@ -341,7 +332,7 @@ def _estimate_foot_axes(
     variance, trial_variance = (both[:, of_feet].copy() for both in variances)
     for k, foot in enumerate(inverse_dynamics.FEET):
         if foot in rotations:
-            # Only the part of a rotation about the vertical changes the direction seen from above.
+            # Only the part of a rotation about the vertical changes the horizontal direction.
             components = np.einsum("fki,fi->fk", rotations[foot], normals[:, k])
             variance[:, k] += np.square(components).sum(axis=1)
     return FootAxes(long_axes, np.sqrt(variance), np.sqrt(trial_variance))
@@ -498,19 +489,7 @@ def compute_static_angles(
 ) -> dict[str, float]:
     """Compute the coordinates of the model in the still window of the static trial.
 
-    Parameters
-    ----------
-    model : SubjectModel
-        With the markers.
-    parameters : Parameters
-        Parameters of the linkage.
-    static : Recording
-        The static trial, completed.
-
-    Returns
-    -------
-    dict
-        Coordinate -> m, rad.
+    Returns: coordinate -> m, rad.
     """
     return _compute_mean_coordinates(build_static_problem(model, static), parameters)
 

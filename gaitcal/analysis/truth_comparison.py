@@ -79,15 +79,7 @@ def compare_with_truth(calibration: Calibration) -> Calibration:
     that segment frames differ. Trials whose true curves have other times than their recording are
     noted and not compared.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Without `truth`.
-
-    Returns
-    -------
-    Calibration
-        With `truth`, or with a note, or unchanged.
+    `calibration`: without `truth`. Returns: with `truth`, or with a note, or unchanged.
     """
     truth, study = calibration.study.truth, calibration.study
     if truth is None:

@@ -163,14 +163,7 @@ class TruthErrors:
     def select_sought(self, kind: str) -> tuple[ParameterTruth, ...]:
         """Select fitted parameters, and those that the trials do not determine.
 
-        Parameters
-        ----------
-        kind : str
-            Beginning of the kind: `joint position`, `joint`, ...
-
-        Returns
-        -------
-        tuple of ParameterTruth
+        `kind`: beginning of the kind: `joint position`, `joint`, ...
         """
         return tuple(p for p in self.parameters if p.status != "fixed" and p.kind.startswith(kind))
 

@@ -1,4 +1,4 @@
-"""Errors of a joint estimate by source: markers of each trial, priors, what is not fitted.
+"""Errors of a joint estimate by source: markers of each trial, priors, fixed parameters.
 
 With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z)
 are

@@ -182,21 +182,10 @@ def compress_root_equations(
 ) -> RootEquations:
     """Compress the root wrench of the valid frames.
 
-    Parameters
-    ----------
-    regressor : (nf, 6, 12, 10) array
-        Result of `Dynamics.compute_root_regressor`.
-    ground : (nf, 6) array
-        Contribution of the ground reactions: force (N) and moment (N·m) about the pelvis origin.
-    weight : float
-        Body weight, N.
-    length : float
-        Torques are divided by weight * length, m.
-
-    Returns
-    -------
-    RootEquations
-        At most 121 rows with the same norm.
+    `regressor`: (nf, 6, 12, 10) result of `Dynamics.compute_root_regressor`. `ground`: (nf, 6)
+    contribution of the ground reactions: force (N) and moment (N·m) about the pelvis origin.
+    `weight`: body weight, N. `length`: torques are divided by weight * length, m. Returns: at most
+    121 rows with the same norm.
     """
     nf = len(regressor)
     rows = np.concatenate([regressor.reshape(nf, 6, -1), ground[:, :, None]], axis=2)

@@ -301,17 +301,7 @@ def select_movable_parameters(
     A trial qualifies if it shows segments on both sides of the joint and its markers determine the
     joint's angles.
 
-    Parameters
-    ----------
-    problems : sequence of MotionProblem
-        The trials.
-    wanted : sequence of str
-        Joint parameters to select from.
-
-    Returns
-    -------
-    tuple of str
-        In the order of `wanted`.
+    `wanted`: joint parameters to select from. Returns: in the order of `wanted`.
     """
     passed = set()
     for problem in problems:
@@ -482,21 +472,9 @@ def estimate_noise(
 ) -> list[float]:
     """Estimate the noise of every trial of a kind of task, fitted separately without soft tissue.
 
-    Parameters
-    ----------
-    problems : sequence of MotionProblem
-        Trials of one kind.
-    nominal : Parameters
-        Start of the fit.
-    free : tuple of str
-        Joint parameters that may be free.
-    expected : NoisePrior, optional
-        Prior of people's noise. Points that are no markers have a least noise instead.
-
-    Returns
-    -------
-    list of float
-        nu of each trial, m: noise that no joint position explains.
+    `free`: joint parameters that may be free. `expected`: prior of people's noise. Points that are
+    no markers have a least noise instead. Returns: nu of each trial, m: noise that no joint
+    position explains.
     """
     problems = [
         replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems

@@ -67,7 +67,7 @@ class JointProblem:
     joint: str | None
     """The joint of an isolated trial; None for the whole body."""
     activity: str = ""
-    """What a trial of the whole body does that is no walk: its skin moves as in no other trial."""
+    """Activity of a whole-body trial that is no walk: its skin moves as in no other trial."""
 
     @property
     def name(self) -> str:
@@ -126,7 +126,7 @@ class JointCalibration:
     at_bound: tuple[str, ...] = ()
     """Fitted parameters on their bound, or beyond."""
     notes: tuple[str, ...] = ()
-    """What the user should know and need not act upon."""
+    """Notes that need no action."""
     reached: Mapping[str, Parameters] = field(default_factory=dict)
     """Trial -> the parameters at the end of its phase, where a later one moves them again."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
@@ -221,23 +221,9 @@ def fit_phase(
 ) -> PhaseResult:
     """Fit one phase.
 
-    Parameters
-    ----------
-    plan : PhasePlan
-        Trials and free parameters.
-    nominal : Parameters
-        Centre of the prior and of the bounds.
-    settings : JointSettings
-        Settings and prior.
-    present : Parameters, optional
-        Start of the search; `nominal` if not given.
-    known : ErrorSources, optional
-        Errors before the phase (`estimate_joints`).
-
-    Returns
-    -------
-    PhaseResult
-        Estimate, errors and findings.
+    `nominal`: centre of the prior and of the bounds. `present`: start of the search; `nominal` if
+    not given. `known`: errors before the phase (`estimate_joints`). Returns: estimate, errors and
+    findings.
     """
     fit = partial(
         estimate_joints,

@@ -101,7 +101,7 @@ def calibrate_study(
         )
     console.print_line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
-    # The result is written in any case; the exit code tells scripts that it must not be used.
+    # The result is written in any case; by the exit code a script knows that it must not be used.
     if verdict.judgement is Judgement.REFUSED and not force:
         raise _make_refusal_error(
             "the result is refused (it was written, with no torque valid)", verdict
@@ -209,12 +209,15 @@ def _find_non_walks(trials: Sequence[TrialResult]) -> list[str]:
         for t in trials
         if t.role is Role.GAIT
     }
-    return [
-        f"{name}: has the role gait, but its feet do not strike in turn and the pelvis moves down "
-        "and up; if it is a squat, a rise or a jump, run again with --role motion"
-        for name, found in repeats.items()
-        if found
-    ]
+    out: list[str] = []
+    for name, found in repeats.items():
+        if found:
+            out.append(
+                f"{name}: has the role gait, but its feet do not strike in turn and the pelvis "
+                "moves down and up; if it is a squat, a rise or a jump, run again with --role "
+                "motion"
+            )
+    return out
 
 
 def _parse_plates(text: str | None) -> dict[str, Side]:

@@ -43,10 +43,7 @@ class Console:
 
         A spinner on a terminal, else one line a step with `-v`, else nothing.
 
-        Yields
-        ------
-        Progress
-            Call it with the text of each step.
+        Yields: call it with the text of each step.
         """
         if self.err.is_terminal and not self.quiet:
             with self.err.status("starting") as status:

@@ -261,7 +261,7 @@ class _Exported:
     entries: dict[str, dict[str, Json]] = field(default_factory=dict)
     """File -> its entry in the manifest."""
     details: dict[str, str] = field(default_factory=dict)
-    """File -> what is printed about it."""
+    """File -> text that is printed about it."""
     sha256: dict[str, str | None] = field(default_factory=dict)
     """File of the result that was read -> its SHA-256."""
     stale: tuple[str, ...] = ()
@@ -381,7 +381,7 @@ def _export_into(
     parameters
         `joints` or `joints,masses`.
     attachments
-        `stay` or `follow`: what muscle points, wraps and meshes do.
+        `stay` or `follow`: muscle points, wraps and meshes.
     names
         TOML file with the names of hips, knees and ankles; None: they are found.
     muscles
@@ -461,6 +461,22 @@ def _export_into(
         target.name, (("person", saved.model.subject.name), *facts), warnings, lines, tables
     )
     write_text_atomically(target.with_suffix(".html"), page)
+    _print_written_files(console, target, done, drawn, muscles=muscles)
+    if drawn and done.masses and saved.uncertainty.inertial is None:
+        console.print_line(
+            "all draws have the same masses: the result has no standard errors of masses"
+        )
+
+
+def _print_written_files(
+    console: Console,
+    target: Path,
+    done: joint_transfer.CalibratedOsim,
+    drawn: Sequence[Path],
+    *,
+    muscles: bool,
+) -> None:
+    """Print the files of a transfer into `target`, and its draws."""
     written = (
         ".osim",
         ".html",
@@ -476,10 +492,6 @@ def _export_into(
             console.print_line(
                 f"in draws, {', '.join(done.unchanged)} vary about their positions in the model by "
                 "their standard errors"
-            )
-        if done.masses and saved.uncertainty.inertial is None:
-            console.print_line(
-                "all draws have the same masses: the result has no standard errors of masses"
             )
 
 

@@ -73,11 +73,8 @@ def draw_figures(
             result, names, lambda: _read_strides(result, normal)
         )
         charts = build_paper_charts(strides, signs, width_mm) if signs else []
-        charts += [
-            one
-            for table in _read_moment_arms(result, only or ())
-            for one in build_moment_arm_charts(table, width_mm)
-        ]
+        for table in _read_moment_arms(result, only or ()):
+            charts += build_moment_arm_charts(table, width_mm)
         charts = select_charts(charts, only or ())
         folder = out or result / FOLDER
         with result_folder.amend_result(folder) as stage:

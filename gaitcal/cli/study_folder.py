@@ -100,6 +100,7 @@ def draft_study_file(
         raise UsageError(
             f"found '{target.name}'; allowed: a file name ending in .toml", field="--out"
         )
+    # A study file may hold hours of a user's work.
     if not force and target.exists():
         message = "exists already; --force replaces it, --out FILE names another"
         raise InputError(message, source=target, code=Code.FOLDER_TAKEN)
@@ -116,6 +117,7 @@ def draft_study_file(
     console.print_line(f"study: {target}")
     if draft.problem:
         raise InputError(f"is written, but {draft.problem}", source=target, code=Code.FOLDER)
+    # The file is complete but for these fields, which nobody must guess.
     if draft.missing:
         give = f"write it there, or run again with --force {drafts.list_missing_options(draft)}"
         message = f"is written, but {drafts.describe_missing_fields(draft)}: {give}"
@@ -157,6 +159,7 @@ def find_or_draft_study(path: Path, options: Options, console: Console) -> Path 
     InputError
         The folder has several study files, or no study can be drafted from it.
     """
+    # A single recording cannot be calibrated: it lacks the static trial.
     if path.suffix.lower() in formats.MARKER_READERS and path.is_file():
         raise UsageError(
             "is a recording; give its folder, which must contain the static trial, or a study file",
@@ -276,10 +279,7 @@ def check_recordings(
 ) -> None:
     """Print the findings of a study or of a folder; exit with code 1 if there is an error.
 
-    Raises
-    ------
-    InputError
-        The study is invalid, or no study can be drafted from the folder.
+    Raises InputError: the study is invalid, or no study can be drafted from the folder.
     """
     source = find_or_draft_study(study, check_person_options(mass, height, sex, age), console)
     with console.show_progress() as step:
@@ -293,6 +293,7 @@ def check_recordings(
         if not console.out.is_terminal:
             console.out.width = PLAIN_WIDTH
         console.out.print(_build_table(shown))
+    # Notes are many on clean recordings: they are counted, and listed with -v.
     counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
     hidden = counts[Severity.INFO] if not console.verbose else 0
     more = f" (-v shows {hidden} notes)" if hidden else ""

@@ -57,10 +57,7 @@ def run_demonstration(console: Console, out: options.Out = Path("gaitcal-demo"))
 
     The study names the true values, so that the result has them beside the fitted ones.
 
-    Raises
-    ------
-    InputError
-        The folder has other content.
+    Raises InputError: the folder has other content.
     """
     folder, result = out / "subject", out / "result"
     check_output_folder(folder, ResultKind.SYNTHETIC)

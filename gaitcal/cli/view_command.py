@@ -108,6 +108,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_response(HTTPStatus.NO_CONTENT)
             self.end_headers()
             return
+        # The path holds a secret, so that other users of this machine cannot read the page.
         if not secrets.compare_digest(self.path.encode(), self.server.path.encode()):
             self.send_error(HTTPStatus.NOT_FOUND)
             return
@@ -201,6 +202,7 @@ def view_result(
         A result or the bones cannot be read.
     """
     if other is None:
+        # Bones of a folder take the place of installed ones.
         bones = None if geometry is None else bone_files.read_bone_folder(geometry)
         shown, lines = page_folder.read_result_page(result)
         for line in (*lines, *page_html.list_omissions(shown)):
@@ -379,6 +381,7 @@ def _compare_motions(result: Path, osim: Path, console: Console) -> None:
         ("coordinate", "unit"), ("our range", "offset", "rest, RMS", "correlation")
     )
     for curve in found.curves:
+        # deg or N·m: range of ours, constant difference, and RMS of the rest.
         numbers = (float(np.ptp(curve.ours)), curve.offset, curve.residual)
         r = "" if np.isnan(curve.correlation) else f"{curve.correlation:.3f}"
         table.add_row(Text(curve.coordinate), curve.unit, *(f"{v:.1f}" for v in numbers), r)

@@ -69,7 +69,7 @@ class NotUsedError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What nominal joints depend on; equal in all people to learn from and to use it for."""
+    """Rules of the nominal joints; equal in all people to learn from and to use it for."""
 
     marker_set: str
     hip_centre: str
@@ -99,7 +99,7 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
     Returns
     -------
     sequence of str
-        What was learnt and which results were not used, a line each.
+        Priors that were learnt and results that were not used, a line each.
 
     Raises
     ------
@@ -351,7 +351,7 @@ def list_prior_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, obj
 
 
 def describe_priors(priors: cohort_prior.CohortPriors) -> Iterator[str]:
-    """Describe what was learnt, a line for each part of the body."""
+    """Describe the priors, a line for each part of the body."""
     for part in priors.parts:
         gain, error = part.gain
         size = ", by size and sex" if part.by_size else ""

@@ -69,7 +69,7 @@ class CommonSettings:
 
 
 class PersonError(InputError):
-    """Why a person has no result, and what to do."""
+    """Reason for which a person has no result, and its remedy."""
 
     def __init__(self, cause: str, action: str = "", *, code: Code) -> None:
         super().__init__(cause, code=code)
@@ -91,7 +91,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     Raises
     ------
     InputError
-        The folder gives no study, or the checks find an error; a `PersonError` has what to do.
+        The folder gives no study, or the checks find an error; a `PersonError` has the remedy.
     """
     if not is_folder(person.folder):
         raise PersonError(
@@ -149,11 +149,12 @@ def _describe_contradictions(
         ("mass_kg", person.options.mass, study.subject.mass),
         ("height_m", person.options.height, study.subject.height),
     )
-    found = [
-        f"{field} = {other:g} is given for the cohort; {value:g} of the study file is used"
-        for field, other, value in subject
-        if other is not None and abs(other / value - 1) > CONTRADICTION
-    ]
+    found = []
+    for name, other, value in subject:
+        if other is not None and abs(other / value - 1) > CONTRADICTION:
+            found.append(
+                f"{name} = {other:g} is given for the cohort; {value:g} of the study file is used"
+            )
     # Priors are compared by content, not by name.
     prior, priors = study.joint_prior, common.priors
     if prior is not None and priors is not None and prior.sha256 != compute_sha256(priors):

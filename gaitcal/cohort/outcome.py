@@ -46,7 +46,7 @@ from gaitcal.study.study_file import StudyFile
 STATE = "state"
 """Folder of the outcomes within that of the cohort."""
 AGAIN = "run the same command again: it tries this person once more"
-"""What to do after a temporary failure."""
+"""Remedy after a temporary failure."""
 FORMAT = 4
 """Format of stored outcomes: after a change of it, everyone is computed again."""
 READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")
@@ -66,7 +66,7 @@ class Outcome:
     cause: str = ""
     """Why there is no result; empty if there is one."""
     action: str = ""
-    """What to do about it."""
+    """Its remedy."""
     code: str = ""
     """Kind of the cause, for `gaitcal explain`."""
     passing: bool = False
@@ -153,15 +153,7 @@ class Outcomes:
     def get_outcome(self, person: CohortPerson) -> Outcome:
         """Get the outcome of a person, as the run returned it or from the disk.
 
-        Parameters
-        ----------
-        person : CohortPerson
-            One session of a person.
-
-        Returns
-        -------
-        Outcome
-            A failure if there is none.
+        Returns: a failure if there is none.
         """
         cause = "its outcome was not found on the disk when the tables were written"
         found = self.failed.get(person.key) or read_outcome(self.out, person)
@@ -187,17 +179,7 @@ def _make_failure(
 def read_outcome(out: Path, person: CohortPerson) -> Outcome | None:
     """Read the outcome of an earlier run.
 
-    Parameters
-    ----------
-    out : Path
-        Folder of the cohort.
-    person : CohortPerson
-        One session of a person.
-
-    Returns
-    -------
-    Outcome or None
-        None if there is none that can be read.
+    `out`: folder of the cohort. Returns: None if there is none that can be read.
     """
     content: dict[str, Any] = read_json_object(get_state_path(out, person.subfolder, ".json"))
     try:
@@ -233,7 +215,7 @@ def list_input_files(folder: Path) -> dict[str, Path]:
 
 
 def _find_files(folder: Path) -> Iterator[Path]:
-    """Find the files of a person's folder, the marker sets above it, and what studies name."""
+    """Find the files of a person's folder, marker sets above it, and files that studies name."""
     if not is_folder(folder):
         return
     # One level below, as in a person's folder with a folder for each session.
@@ -349,7 +331,7 @@ COMPRESSION = "zstd"
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One person, with what a worker needs."""
+    """One person, with the data that a worker needs."""
 
     person: CohortPerson
     out: Path
@@ -390,16 +372,7 @@ def process_person(task: Task) -> Outcome:
 def report_lost_person(task: Task, reason: str) -> Outcome:
     """Make and store the failure of a person in whose task a worker died several times.
 
-    Parameters
-    ----------
-    task : Task
-        The person.
-    reason : str
-        How the worker died.
-
-    Returns
-    -------
-    Outcome
+    `reason`: how the worker died.
     """
     cause = f"its worker process died: {reason}"
     action = f"use fewer --jobs, if memory is short; {AGAIN}"

@@ -67,7 +67,7 @@ def run_cohort(
     common : CommonSettings, optional
         Settings of everyone.
     engine : Workers, optional
-        What computes; processes of this machine if not given.
+        Workers; processes of this machine if not given.
     retry : bool
         Try failures again although nothing changed.
     report : callable

@@ -6,9 +6,9 @@ to 40 ms after the true contact and ends up to 90 ms before its true end (40 con
 nine people), so that frames around it are unknown too. Foot strikes and offs of the file are exact
 to the frame where they agree with its plates.
 
-The sole, seen from above, begins a little before the heel marker, which is on the back of the heel,
-and ends at the tip of the foot. Its width is that of Winter (2009), less at heel and toes. Its
-cells are weighted by their area.
+The sole, in the horizontal plane, begins a little before the heel marker, which is on the back of
+the heel, and ends at the tip of the foot. Its width is that of Winter (2009), less at heel and
+toes. Its cells are weighted by their area.
 
 A loading of a plate belongs to the foot under whose sole its centre of pressure is. A loading by
 two feet in succession is divided where the first has left the ground and the second rests. A
@@ -507,7 +507,7 @@ def assign_feet(
 
 
 def measure_distances(wrench: Array, stretch: slice, feet: FootPoints, height: float) -> Array:
-    """Measure how far the centre of pressure of a loading is from both feet, seen from above.
+    """Measure the horizontal distances of a loading's centre of pressure from both feet.
 
     Parameters
     ----------
@@ -651,8 +651,8 @@ def select_overlapping_steps(
     steps: Sequence[FootContact], foot: int, frames: slice
 ) -> list[FootContact]:
     """Select the steps of a foot that overlap some frames."""
-    return [
-        s
-        for s in steps
-        if s.foot == foot and s.frames.start < frames.stop and frames.start < s.frames.stop
-    ]
+    out: list[FootContact] = []
+    for s in steps:
+        if s.foot == foot and s.frames.start < frames.stop and frames.start < s.frames.stop:
+            out.append(s)
+    return out

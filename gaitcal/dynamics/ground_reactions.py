@@ -427,9 +427,10 @@ def compute_motion_reactions(
 
 def _describe_filter(recording: Recording, hz: float | None) -> str:
     """Describe the filter of the forces."""
-    plain = [
-        plate.name for plate in recording.plates if hz is not None and not is_filterable(plate, hz)
-    ]
+    plain = []
+    for plate in recording.plates:
+        if hz is not None and not is_filterable(plate, hz):
+            plain.append(plate.name)
     if hz is None or len(plain) == len(recording.plates):
         return "forces not filtered" + (
             "" if hz is None else f": sampled at twice {hz:.4g} Hz or less"

@@ -64,7 +64,7 @@ class Moments(Displayed):
     """(nf, 2) N·m, right and left: internal reaction moment of the thigh on the shank about the
     knee frame's x axis, adduction positive."""
     residual_force: Array
-    """(nf, 3) N, laboratory axes: what the ground reactions do not explain."""
+    """(nf, 3) N, laboratory axes: the part that ground reactions do not explain."""
     residual_moment: Array
     """(nf, 3) N·m about the pelvis origin, laboratory axes."""
     bwh: float
@@ -181,14 +181,7 @@ class Dynamics:
     def build_joint_states(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Build configurations, velocities and accelerations of all joints.
 
-        Parameters
-        ----------
-        q, v, a
-            (nf, 27) coordinates and their derivatives, m and rad.
-
-        Returns
-        -------
-        tuple of (nf, nv) arrays
+        `q`, `v`, `a`: (nf, 27) coordinates and their derivatives, m and rad.
         """
         at = self.body.chain.at_coordinates
         velocity, acceleration = (np.zeros((len(q), self.body.model.nv)) for _ in range(2))
@@ -405,10 +398,7 @@ def compute_pelvis_residual(q: Array, forces: Array) -> Array:
 def compute_pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
     """Compute the axes of tilt, list and rotation, and their derivatives by tilt and by list.
 
-    Returns
-    -------
-    tuple of (nf, 3, 3) arrays
-        Laboratory axes, an axis in each row.
+    Returns: laboratory axes, an axis in each row.
     """
     ct, st, cl, sl = np.cos(q[:, 3]), np.sin(q[:, 3]), np.cos(q[:, 4]), np.sin(q[:, 4])
     zero, one = np.zeros(len(q)), np.ones(len(q))

@@ -520,6 +520,7 @@ def _compute_components(
     first, third = proximal[:, 2], distal[:, 1]
     normal = cross(third, first)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
+    # Joint coordinate system (Grood and Suntay 1983): flexion axis, floating axis, long axis.
     floating = normal / length
     e.append(np.stack([first, floating, third], axis=1))
     b = (moment - (moment * floating).sum(axis=1, keepdims=True) * floating) / length
@@ -607,6 +608,7 @@ def differentiate_kinetics(
         for width in (len(ALL_FORCES), coordinates, coordinates, moments.by_parameter.shape[2])
     )
     by_force[:, range(torques), range(torques)] = 1.0
+    # Power is torque times velocity, summed over the axes of a joint: product rule.
     by_force[:, of_power, :coordinates] = POWER_SUMS * v[:, None]
     by_velocity[:, of_power] = POWER_SUMS * forces[:, None, :coordinates]
     by_force[:, of_moment], by_position[:, of_moment] = moments.by_force, moments.by_position

@@ -1,8 +1,8 @@
 """Frames with invalid foot loading: partial contact, shared plate, centre of pressure off the sole.
 
 **Off the sole.** The ground pushes and does not pull, so the centre of pressure is in the convex
-hull of what touches the plate: one sole, or both with the ground between where the other foot may
-press on the same plate. Markers locate that outline, and a plate its centre, within
+hull of all that touches the plate: one sole, or both with the ground between where the other foot
+may press on the same plate. Markers locate that outline, and a plate its centre, within
 
     allowed = OUTLINE_ERROR_M + PLATE_MOMENT_NM / F_y
 
@@ -74,9 +74,9 @@ OFF_SOLE_SHARE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class PressurePosition:
-    """Centre of pressure of one loading relative to the outline of what presses on its plate."""
+    """Centre of pressure of one loading relative to the outline of the soles on its plate."""
 
-    distance: Array  # (n,) m outside, negative inside; -inf where a foot is not seen
+    distance: Array  # (n,) m outside, negative inside; -inf where a foot is not visible
     direction: Array  # (n, 2) unit vector, x and z of the laboratory: outwards
     allowed: Array  # (n,) m
 

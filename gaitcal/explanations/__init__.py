@@ -48,6 +48,7 @@ def load_explanation(code: Code) -> Explanation:
     Explanation
     """
     page = files(__package__).joinpath("pages", f"{code.value}.md").read_text(encoding="utf-8")
+    # A title, the severity in italics, then the sections.
     head, severity, text = page.strip().split("\n\n", 2)
     title = head.removeprefix(f"# {code.value}: ")
     return Explanation(code=code, title=title, severity=severity.strip("*"), text=text)

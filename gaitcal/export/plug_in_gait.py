@@ -145,7 +145,7 @@ def make_plug_in_gait_points(
 def _list_points(
     motion: SavedMotion, table: Mapping[str, list[Coordinate]]
 ) -> Iterator[tuple[str, str, list[str]]]:
-    """List first word, side and coordinates of each point whose coordinates the model moves."""
+    """List first word, side and coordinates of each point with coordinates of the model."""
     for joint, rows in table.items():
         for side in SIDES:
             ours = [with_side(row.name, side) for row in rows]

@@ -86,7 +86,7 @@ class Convention:
     signs: Signs = Signs.OPENSIM
     """Which sense is positive."""
     acting: Acting = Acting.INTERNAL
-    """Whose moment it is."""
+    """Structures that cause the moment."""
     frame: MomentFrame = MomentFrame.COORDINATES
     """Along which axes."""
     unit: MomentUnit = MomentUnit.NM
@@ -156,7 +156,7 @@ class Convention:
                 return self._sign(name, kind, side) * values
 
     def senses(self, variable: str, side: str) -> tuple[str, str]:
-        """Describe what positive and negative values of a variable mean in strides of one side.
+        """Describe positive and negative values of a variable in strides of one side.
 
         Parameters
         ----------

@@ -166,16 +166,7 @@ def select_between(times: Array, start: float, stop: float) -> Array:
 def find_gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[GaitCycle, ...]:
     """Find all complete cycles of one foot, in order of time.
 
-    Parameters
-    ----------
-    events : FootEvents
-        Events of this foot.
-    other : FootEvents, optional
-        Events of the other foot, which also show missing strikes.
-
-    Returns
-    -------
-    tuple of GaitCycle
+    `other`: events of the other foot, which also show missing strikes.
     """
     cycles = []
     for k, (start, stop) in enumerate(itertools.pairwise(events.strikes.tolist())):

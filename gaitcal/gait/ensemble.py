@@ -61,7 +61,7 @@ class StrideStatistics:
     mean: Array  # (m,) in the unit of the values, as all that follow
     sd: Array  # (m,) over all strides
     sd_within: Array  # (m,) between strides of one trial, sqrt(V_w)
-    sd_between: Array  # (m,) between trials, what strides within them do not explain, sqrt(V_b)
+    sd_between: Array  # (m,) between trials, beyond the scatter of strides within them, sqrt(V_b)
     sd_error: Array  # (m,) the part of `sd`, and of `sd_within`, that is measurement error
     se: Array  # (m,) standard error of the mean, shared errors included
 

@@ -92,7 +92,7 @@ def check_file_events(
     list of FootEvent
         Events to use, inside the trial.
     tuple of Finding
-        What was left out or corrected, and why; without the name of the trial.
+        Events that were left out or corrected, and why; without the name of the trial.
     """
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     first, last = time[0] - half, time[-1] + half
@@ -135,12 +135,13 @@ def _remove_misfits(
     shown = [*plates, *motion]
     used, findings = _remove_offset_events(inside, plates, motion)
     astray = [e for e in used if AGREE < abs(_measure_nearest(e, shown)) < RIVAL]
-    contradicted = [
-        e
-        for e in used
-        if e not in astray
-        and PLATE_OFFSET < abs(_measure_plate_difference(e, plates, motion)) < SAME_EVENT
-    ]
+    contradicted = []
+    for e in used:
+        if (
+            e not in astray
+            and PLATE_OFFSET < abs(_measure_plate_difference(e, plates, motion)) < SAME_EVENT
+        ):
+            contradicted.append(e)
     if astray:
         cause = "single events of the file do not agree with its forces and motion"
         names = ", ".join(_format_event(e) for e in astray)
@@ -163,19 +164,7 @@ def check_corrected_events(
     All of them are used nevertheless. A foot without any event of a kind is warned of, as it has no
     strides, or none of their phases, in any table.
 
-    Parameters
-    ----------
-    events : sequence of FootEvent
-        Corrected events.
-    shown : sequence of FootEvent
-        Events of force plates and motion.
-    time : (nf,) Array
-        s, frames of the trial.
-
-    Returns
-    -------
-    tuple of Finding
-        Without the name of the trial.
+    `time`: (nf,) s, frames of the trial. Returns: without the name of the trial.
     """
     low, high = time[0] + EDGE, time[-1] - EDGE
     inside = [e for e in events if shown and low < e.time < high]
@@ -379,9 +368,11 @@ def _estimate_common_offset(
     file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array
 ) -> float:
     """Estimate the shift (s) with which most events agree; among equals the smallest."""
-    steps = [
-        s.time - e.time for e in file for s in shown if s.side == e.side and s.moment is e.moment
-    ]
+    steps = []
+    for e in file:
+        for s in shown:
+            if s.side == e.side and s.moment is e.moment:
+                steps.append(s.time - e.time)
     if not steps:
         return 0.0
     best = max(

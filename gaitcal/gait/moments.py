@@ -227,7 +227,7 @@ _INERTIAL = {
 
 
 def _describe_parameter_location(name: str) -> str:
-    """Describe what a parameter belongs to: `hip_r.pelvis.ant` -> `hip centre in the pelvis`.
+    """Describe the place of a parameter: `hip_r.pelvis.ant` -> `hip centre in the pelvis`.
 
     `thigh_r.com.sup` gives `mass centre`; a mass gives an empty text.
     """
@@ -281,7 +281,7 @@ def explain_parameters(text: str) -> str:
 
 
 def describe_role(role: Role, joint: str | None) -> str:
-    """Describe what a trial is for.
+    """Describe the role of a trial.
 
     Parameters
     ----------

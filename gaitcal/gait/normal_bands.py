@@ -137,7 +137,7 @@ class NormalBand:
         mean, sd = (
             np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd)
         )
-        # In the unit of `cycles.csv` a convention is only a sign: it is its own inverse.
+        # In the unit of `cycles.csv` a convention is only a sign: its inverse is the same.
         return self.signs.values(self.variable, factor * mean, side, subject), factor * sd
 
 
@@ -204,7 +204,7 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     Raises
     ------
     InputError
-        The message names file, line, what was found and what is allowed.
+        The message names file, line, the value found and the allowed ones.
     """
     source = find_bands_file(path)
     comments, rows = _split_lines(source)
@@ -433,6 +433,7 @@ def select_norm(subject: Subject, speed: float | None) -> Norm:
     if speed is None:
         remark = "No norm of curves: the walking speed, which selects it, is not known."
         return Norm(steps=steps, remark=remark)
+    # Dimensionless speed (Froude number's root): children of different size walk alike at the same.
     relative = speed / np.sqrt(GRAVITY * length)
     walk = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}"
     chosen = next((row for row in SPEEDS if SLOWEST <= relative < row.high), None)

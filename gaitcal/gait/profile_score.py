@@ -108,11 +108,10 @@ def compute_profile_scores(
     if len({s.side for s in out}) < len(linkage.SIDES):
         return tuple(out)
     # The score of both sides contains the pelvis once, of left strides.
-    both = [
-        s
-        for s in out
-        if s.variable in ANGLES and (s.side == "l" or s.variable not in linkage.PELVIS_ANGLES)
-    ]
+    both = []
+    for s in out:
+        if s.variable in ANGLES and (s.side == "l" or s.variable not in linkage.PELVIS_ANGLES):
+            both.append(s)
     return (*out, _combine_scores(BOTH, both))
 
 

@@ -183,6 +183,7 @@ def measure_strides(
             struck = None if stop is None else _find_step_start(foot, opposite, start, stop)
             measures = _measure_times(foot, opposite, start, stop, struck)
             period = _find_whole_stride(opposite, start, stop, struck)
+            # m, x and z: displacement of the heel over one stride, against the ground or belt.
             along = np.full(2, np.nan)
             if heels is not None and stop is not None and period is not None:
                 # A step to a first strike is measured along the stride of the other foot.
@@ -307,7 +308,7 @@ def _measure_times(
     stop: float | None,
     struck: float | None,
 ) -> dict[str, float]:
-    """Measure what events alone give; `struck`: s, strike of the other foot before the step."""
+    """Measure times from events alone; `struck`: s, strike of the other foot before the step."""
     out: dict[str, float] = {}
     off = _find_off(foot, other, start, stop)
     if stop is not None and struck is not None:
@@ -344,6 +345,7 @@ def _find_off(
     found = select_between(foot.toe_offs, low, high)
     if not len(found):
         return None
+    # Two strikes of the other foot: an event is missing, so this off may be of another stride.
     crowded = len(select_between(other.strikes, low, high)) > 1
     if (cut_before or cut_after) and len(found) < 2 and crowded:
         return None

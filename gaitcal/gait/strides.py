@@ -62,14 +62,7 @@ class Layout:
     def select_main_cycle(self, side: str) -> GaitCycle:
         """Select the stride that is drawn in full: the one with the largest share of valid frames.
 
-        Parameters
-        ----------
-        side : {"r", "l", ""}
-            Leg, or the whole body.
-
-        Returns
-        -------
-        GaitCycle
+        `side`: leg, or the whole body.
         """
         foot = self._get_foot(side)
         return select_best_cycle(self.cycles[foot], self.time, self.get_valid_frames(foot))
@@ -92,14 +85,7 @@ class Layout:
     def select_drawn_frames(self, side: str) -> BoolArray:
         """Select the frames of the main stride, or all where curves are drawn over time.
 
-        Parameters
-        ----------
-        side : {"r", "l", ""}
-            Leg, or the whole body.
-
-        Returns
-        -------
-        (nf,) BoolArray
+        `side`: leg, or the whole body. Returns: (nf,).
         """
         if not self.by_cycle:
             return np.ones(len(self.time), dtype=bool)

@@ -236,16 +236,7 @@ def _rank(choice: SetChoice) -> tuple[int | str, ...]:
 def apply_renames(labels: Iterable[str], rename: Mapping[str, str]) -> tuple[str, ...]:
     """Return labels as the set spells them.
 
-    Parameters
-    ----------
-    labels
-        Of a recording.
-    rename
-        Label in the files -> label in the set.
-
-    Returns
-    -------
-    tuple of str
+    `labels`: of a recording. `rename`: label in the files -> label in the set.
     """
     return tuple(rename.get(label, label) for label in labels)
 
@@ -358,18 +349,9 @@ def rank_sets_of_recordings(
 def describe_unknown_labels(
     recordings: Sequence[Recording], local_sets: Sequence[tuple[str, MarkerSet]]
 ) -> str:
-    """Describe which labels no marker set contains, and what the nearest set lacks.
+    """Describe which labels no marker set contains, and those that the nearest set lacks.
 
-    Parameters
-    ----------
-    recordings
-        As they were read.
-    local_sets
-        Entry of the study file and set, of sets that are not built in.
-
-    Returns
-    -------
-    str
+    `local_sets`: entry of the study file and set, of sets that are not built in.
     """
     labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
     nearest, found = max(

@@ -1,6 +1,6 @@
 """A drafted study: the files of a folder, trials, subject, missing fields, and its text.
 
-Every file of the folder is a row of `Draft.rows`, with what it is used as or why it is not used. In
+Every file of the folder is a row of `Draft.rows`, with its use or the reason why it is not used. In
 the text each line has its reason: `sure` if a file or the user states it or the figures are far
 from every limit, `likely` if a figure is near one. A missing field is a comment that names the
 field, so that reading the study reports it.
@@ -40,7 +40,7 @@ NEEDED = {"mass_kg": "--mass KG", "height_m": "--height M"}
 
 @dataclass(frozen=True, kw_only=True)
 class FileRow:
-    """One file of the folder, and what it is used as."""
+    """One file of the folder, and its use."""
 
     name: str
     kind: str
@@ -50,7 +50,7 @@ class FileRow:
     shows: str = ""
     """The movement that it shows."""
     used: str = ""
-    """What it is used as; empty: it is not used."""
+    """Its use; empty: it is not used."""
     reason: str = ""
     """Why it is used so, or why it is not used."""
 
@@ -169,7 +169,7 @@ STUDY = "study.toml"
 WIDEST = 70
 """Characters of a line up to which its comment is on the same line; else it is above."""
 MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m"}
-"""What the user writes for a missing field. There is no default that could be kept by accident."""
+"""Text for a missing field, which the user replaces; a default could be kept by accident."""
 
 
 def format_draft(draft: Draft, folder: Path | None) -> str:
@@ -582,7 +582,7 @@ def describe_marker_set(draft: Draft) -> str:
 
 
 def list_uncertain_choices(draft: Draft) -> tuple[str, ...]:
-    """List what is only likely, and which files are not used.
+    """List assumptions that are only likely, and files that are not used.
 
     Parameters
     ----------

@@ -297,9 +297,10 @@ def _place_unknown_markers(
         known |= dict.fromkeys(parts, marker_set.segment_of[label])
     known |= marker_set.segment_of
     given = marker_set.coverage([m for r in spelt.values() for m in r.labels]).landmarks
-    lacking = [
-        n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY
-    ]
+    lacking = []
+    for n in marker_set.landmarks:
+        if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY:
+            lacking.append(n)
     try:
         found = place_unknown_markers(
             spelt[static], moving, known, lacking, _find_given_height(spelt.values(), options)

@@ -1,4 +1,4 @@
-"""Propose what markers with unknown labels are: a landmark each, else the segment it moves with.
+"""Propose landmarks for markers with unknown labels, else the segments that they move with.
 
 One recording stands, the others move. Heights, headings and postures of the arms are tried
 (`place_markers`), and the likeliest is kept, unless the opposite heading is nearly as likely. The
@@ -590,11 +590,10 @@ def _drop_lone_forearms(
     """
     segments = np.array(placed.body.segments)
     used = set(segments[placed.assignment[placed.assignment >= 0]].tolist())
-    lone = [
-        f"forearm_hand_{s}"
-        for s in SIDES
-        if f"forearm_hand_{s}" in used and not used & {f"upper_arm_{s}", "head_trunk"}
-    ]
+    lone = []
+    for s in SIDES:
+        if f"forearm_hand_{s}" in used and not used & {f"upper_arm_{s}", "head_trunk"}:
+            lone.append(f"forearm_hand_{s}")
     if not lone:
         return placed
     without = replace(evidence, allowed=evidence.allowed & ~np.isin(segments, lone))

@@ -218,14 +218,7 @@ def _read_toml(file: FolderFile) -> FolderFile:
 def is_study(content: Mapping[str, object]) -> bool:
     """Return whether a TOML table is a study.
 
-    Parameters
-    ----------
-    content
-        Of the file.
-
-    Returns
-    -------
-    bool
+    `content`: of the file.
     """
     return "trial" in content or "subject" in content
 
@@ -264,14 +257,7 @@ def _try_reading_forces(path: Path) -> Forces | None:
 def find_marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
     """Find marker sets next to the folder, where laboratories keep one for all their subjects.
 
-    Parameters
-    ----------
-    folder
-        Its path.
-
-    Returns
-    -------
-    tuple of FolderFile
+    `folder`: its path.
     """
     above = folder.resolve().parent
     try:
@@ -312,15 +298,7 @@ def describe_name_conflict(stem: str, role: tuple[str, str]) -> str:
 def make_trial_names(stems: Sequence[str]) -> list[str]:
     """Make trial names from file names: valid as file names, and unique whatever the case.
 
-    Parameters
-    ----------
-    stems
-        File names without ending.
-
-    Returns
-    -------
-    list of str
-        In the same order.
+    `stems`: file names without ending. Returns: in the same order.
     """
     out: list[str] = []
     for stem in stems:
@@ -563,15 +541,7 @@ def _measure_distance(points: Array, feet: Array) -> float | None:
 def compare_names(stem: str, table: str) -> float:
     """Compare two names without words that mean only `forces`.
 
-    Parameters
-    ----------
-    stem, table
-        File names without ending.
-
-    Returns
-    -------
-    float
-        Similarity, 0 to 1.
+    `stem`, `table`: file names without ending. Returns: similarity, 0 to 1.
     """
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()

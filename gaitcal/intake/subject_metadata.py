@@ -40,7 +40,7 @@ class KnownField:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the user gives about the subject; None: not given."""
+    """Subject data from the user; None: not given."""
 
     mass: float | None = None
     """kg."""
@@ -192,11 +192,10 @@ def _collect_dates(options: Options, files: Sequence[tuple[str, Facts]]) -> dict
 def _compute_age_by_dates(files: Sequence[tuple[str, Facts]]) -> KnownField | None:
     """Compute the age (years, one decimal) by the first plausible dates of birth and session."""
     ages = [(name, compute_age(facts.birth_date, facts.session_date)) for name, facts in files]
-    plausible = [
-        (name, round(age, 1))
-        for name, age in ages
-        if age is not None and 0.0 <= age <= GREATEST_AGE
-    ]
+    plausible = []
+    for name, age in ages:
+        if age is not None and 0.0 <= age <= GREATEST_AGE:
+            plausible.append((name, round(age, 1)))
     if not plausible:
         return None
     first, value = plausible[0]
@@ -250,14 +249,7 @@ def _choose_widths(
 def list_doubtful_figures(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
     """List figures of files for mass, height and widths that are in no plausible unit, each once.
 
-    Parameters
-    ----------
-    files
-        Name and facts of every file of the person.
-
-    Returns
-    -------
-    tuple of str
+    `files`: name and facts of every file of the person.
     """
     # of a figure in several files the first file is named
     first = {}
@@ -358,15 +350,7 @@ def weigh_walking(plates: Sequence[ForcePlate]) -> float | None:
     body for that time. They are complete if both impulses are similar, and the third begins at its
     strike if both double supports last equally long.
 
-    Parameters
-    ----------
-    plates
-        Of the walk.
-
-    Returns
-    -------
-    float or None
-        kg, median over the strides; None without a stride.
+    Returns: kg, median over the strides; None without a stride.
     """
     # whole loadings of every plate: beginning, end and impulse
     steps = []

@@ -124,11 +124,11 @@ def _average_positions(
             label: np.nanmean(recording.markers[frames, i], axis=0)
             for i, label in enumerate(recording.labels)
         }
-    return {
-        label: m
-        for label, m in means.items()
-        if label in marker_set.labels and np.isfinite(m).all()
-    }
+    out: dict[str, Array] = {}
+    for label, m in means.items():
+        if label in marker_set.labels and np.isfinite(m).all():
+            out[label] = m
+    return out
 
 
 def _measure_landmarks(
@@ -186,17 +186,7 @@ def _check_upright(
 def check_units(recording: Recording, marker_set: MarkerSet) -> str:
     """Check whether lengths are wrong by a power of ten, in any movement.
 
-    Parameters
-    ----------
-    recording
-        With the labels of the set.
-    marker_set
-        The set.
-
-    Returns
-    -------
-    str
-        What is wrong and what to do; empty if the lengths are those of a body.
+    Returns: the fault and its remedy; empty if the lengths are those of a body.
     """
     pelvis, *feet = (
         compute_segment_middle(recording, marker_set, name)
@@ -417,12 +407,11 @@ def compute_segment_middle(recording: Recording, marker_set: MarkerSet, segment:
 
 def _measure_flight(recording: Recording, marker_set: MarkerSet) -> float:
     """Measure the share of the frames in which no foot marker is at rest or near the ground."""
-    labels = [
-        m
-        for side in linkage.SIDES
-        for m in marker_set.tracking.get(f"foot_{side}", ())
-        if m in recording.labels
-    ]
+    labels = []
+    for side in linkage.SIDES:
+        for m in marker_set.tracking.get(f"foot_{side}", ()):
+            if m in recording.labels:
+                labels.append(m)
     points = recording.markers[:, [recording.labels.index(m) for m in labels]]
     if not labels:
         return 0.0

@@ -1,4 +1,4 @@
-"""Identify markers without their labels: what moves together, the heading, and positions.
+"""Identify markers without their labels: joint movement, heading, and positions.
 
 *Moving together.* Skin moves the markers of a segment relative to each other by some millimetres;
 the distance of markers on two segments changes by centimetres as joints rotate. S_ij, the standard
@@ -353,16 +353,7 @@ class BodyTemplate:
     def replace_arm(self, side: str, other: "BodyTemplate") -> "BodyTemplate":
         """Return the body with one arm in the posture of another body.
 
-        Parameters
-        ----------
-        side
-            `r` or `l`.
-        other
-            The same body with other arms.
-
-        Returns
-        -------
-        BodyTemplate
+        `side`: `r` or `l`. `other`: the same body with other arms.
         """
         arm = [
             segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments
@@ -381,10 +372,7 @@ def _insert_side(text: str, side: str) -> str:
 def load_standing_bodies() -> tuple[BodyTemplate, ...]:
     """Load the body, once for each posture of the arms.
 
-    Returns
-    -------
-    tuple of BodyTemplate
-        With hanging arms first.
+    Returns: with hanging arms first.
     """
     table = read_toml(find_models_folder() / "body_places.toml")
     rows: list[tuple[str, str, str, str, list[float], float, float]] = []
@@ -512,7 +500,7 @@ class MarkerLocations:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionEvidence:
-    """What is known of markers besides their positions."""
+    """Knowledge about markers besides their positions."""
 
     log_odds: Array
     """(n, n), that two markers are on one segment; 0 where nothing is known."""

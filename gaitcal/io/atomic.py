@@ -55,7 +55,7 @@ class InterruptedWork(BaseException):
     ending
         The exception that interrupted the command.
     work
-        What was kept, for the message.
+        Description of the kept files, for the message.
     """
 
     def __init__(self, ending: KeyboardInterrupt | Stopped, work: str) -> None:
@@ -87,7 +87,7 @@ def raise_on_signals() -> Iterator[None]:
         try:
             yield
         except Exception as error:
-            # A library that was being loaded may have wrapped the signal in its own error
+            # A library that was being loaded may have wrapped the signal in another error
             cause: BaseException | None = error
             while cause is not None and not isinstance(cause, (KeyboardInterrupt, Stopped)):
                 cause = cause.__cause__ or cause.__context__

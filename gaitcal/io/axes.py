@@ -1,7 +1,7 @@
 """Find the vertical and the direction of progression of a recording, and rotate it accordingly.
 
-Both are found from the data; what a file declares about its screen axes is not used. A rotation by
-a multiple of 90 degrees about a coordinate axis only swaps and negates coordinates. No number is
+Both are found from the data; declarations of a file about its screen axes are not used. A rotation
+by a multiple of 90 degrees about a coordinate axis only swaps and negates coordinates. No number is
 rounded, so a file that is converted to CSV reads back to the same bits.
 """
 

@@ -266,9 +266,11 @@ def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
         The plates have different times, or the file cannot be written.
     """
     time, values = tabulate_plates(plates)
-    names = [
-        f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"
-    ]
+    names = []
+    for plate in plates:
+        for quantity in "fpt":
+            for axis in "xyz":
+                names.append(f"{plate.name}_{quantity}{axis}")
     _write_table(path, names, time, values)
 
 

@@ -372,12 +372,7 @@ def build_plate_from_moment(
 def is_reaction_on_plate(force: Array, up: Array) -> bool:
     """Return whether the force under load acts on the plate, not on the body.
 
-    Parameters
-    ----------
-    force : (ns, 3)
-        N.
-    up : (3,)
-        Unit vector of the vertical in the same axes.
+    `force`: N. `up`: unit vector of the vertical in the same axes.
     """
     vertical = force @ up
     loaded = np.abs(vertical) > BODY_N

@@ -43,15 +43,7 @@ Examples are PELO PELA PELL PELP (Vicon) and Pelvis_MO _MA _ML _MP. All four mus
 def clean_label(label: str) -> str:
     """Strip a label, and replace control characters and broken encodings by `?`.
 
-    Parameters
-    ----------
-    label
-        Label as in the file.
-
-    Returns
-    -------
-    str
-        Printable text.
+    `label`: label as in the file. Returns: printable text.
     """
     text = label.encode("utf-8", "replace").decode("utf-8").strip()
     return "".join("?" if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") else c for c in text)
@@ -124,15 +116,7 @@ def is_number(label: str) -> bool:
 def find_axes_points(labels: Sequence[str]) -> set[str]:
     """Find the labels of complete sets of four points of a segment's axes.
 
-    Parameters
-    ----------
-    labels
-        Labels of a file.
-
-    Returns
-    -------
-    set of str
-        Those of `labels`.
+    `labels`: labels of a file. Returns: those of `labels`.
     """
     matches = {label: SEGMENT_POINT.fullmatch(label) for label in labels}
     points: dict[str, set[str]] = {}
@@ -146,15 +130,7 @@ def find_axes_points(labels: Sequence[str]) -> set[str]:
 def find_computed_points(labels: Sequence[str]) -> set[str]:
     """Find the labels that are computed points by their names.
 
-    Parameters
-    ----------
-    labels
-        Labels of a file.
-
-    Returns
-    -------
-    set of str
-        Those of `labels`.
+    `labels`: labels of a file. Returns: those of `labels`.
     """
     return find_axes_points(labels) | {label for label in labels if COMPUTED_POINT.fullmatch(label)}
 
@@ -424,11 +400,12 @@ def parse_events(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[FootEvent
     if times.ndim != 2 or times.shape[0] != 2:
         return ()
     seconds = 60.0 * times[0] + times[1]
-    events = [
-        FootEvent(EVENT_MOMENTS[label.lower()], SIDES[context.lower()], float(second))
-        for label, context, second in zip(labels, contexts, seconds, strict=False)
-        if label.lower() in EVENT_MOMENTS and context.lower() in SIDES and np.isfinite(second)
-    ]
+    events = []
+    for label, context, second in zip(labels, contexts, seconds, strict=False):
+        if label.lower() in EVENT_MOMENTS and context.lower() in SIDES and np.isfinite(second):
+            events.append(
+                FootEvent(EVENT_MOMENTS[label.lower()], SIDES[context.lower()], float(second))
+            )
     return tuple(sorted(events, key=lambda e: e.time))
 
 

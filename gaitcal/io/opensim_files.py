@@ -50,20 +50,7 @@ USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not sho
 def read_trc(path: Path) -> Recording:
     """Read the markers of a TRC file.
 
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    Recording
-        Metres, y up.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read.
+    `path`: the file. Returns: metres, y up. Raises InputError: the file cannot be read.
     """
     return axes.make_y_up(parse_trc(path), USUAL_VERTICAL)
 
@@ -378,12 +365,11 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """
     time, values = tabulate_plates(plates)
     kinds = ("ground_force_{}_v", "ground_force_{}_p", "ground_moment_{}_m")
-    names = [
-        f"{kind.format(k + 1)}{axis}"
-        for k in range(len(plates))
-        for kind in kinds
-        for axis in "xyz"
-    ]
+    names = []
+    for k in range(len(plates)):
+        for kind in kinds:
+            for axis in "xyz":
+                names.append(f"{kind.format(k + 1)}{axis}")
     atomic.write_text_atomically(
         path, StorageTable(time, tuple(names), values, True).format_text(path.name)
     )

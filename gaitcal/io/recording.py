@@ -128,11 +128,10 @@ class Recording(Displayed):
         """
         import pandas as pd
 
-        columns = {
-            f"{name}_{axis}": self.markers[:, m, i]
-            for m, name in enumerate(self.labels)
-            for i, axis in AXES
-        }
+        columns = {}
+        for m, name in enumerate(self.labels):
+            for i, axis in AXES:
+                columns[f"{name}_{axis}"] = self.markers[:, m, i]
         return pd.DataFrame({"time": self.time, **columns})
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
@@ -251,10 +250,7 @@ def replace_zeros(markers: Array) -> tuple[Array, tuple[str, ...]]:
 def require_plain_labels(recording: Recording) -> None:
     """Require marker and plate names that a text table can hold.
 
-    Raises
-    ------
-    FileFault
-        A name has control characters or is empty.
+    Raises FileFault: a name has control characters or is empty.
     """
     for name in (*recording.labels, *(plate.name for plate in recording.plates)):
         if clean_label(name) != name or not name:

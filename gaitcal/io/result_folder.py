@@ -57,7 +57,7 @@ _log = logging.getLogger(__name__)
 
 
 class ResultKind(Enum):
-    """What an output folder holds."""
+    """Kind of an output folder."""
 
     CALIBRATION = "calibration"
     DYNAMICS = "further trials"
@@ -430,7 +430,7 @@ def write_result_folder(
 def check_output_folder(
     target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()
 ) -> tuple[str, ...]:
-    """Raise before long work what `write_result_folder` would raise after it.
+    """Raise, before long work, the errors that `write_result_folder` would raise after it.
 
     Parameters
     ----------

@@ -216,11 +216,10 @@ def compute_pose_points(
     axes = _find_axes(rotation, origin)
     rotation = {name: r @ axes for name, r in rotation.items()}
     points = _compute_points(rotation, origin)
-    others = [
-        label
-        for label, stem in zip(labels, stems, strict=True)
-        if stem not in PARENT and stem not in IGNORED_SEGMENTS
-    ]
+    others = []
+    for label, stem in zip(labels, stems, strict=True):
+        if stem not in PARENT and stem not in IGNORED_SEGMENTS:
+            others.append(label)
     notes = (
         f"poses of {len(column)} segments, no markers: four points stand for each, which err by "
         "its position and turn",
@@ -232,10 +231,7 @@ def compute_pose_points(
 def refuse_origins(labels: Collection[str]) -> None:
     """Refuse points named as the segments of a body, as they do not show rotations.
 
-    Raises
-    ------
-    FileFault
-        All labels are names of segments.
+    Raises FileFault: all labels are names of segments.
     """
     segments = [VISUAL3D.get(label.lower(), "") for label in labels]
     if set(NEEDED_SEGMENTS) <= set(segments) and all(segments):

@@ -98,7 +98,7 @@ def read_whole(
     Returns
     -------
     content, snapshot
-        What `read` returns, and the hashes of the files.
+        Result of `read`, and the hashes of the files.
 
     Raises
     ------

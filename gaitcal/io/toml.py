@@ -327,7 +327,7 @@ def require_known(
     allowed
         Allowed names.
     kind
-        What a name stands for, such as "marker".
+        Noun for a name, such as "marker".
     source, field
         File and place for the message.
     listed
@@ -384,7 +384,7 @@ def _convert_error(error: ValidationError, model: type[BaseModel], source: objec
 
 
 def _describe_allowed(kind: str, context: Mapping[str, Any], field: FieldInfo | None) -> str:
-    """Describe what is allowed by the kind of error; else by the description of the field."""
+    """Describe allowed values by the kind of error; else by the description of the field."""
     if kind not in _ALLOWED:
         return field.description or "another value" if field else "another value"
     length = context.get("min_length", context.get("max_length"))

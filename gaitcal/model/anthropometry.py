@@ -285,11 +285,11 @@ def compute_default_length(name: str, subject: Subject) -> float:
 def compute_default_limb_lengths(subject: Subject) -> dict[str, float]:
     """Compute limb lengths by height alone: `thigh_r`, ... -> m."""
     limbs = ("thigh", "shank", "upper_arm", "forearm_hand")
-    return {
-        f"{s}_{side}": compute_default_length(SEGMENT_TABLE[s].parts[0], subject)
-        for s in limbs
-        for side in SIDES
-    }
+    out: dict[str, float] = {}
+    for s in limbs:
+        for side in SIDES:
+            out[f"{s}_{side}"] = compute_default_length(SEGMENT_TABLE[s].parts[0], subject)
+    return out
 
 
 def _scale_part(name: str, subject: Subject, length: float | None = None) -> _Part:

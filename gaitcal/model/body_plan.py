@@ -99,7 +99,7 @@ from the side.
 """
 LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
 """sd of the angle from above between the lines from left to right through two landmarks."""
-# sd of the difference between right and left of a joint's line, seen from above
+# sd of the difference between right and left of a joint's line, in the horizontal plane
 AXIS_DEG = 11.0
 JOINT_ROTATION_DEG = 8.0
 """Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur
@@ -112,7 +112,7 @@ DISTAL_LANDMARKS = {
     "knee": ("ankle_lat", "ankle_med", "heel", "toe"),
     "ankle": ("heel", "toe"),
 }
-"""Joint -> landmarks that move with what lies beyond it."""
+"""Joint -> landmarks of the segments beyond it."""
 CENTRE_LANDMARKS = {
     "hip": ("asis",),
     "knee": ("knee_lat", "knee_med"),

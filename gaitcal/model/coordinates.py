@@ -23,7 +23,7 @@ class ClinicalSense:
 
     right: float  # 1 or -1: factor of the value in strides of the right foot
     left: float
-    positive: str  # what a positive one means: `this side up`
+    positive: str  # meaning of a positive one: `this side up`
     opposite: str  # and a negative one
 
     def sign(self, side: str) -> float:
@@ -54,9 +54,9 @@ class Coordinate:
     name: str  # without the side: `hip_flexion`
     group: str  # key of `GROUPS`
     title: str  # `Hip flexion`
-    angle: str  # what a positive angle means: `flexion`
-    moment: str  # what a positive internal moment does: `flexor`
-    # what positive and negative values mean, of angles and of moments
+    angle: str  # meaning of a positive angle: `flexion`
+    moment: str  # effect of a positive internal moment: `flexor`
+    # meaning of positive and negative values, of angles and of moments
     senses: tuple[str, str] | None = None
     # with clinical signs, where they are others
     clinical: ClinicalSense | None = None
@@ -163,8 +163,8 @@ _ROWS: Final = (
 )
 # fmt: on
 COORDINATE_TABLE: Final[dict[str, Coordinate]] = {row.name: row for row in _ROWS}
-"""Name without its side -> what it is: every angle in the order of the linkage, a reaction after
-its joint's angle.
+"""Name without its side -> its description: every angle in the order of the linkage, a reaction
+after its joint's angle.
 """
 FOOT_PROGRESSION: Final = "foot_progression"
 # fmt: off
@@ -252,7 +252,7 @@ def describe_coordinate(name: str) -> Coordinate:
 
 
 def get_senses(name: str) -> tuple[str, str] | None:
-    """Get what positive and negative values of a coordinate, reaction or component mean."""
+    """Get the meaning of positive and negative values of a coordinate, reaction or component."""
     return COMPONENT_SENSES.get(split_side(name)[0]) or describe_coordinate(name).senses
 
 
@@ -261,11 +261,11 @@ class JointNames:
     """Names of a joint of the linkage."""
 
     title: str  # `Ankle (talocrural)`
-    feature: str  # what its parameters place: `knee axis`
+    feature: str  # the feature that its parameters locate: `knee axis`
     centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
     power: str  # joint whose power includes its power: `ankle` of `subtalar`
     landmarks: str = "the landmarks"  # landmarks that define its position
-    # what to look at where it lies elsewhere
+    # what to check where it is elsewhere
     markers: str = "the markers of the segments beside it"
 
 

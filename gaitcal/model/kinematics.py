@@ -26,7 +26,7 @@ from gaitcal.model.chain import Chain, LinkageModel, get_chain
 from gaitcal.model.parameters import Parameters
 
 BLOCK = 512
-"""Frames at a time: bounds what is held of all joints of a long recording."""
+"""Frames at a time: bounds the memory for all joints of a long recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ class _Order:
     segment_base: IntArray
     """(ns,) last moving joint before each segment, likewise."""
     levels: list[tuple[slice, bool, slice | IntArray]]
-    """Moving joints that do not depend on each other, whether they turn, and what they stand on."""
+    """Joints that do not depend on each other, whether they rotate, and the joints above them."""
 
 
 @lru_cache(maxsize=64)
@@ -233,7 +233,7 @@ class Kinematics:
         return np.ascontiguousarray(self.segments.transpose(3, 0, 1, 2))
 
     def axis(self, name: str) -> Array:
-        """Get the axis (nf, 3) about which a variable rotates what is distal to it."""
+        """Get the axis (nf, 3) about which a variable rotates all that is distal to it."""
         return self.columns_by_frame[:, self.chain.variables.index(name), 3:]
 
     def frame(self, segment: str) -> Array:

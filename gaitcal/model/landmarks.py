@@ -56,7 +56,7 @@ class StaticPosture:
     """Side -> (3,) m: hip centres that the file itself has, measured or computed by another
     program.
     """
-    # side -> what they are called
+    # side -> their names
     hip_labels: Mapping[str, str] = field(default_factory=dict)
 
     def has(self, *names: str) -> bool:
@@ -92,7 +92,7 @@ def measure_static_posture(
     Raises
     ------
     InputError
-        A required landmark is missing. The message names its marker and what may replace it.
+        A required landmark is missing. The message names its marker and possible replacements.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
     markers = average_visible(
@@ -220,7 +220,7 @@ def find_hip_labels(labels: Iterable[str]) -> dict[str, str]:
 def _describe_missing_landmark(
     name: str, labels: tuple[str, ...], recording: Recording, marker_set: MarkerSet
 ) -> str:
-    """Describe why a required landmark is missing, and what may replace it."""
+    """Describe why a required landmark is missing, and possible replacements."""
     if not labels:
         return f"the marker set does not name it; it needs {describe_substitute(name)}"
     label, instead = labels[0], describe_substitute(name)

@@ -414,7 +414,7 @@ SECONDARY_VARIABLES: dict[str, tuple[str, str, int]] = {
 
 
 ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")
-"""What an isolated trial may move; the ankle is the talocrural and the subtalar joint together."""
+"""Joints of functional trials; the ankle is the talocrural and the subtalar joint together."""
 
 
 def list_moved_joints(isolated: str) -> tuple[Joint, ...]:

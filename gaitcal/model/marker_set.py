@@ -106,7 +106,7 @@ def _find_missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
 
 
 def describe_substitute(landmark: str) -> str:
-    """Describe what may serve as a required landmark, for an error message."""
+    """Describe possible replacements of a required landmark, for an error message."""
     return _SUBSTITUTES.get(landmark) or _SUBSTITUTES[landmark[:-2]]
 
 
@@ -133,7 +133,7 @@ class MarkerSet(Displayed):
     optional: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Segment -> further markers that some people wear; tracked if present, never missing."""
     alternatives: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
-    """Landmark -> what serves instead of `landmarks`, in order of preference."""
+    """Landmark -> replacements of `landmarks`, in order of preference."""
     knee_device: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Lateral knee marker -> the three markers of a knee alignment device that stands in for it in
     the static trial, the one on the flexion axis first."""
@@ -150,7 +150,7 @@ class MarkerSet(Displayed):
     done.
     """
     notes: tuple[str, ...] = ()
-    """What was chosen among alternatives, one sentence each; empty in a set as its file has it."""
+    """Choices among alternatives, one sentence each; empty in a set as its file has it."""
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         followed = [f"{segment} {len(labels)}" for segment, labels in self.tracking.items()]
@@ -287,9 +287,9 @@ class MarkerSet(Displayed):
         for label, others in self.aliases.items():
             letters = {other.casefold() for other in others}
             there = [other for other in others if other in in_file]
-            there += [
-                other for other in given if other not in known and other.casefold() in letters
-            ]
+            for other in given:
+                if other not in known and other.casefold() in letters:
+                    there.append(other)
             if there and label not in in_file:
                 new_names[there[0]] = label
         taken = in_file | set(new_names.values())
@@ -461,7 +461,7 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     Raises
     ------
     InputError
-        Names the file, the entry, what was found and what is allowed.
+        Names the file, the entry, the value found and the allowed ones.
     """
     text, known = str(name_or_path), list_built_in_sets()
     if text in known:

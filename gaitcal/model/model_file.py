@@ -304,7 +304,7 @@ def load_model(path: Path | str) -> SubjectModel:
     Raises
     ------
     InputError
-        One line: file, entry, what was found, what is allowed.
+        One line: file, entry, value found, allowed values.
     """
     source = Path(path)
 

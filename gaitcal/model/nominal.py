@@ -137,19 +137,17 @@ def nominal_model(
     )
     parameters = Parameters(joint, inertial, zero)
     # segments of the legs that do not need markers, and without a visible one
-    optional = [
-        s
-        for leg in linkage.LEGS.values()
-        for s in leg
-        if linkage.get_segment(s).markers and s not in linkage.LEG_SEGMENTS
-    ]
+    optional = []
+    for leg in linkage.LEGS.values():
+        for s in leg:
+            if linkage.get_segment(s).markers and s not in linkage.LEG_SEGMENTS:
+                optional.append(s)
     bare = [s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers)]
     frozen = (*body.frozen_segments, *bare)
-    carried = [
-        label
-        for label in _list_arm_markers(marker_set, body.raised)
-        if label not in (weights or {})
-    ]
+    carried = []
+    for label in _list_arm_markers(marker_set, body.raised):
+        if label not in (weights or {}):
+            carried.append(label)
     raised = {label: marker_set.weight(label) * RAISED_ARM_WEIGHT for label in carried}
     markers, notes = _place_markers(posture, marker_set.with_weights(raised), frames, frozen)
     if raised:
@@ -235,11 +233,8 @@ def _list_arm_markers(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str
     labels: list[str] = []
     for side in sides:
         labels += marker_set.landmarks.get(f"acromion_{side}", ())
-        labels += [
-            m
-            for part in ("upper_arm", "forearm_hand")
-            for m in marker_set.tracking.get(f"{part}_{side}", ())
-        ]
+        for part in ("upper_arm", "forearm_hand"):
+            labels.extend(marker_set.tracking.get(f"{part}_{side}", ()))
     return [label for label in labels if marker_set.weight(label) > 0]
 
 
@@ -247,11 +242,12 @@ def _measure_lengths(pelvis: Frame, centres: Mapping[str, Array]) -> anthropomet
     """Measure the lengths that inertia depends on, from joint centres (3,) m in the laboratory."""
     legs = {"thigh": ("hjc", "kjc"), "shank": ("kjc", "ajc")}
     ends = legs | {"upper_arm": ("sjc", "ejc"), "forearm_hand": ("ejc", "wjc")}
-    limbs = {
-        f"{segment}_{side}": float(np.linalg.norm(centres[f"{a}_{side}"] - centres[f"{b}_{side}"]))
-        for segment, (a, b) in ends.items()
-        for side in linkage.SIDES
-    }
+    limbs = {}
+    for segment, (a, b) in ends.items():
+        for side in linkage.SIDES:
+            limbs[f"{segment}_{side}"] = float(
+                np.linalg.norm(centres[f"{a}_{side}"] - centres[f"{b}_{side}"])
+            )
     hips = pelvis.local(0.5 * (centres["hjc_r"] + centres["hjc_l"]))
     return anthropometry.BodyLengths(
         limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1])
@@ -272,7 +268,7 @@ def _place_markers(
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
-        # whether the joints tell the rest: quality/marker_checks.py
+        # whether the joints determine the rest: quality/marker_checks.py
         needed = PELVIS_MARKERS_NEEDED if segment == "pelvis" else 1
         if kept < needed and segment in ("pelvis", *linkage.LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
@@ -320,11 +316,10 @@ def _compute_joint_parameters(
     the elbows. `dorsiflexion`: side -> ankle angle of the static posture, rad. Returns: (np,) joint
     parameters and (nz,) zero angles, m and rad.
     """
-    values = {
-        p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])
-        for p in JOINT_PARAMETERS
-        if p.kind is ParameterKind.POSITION and p.joint in CENTRE_OF
-    }
+    values = {}
+    for p in JOINT_PARAMETERS:
+        if p.kind is ParameterKind.POSITION and p.joint in CENTRE_OF:
+            values[p.name] = float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])
     zero: dict[str, float] = {}
     for side in linkage.SIDES:
         values[f"shoulder_{side}.upperarm.trans"] = body.shoulder_turn[side]

@@ -225,11 +225,10 @@ def _assign_groups(
     Markers of rejected alternatives that are not visible are left out.
     """
     in_use = {label for group in landmarks.values() for label in group}
-    open_names = [
-        name
-        for name in marker_set.landmarks
-        if name in marker_set.alternatives or name not in landmarks
-    ]
+    open_names = []
+    for name in marker_set.landmarks:
+        if name in marker_set.alternatives or name not in landmarks:
+            open_names.append(name)
     rejected = (
         {m for name in open_names for group in marker_set.options(name) for m in group}
         - in_use

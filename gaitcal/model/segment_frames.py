@@ -423,11 +423,10 @@ class JointWidths:
             m.
         """
         widths = {"knee": subject.knee_width, "ankle": subject.ankle_width}
-        measured = {
-            (joint, side): width
-            for joint, by_side in widths.items()
-            for side, width in by_side.items()
-        }
+        measured = {}
+        for joint, by_side in widths.items():
+            for side, width in by_side.items():
+                measured[(joint, side)] = width
         return cls(subject.height, measured, subject.marker_diameter, subject.asis_distance)
 
     @property

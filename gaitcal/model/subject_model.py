@@ -150,7 +150,7 @@ class SubjectModel(Displayed):
     noise: "PointNoise | None" = None
     """Noise of markerless points (of segment poses or key points); None for skin markers."""
     notes: tuple[str, ...] = ()
-    """What was assumed in making it; shown in every output."""
+    """Assumptions of the model; shown in every output."""
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         subject, count = self.subject, len(set(self.markers.segments))

@@ -126,11 +126,10 @@ def make_case(calibration: Calibration, trial: str | None = None) -> MonteCarloC
     InputError
         No such trial, or none with a frame in which every foot on the ground is on a force plate.
     """
-    reactions = {
-        t.name: t.loads.reactions
-        for t in calibration.trials
-        if t.loads and t.loads.reactions.valid.any()
-    }
+    reactions = {}
+    for t in calibration.trials:
+        if t.loads and t.loads.reactions.valid.any():
+            reactions[t.name] = t.loads.reactions
     name = _choose_trial(tuple(reactions), trial, calibration.study.source)
     model, motion = calibration.model, calibration.trial(name).motion
     # Markers that the trial does not show cannot be disturbed.

@@ -138,7 +138,7 @@ def move_wrenches(wrench: Array, before: FootPose, after: FootPose) -> Array:
 
 
 class MonteCarloContext:
-    """A case with what all its draws need."""
+    """A case with the data that all its draws need."""
 
     @with_one_blas_thread
     def __init__(self, case: MonteCarloCase, settings: MonteCarloSettings) -> None:
@@ -218,7 +218,7 @@ def _build_undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """The changes of one draw; None for what its set does not vary."""
+    """The changes of one draw; None for quantities that its set does not vary."""
 
     joint: Array | None
     """(np,) m, rad, added to the joint parameters that vary."""
@@ -295,17 +295,7 @@ def name_torque_column(torque: str, frame: ReactionFrame, measure: str) -> str:
 def name_marker_column(side: str, measure: str) -> str:
     """Name the column of a marker distance (mm).
 
-    Parameters
-    ----------
-    side : str
-        `r` or `l`.
-    measure : str
-        `rms` or `mean`.
-
-    Returns
-    -------
-    str
-        `markers_l.rms`.
+    `side`: `r` or `l`. `measure`: `rms` or `mean`. Returns: `markers_l.rms`.
     """
     return f"markers_{side}.{measure}"
 

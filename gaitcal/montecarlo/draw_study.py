@@ -180,7 +180,7 @@ class Store:
             self._refuse_other(stored, {**stored, "model": dict(case.compute_fingerprint())})
 
     def _read_settings(self) -> dict[str, object]:
-        """Read what the stored draws were made with."""
+        """Read the settings of the stored draws."""
         try:
             content = json.loads(self._settings.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
@@ -269,7 +269,7 @@ class Store:
         Parameters
         ----------
         plan : Plan, optional
-            Whose draws; all if not given.
+            Sets, levels and number of draws; all stored draws if not given.
 
         Returns
         -------
@@ -418,11 +418,11 @@ def monte_carlo(
         Where draws are stored, so that a later run continues, and where `montecarlo.csv` is
         written; nothing is stored if not given.
     settings : MonteCarloSettings, optional
-        Seed and bounds: what a draw depends on; as published if not given.
+        Seed and bounds of the draws; as published if not given.
     plan : Plan, optional
         Which sets are disturbed, at which levels, how often; as published if not given.
     workers : Workers, optional
-        What computes the draws; `LocalProcesses()` if not given.
+        Workers that compute the draws; `LocalProcesses()` if not given.
     progress : callable, optional
         Called with the number of draws done, and of all that this run computes.
     until_converged : bool
@@ -444,7 +444,7 @@ def monte_carlo(
     settings, plan = settings or MonteCarloSettings(), plan or Plan()
     workers = workers or LocalProcesses()
     progress = progress or (lambda done, todo: None)
-    # Workers get the case with each chunk; `run_chunk` keeps what it prepared of it.
+    # Workers get the case with each chunk; `run_chunk` keeps the prepared case.
     work = partial(run_chunk, case, settings)
     with ExitStack() as stack:
         if folder is None:
@@ -484,7 +484,7 @@ def _compute_missing(
     """Compute the draws of a plan that are not stored, and return their number."""
     computed = 0
     for _ in range(TRIES):
-        # What is missing is listed anew, as another run may have written meanwhile.
+        # Missing draws are listed anew, as another run may have written meanwhile.
         chunks = list(store.list_missing(plan, size))
         if not chunks:
             return computed

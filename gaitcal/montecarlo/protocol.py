@@ -100,7 +100,7 @@ class ParameterChoice(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class MonteCarloSettings:
-    """What a draw depends on, besides the model, its set, its level and its number."""
+    """Settings of a draw, besides the model, its set, its level and its number."""
 
     seed: int = 0
     parameters: ParameterChoice = ParameterChoice.LEG
@@ -128,10 +128,7 @@ class MonteCarloSettings:
     def convert_to_json(self) -> Mapping[str, float]:
         """Convert to a flat dictionary of numbers, for the store of draws.
 
-        Returns
-        -------
-        mapping
-            Setting -> number.
+        Returns: setting -> number.
         """
         return asdict(self) | {"parameters": self.parameters.value}
 

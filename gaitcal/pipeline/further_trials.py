@@ -195,19 +195,21 @@ def analyse_trials(
 
 def _report_edited_files(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
     """Report files of the result that changed since it was written, for every trial."""
-    return [
-        Finding(
-            severity=Severity.WARNING,
-            topic="result folder",
-            where=trial.name,
-            cause="a file of the result is not as it was written",
-            found=remark,
-            cure="",
-            code=Code.RESULT_EDITED,
-        )
-        for trial in trials
-        for remark in saved.files.remarks
-    ]
+    out: list[Finding] = []
+    for trial in trials:
+        for remark in saved.files.remarks:
+            out.append(
+                Finding(
+                    severity=Severity.WARNING,
+                    topic="result folder",
+                    where=trial.name,
+                    cause="a file of the result is not as it was written",
+                    found=remark,
+                    cure="",
+                    code=Code.RESULT_EDITED,
+                )
+            )
+    return out
 
 
 def _report_untracked(name: str) -> Finding:

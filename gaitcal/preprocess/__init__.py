@@ -11,6 +11,6 @@
 | compare a trial with the static posture: a `TrialEvidence` | `trial_evidence` |
 | fit its clusters of markers | `marker_clusters` |
 | relate the segments at its joints | `joint_links` |
-| find what contradicts the static trial | `static_disagreement` |
+| find contradictions to the static trial | `static_disagreement` |
 | find displaced markers; find feet on plates | `displaced_markers`; `plate_contacts` |
 """

@@ -4,7 +4,7 @@
 coordinate by coordinate, of all markers visible in frame t on segment s and on the segments that
 share a joint with s. A marker of s farther than `REACH_M` from c(s, t) is removed in that frame.
 Nothing is removed in a frame in which more than `MOST_SHARE` of all markers are that far: the
-unit or the labels are wrong then, which is a finding of its own.
+unit or the labels are wrong then, which is a separate finding.
 
 *Isolated jumps.* With a the distance of x_k from the midpoint of x_(k-1) and x_(k+1), and s the
 step between these two less the steps before and after it, position k is removed where a is larger
@@ -195,19 +195,9 @@ def remove_spikes(
 ) -> tuple[Recording, Spikes]:
     """Remove single positions that jump away from their neighbours in time and come back.
 
-    Parameters
-    ----------
-    recording
-        Marker positions (nf, nm, 3) of one trial.
-    noise
-        Of markerless points; None for markers.
-
-    Returns
-    -------
-    recording : Recording
-        NaN at the removed positions.
-    spikes : dict
-        Marker -> number of removed positions, and the distance (m) of the largest jump.
+    `recording`: marker positions (nf, nm, 3) of one trial. `noise`: of markerless points; None for
+    markers. Returns: `recording` NaN at the removed positions; `spikes` marker -> number of removed
+    positions, and the distance (m) of the largest jump.
     """
     x, limit = recording.markers, compute_jump_limit(recording, noise)
     if len(x) < 5:
@@ -235,7 +225,7 @@ def remove_spikes(
 
 @dataclass(frozen=True, kw_only=True)
 class CleanTrial(Trial):
-    """A trial as it is fitted, and what was removed from its recording."""
+    """A trial as it is fitted, and the samples that were removed from its recording."""
 
     outliers: tuple[Outlier, ...] = ()
     """Markers removed in frames in which they were metres away from the body."""
@@ -268,7 +258,7 @@ def clean_trial(
     Returns
     -------
     CleanTrial
-        The trial with a clean recording, and what was removed.
+        The trial with a clean recording, and the removed samples.
     """
     recording, outliers = remove_outliers(trial.recording, segment_of)
     given = trial.collect_fields()

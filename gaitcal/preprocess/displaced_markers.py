@@ -123,18 +123,7 @@ def find_strayed_intervals(
 ) -> Iterator[DisplacedInterval]:
     """Find intervals in which a marker is far from its mean position, and more so than usually.
 
-    Parameters
-    ----------
-    cluster
-        Markers of one segment.
-    paths
-        (nf, n, 3) m, of these markers in the laboratory.
-    rate
-        Hz.
-
-    Yields
-    ------
-    DisplacedInterval
+    `paths`: (nf, n, 3) m, of these markers in the laboratory. `rate`: Hz.
     """
     distance = np.nan_to_num(cluster.strayed[:, : cluster.marker_count])
     baseline = np.nanmedian(cluster.strayed[:, : cluster.marker_count], axis=0)
@@ -271,16 +260,7 @@ def _identify_displaced(cluster: MarkerCluster, paths: Array, run: slice) -> int
 def find_drawn_intervals(cluster: MarkerCluster, x: Array) -> Iterator[DisplacedInterval]:
     """Find intervals in which a marker is still, or on a line or cubic, while its neighbours move.
 
-    Parameters
-    ----------
-    cluster
-        Markers of one segment.
-    x
-        (nf, n, 3) m, their paths in the laboratory.
-
-    Yields
-    ------
-    DisplacedInterval
+    `x`: (nf, n, 3) m, their paths in the laboratory.
     """
     if len(x) < STRAIGHT_FRAMES + 2:
         return

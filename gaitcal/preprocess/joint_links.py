@@ -189,15 +189,7 @@ def _compute_link(
 def compute_rotation_angle(rotation: Array) -> Array:
     """Compute the angle of rotations.
 
-    Parameters
-    ----------
-    rotation
-        (..., 3, 3).
-
-    Returns
-    -------
-    Array
-        (...,) rad, 0 to pi.
+    `rotation`: (..., 3, 3). Returns: (...,) rad, 0 to pi.
     """
     out: Array = np.arccos(np.clip(0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0), -1.0, 1.0))
     return out

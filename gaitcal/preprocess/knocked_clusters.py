@@ -1,7 +1,7 @@
 """Place a cluster that was knocked after the static trial, by the other markers of the leg.
 
 A cluster that slid or rotated on its segment (`static_disagreement.py`) no longer marks the bone by
-its static position; its position during movement follows from what did not move with it. Points p_k
+its static position; its position during movement follows from markers that stayed. Points p_k
 of the bone in the static posture (the joint centres, the axis of the knee, markers of the segment
 on landmarks) are at x_k in every frame, the joints as the adjacent segments carry them. With R_f,
 o_f the rigid motion of the p_k nearest to the x_k, marker i at y_i is at

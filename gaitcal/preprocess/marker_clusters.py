@@ -151,15 +151,7 @@ class Stance:
     def from_model(cls, model: SubjectModel) -> "Stance":
         """Take the posture of a saved model with all coordinates zero.
 
-        Parameters
-        ----------
-        model
-            Nominal or calibrated.
-
-        Returns
-        -------
-        Stance
-            Without knee axes.
+        Returns: without knee axes.
         """
         axes, origins = kinematics.compute_body_poses(
             model.parameters, np.zeros((1, len(linkage.COORDINATES)))
@@ -195,14 +187,7 @@ class Stance:
     def drop_markers(self, labels: Collection[str]) -> "Stance":
         """Return the posture without markers that are no evidence of their static position.
 
-        Parameters
-        ----------
-        labels
-            Of markers that were reconstructed, not observed.
-
-        Returns
-        -------
-        Stance
+        `labels`: of markers that were reconstructed, not observed.
         """
         points: dict[str, dict[str, Array]] = {}
         for segment, placed in self.points.items():
@@ -370,7 +355,7 @@ def compute_tissue_spread(size: float, far: float) -> float:
     size
         m, standard deviation of the artefact in walking.
     far
-        rad, flexion beyond what is near the static posture.
+        rad, flexion from which a posture is not near the static one.
 
     Returns
     -------
@@ -460,7 +445,7 @@ def _fit_in_frames(
         if lent is not None:
             name, position, path = lent
             labels, static, paths = [*labels, name], [*static, position], [*paths, path]
-        # in the second fit, what was near the static posture throughout stays
+        # in the second fit, segments near the static posture throughout stay as they are
         if near and segment not in near and lent is None:
             if segment in before:
                 out[segment] = before[segment]

@@ -123,19 +123,7 @@ def find_plate_contacts(
     without the study's assignment. Where one belt carries both feet, a contact is the time in which
     one foot stands alone, as centre and force are that foot's only there.
 
-    Parameters
-    ----------
-    feet
-        Of the trial.
-    plates
-        Of the trial.
-    height
-        m, of the person.
-
-    Returns
-    -------
-    tuple of PlateContact
-        In the order of the plates and in time.
+    `height`: m, of the person. Returns: in the order of the plates and in time.
     """
     found, points = list[PlateContact](), feet.build_points(height)
     wrenches = [np.nan_to_num(resample_wrench(plate, feet.time)) for plate in plates]

@@ -34,7 +34,7 @@ MOST_PLACED = 3
 
 @dataclass(frozen=True, kw_only=True)
 class PreprocessedStudy:
-    """A study with clean trials, and what they are compared with."""
+    """A study with clean trials, and the references for their checks."""
 
     study: Study
     """As it was read, with knocked clusters of its static trial placed by the moving trials."""

@@ -24,7 +24,7 @@ def restore_swapped_labels(trial: TrialEvidence) -> TrialEvidence:
     Returns
     -------
     TrialEvidence
-        `restored_swaps` lists what was swapped.
+        `restored_swaps` lists the swapped labels.
     """
     if trial.is_static:
         return trial

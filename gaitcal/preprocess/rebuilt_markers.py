@@ -278,7 +278,7 @@ def _try_rebuilding(
 def _find_companions(
     label: str, marker_set: MarkerSet, standing: Mapping[str, Array], recording: Recording
 ) -> dict[str, tuple[Array, Array]]:
-    """Find what may carry a lost marker: name -> static position (3,) m and path (nf, 3) m.
+    """Find possible carriers of a lost marker: name -> static position (3,), path (nf, 3), both m.
 
     The joint above is one of them only if the segment has too few markers.
     """

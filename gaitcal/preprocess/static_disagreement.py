@@ -1,7 +1,7 @@
 """Find why a trial contradicts the static trial: the one cause that explains it best.
 
 A trial contradicts the static one if a cluster's offsets, a joint's gap or its rotation
-(`marker_clusters.py`, `joint_links.py`) exceed what clean recordings show. A marker that moved
+(`marker_clusters.py`, `joint_links.py`) exceed those of clean recordings. A marker that moved
 deforms its cluster and, through the segment's pose, both joints of the segment; the cause is
 therefore sought with all of them together. For a segment with markers m_i (static position s_i) and
 the axis points p_k of its joints, which the adjacent segments have at q_k, each explanation has the
@@ -12,7 +12,7 @@ cost
 
 The explanations are: one marker moved (without its term), two labels are swapped (m exchanged), the
 cluster is mirrored (m reflected), or it slid or rotated on the segment, with or without the markers
-on landmarks (the terms of those that slid have a C of their own). The price is what a free quantity
+on landmarks (the terms of those that slid have another C). The price is what a free quantity
 gains by chance. The cheapest explanation of the segments concerned is reported; its C corrects the
 pose, all quantities are computed again, and what is left is explained in turn.
 
@@ -231,7 +231,7 @@ class _Body:
     """Segment -> markers that are explained."""
 
     def apply_cause(self, cause: Contradiction, pose: Pose) -> None:
-        """Correct the pose of a segment, and leave out what depends on the wrong markers.
+        """Correct the pose of a segment, and leave out all that depends on the wrong markers.
 
         These are the clusters that borrow from it and their joints; after mirroring also its
         joints.
@@ -383,7 +383,7 @@ def _compute_remaining_cost(body: _Body, segment: str) -> float:
 def _compute_saving(
     body: _Body, cluster: MarkerCluster, before: float, found: _Explanation
 ) -> float:
-    """Compute what an explanation saves of the cost `before` it, borrowing clusters included."""
+    """Compute how much an explanation lowers the cost `before` it, with borrowing clusters."""
     saving = before - found.cost
     if found.fault is not Fault.MARKER:
         return saving

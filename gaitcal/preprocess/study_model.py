@@ -36,15 +36,7 @@ SINGULAR = 1e-2
 def rebuild_static(clean: Study) -> MarkerReconstruction:
     """Reconstruct the markers that the first static trial of a study lost, from its other trials.
 
-    Parameters
-    ----------
-    clean
-        A study of clean trials.
-
-    Returns
-    -------
-    MarkerReconstruction
-        The completed static trial.
+    Returns: the completed static trial.
     """
     others = [(t.name, t.recording) for t in (*clean.further_statics, *clean.moving)]
     marker_set = clean.marker_set.with_weights(clean.weights)
@@ -123,21 +115,8 @@ def build_model_with_trunk(
 ) -> SubjectModel:
     """Make a model with the trunk of the walks if the static trial shows none.
 
-    Parameters
-    ----------
-    build_model
-        Makes a model from a static trial.
-    static
-        Static trial.
-    marker_set
-        Of the study.
-    walks
-        Recordings of the walks.
-
-    Returns
-    -------
-    SubjectModel
-        That of the static trial alone if it shows the trunk, or the walks do not either.
+    `build_model`: makes a model from a static trial. Returns: that of the static trial alone if it
+    shows the trunk, or the walks do not either.
     """
     model = build_model(static)
     placed = zip(model.markers.segments, model.markers.weight, strict=True)

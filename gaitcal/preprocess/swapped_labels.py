@@ -95,7 +95,7 @@ def find_swapped_labels(
             found[pair] = swap
         if known is not None:
             found[pair] = replace(found[pair], frames=known.frames | swap.frames)
-    # jumps are exact to the frame: they replace what lengths show
+    # jumps are exact to the frame: they replace intervals by lengths
     for swap in find_swaps_by_jumps(recording, templates, noise):
         found[frozenset((swap.label, swap.other))] = swap
     return tuple(found.values())
@@ -170,17 +170,8 @@ class _Lengths:
 def find_swaps_by_lengths(recording: Recording, templates: Templates) -> Iterator[SwappedLabels]:
     """Find swaps that the lengths within segments show.
 
-    Parameters
-    ----------
-    recording
-        Marker positions of a trial.
-    templates
-        Segment -> labels of the recording on it, and their positions (nm, 3) m in the static
-        posture.
-
-    Yields
-    ------
-    SwappedLabels
+    `templates`: segment -> labels of the recording on it, and their positions (nm, 3) m in the
+    static posture.
     """
     lengths, visible = _Lengths(recording, templates, ARMS), find_visible(recording.markers)
     strange = {
@@ -227,19 +218,8 @@ def find_swaps_by_jumps(
     Lengths decide which side of a jump is right. If they do not, as the two have similar distances
     from the others, the shorter side is the wrong one.
 
-    Parameters
-    ----------
-    recording
-        Marker positions of a trial.
-    templates
-        Segment -> labels of the recording on it, and their positions (nm, 3) m in the static
-        posture.
-    noise
-        Of the marker set, if its points are markerless.
-
-    Yields
-    ------
-    SwappedLabels
+    `templates`: segment -> labels of the recording on it, and their positions (nm, 3) m in the
+    static posture. `noise`: of the marker set, if its points are markerless.
     """
     lengths, keeps_lengths = _Lengths(recording, templates), noise is None
     for (a, b), times in _find_crossings(recording, noise).items():

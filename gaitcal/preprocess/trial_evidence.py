@@ -1,4 +1,4 @@
-"""The evidence of one trial: its clean recording, what it is compared with, and what both show.
+"""The evidence of one trial: its clean recording, its references, and the comparison.
 
 Properties of a `TrialEvidence` are computed when they are first used, and kept.
 """
@@ -38,7 +38,7 @@ One shank with its foot measures 0.3."""
 
 @dataclass(frozen=True, kw_only=True)
 class TrialEvidence:
-    """One trial, and what it is compared with."""
+    """One trial, and the references for its checks."""
 
     trial: CleanTrial
     marker_set: MarkerSet
@@ -102,13 +102,13 @@ class TrialEvidence:
         topic
             Heading of the check.
         found
-            What was found, with numbers.
+            Evidence, with numbers.
         cure
-            What to do.
+            Remedy.
         code
             Of the finding.
         cause
-            What it leads to.
+            Its consequence.
         leg
             `r` or `l`, if one leg is concerned.
         weight

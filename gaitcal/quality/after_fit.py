@@ -254,14 +254,15 @@ def _check_lasting_offset(tracked: TrackedMarkers, k: int, baseline: Array) -> I
     """Report marker `k` if it alone of its segment is far from the model marker throughout."""
     limit = DISPLACED_M if tracked.has_full_weight(k) else LIGHT_DISPLACED_M
     # typical residuals of the other markers of the segment
-    mates = [
-        baseline[i]
-        for i, segment in enumerate(tracked.segments)
-        if i != k
-        and segment == tracked.segments[k]
-        and tracked.weight[i] > 0
-        and np.isfinite(baseline[i])
-    ]
+    mates = []
+    for i, segment in enumerate(tracked.segments):
+        if (
+            i != k
+            and segment == tracked.segments[k]
+            and tracked.weight[i] > 0
+            and np.isfinite(baseline[i])
+        ):
+            mates.append(baseline[i])
     if baseline[k] < limit or (
         mates and baseline[k] < TIMES_SEGMENT_MEDIAN * float(np.median(mates))
     ):

@@ -2,7 +2,7 @@
 
 `dynamics/off_sole.py` finds the frames in which a centre of pressure is outside its foot; torques
 are invalid there, in the tracked motion as well. A fault of soles, plates or synchronisation has a
-check of its own; what only follows from it is not reported again (`_is_explained`).
+check of its own; its consequences are not reported again (`_is_explained`).
 """
 
 import re
@@ -201,26 +201,15 @@ def check_overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding
 
     Plates that touch each other are one surface.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-    step
-        A loading of a plate by a foot of this trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    `step`: a loading of a plate by a foot of this trial. Yields one warning, or nothing.
     """
     feet = trial.feet
     if feet is None or step.plate.corners is None:
         return
-    surface = [
-        plate
-        for plate in trial.recording.plates
-        if plate is step.plate or has_known_outline(plate, BODY_N)
-    ]
+    surface = []
+    for plate in trial.recording.plates:
+        if plate is step.plate or has_known_outline(plate, BODY_N):
+            surface.append(plate)
     sole = foot_contact.build_sole(feet.build_points(trial.subject.height), step.foot, step.frames)
     still = sole.resting.any(axis=1) & feet.visible[step.frames, step.foot]
     if still.sum() < 3:
@@ -292,7 +281,7 @@ def check_pressure_outside_sole(
     trial
         The trial.
     others
-        Findings of the other checks of this trial; what they explain is not reported again.
+        Findings of the other checks of this trial; faults that they explain are not reported again.
 
     Yields
     ------

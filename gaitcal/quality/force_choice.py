@@ -148,7 +148,7 @@ def _compute_gains(
 
 
 def evaluate_at_size(alone: Sequence[ForceResidual], fit: ForceFit) -> ForceFit:
-    """Evaluate a cause of the same size in several trials, each with inertial errors of its own.
+    """Evaluate a cause of the same size in several trials, each with independent inertial errors.
 
     Returns: the same cause and size, with the gains of these trials.
     """
@@ -325,7 +325,7 @@ def choose(trials: Sequence[ForceEvidence]) -> Choice:
     if together is None:
         return separate
     first = together.fits[0]
-    # a common fault must also be found in the trials without one of their own
+    # a common fault must also be found in the trials without a single one
     named_trials = {one.trials[0].name for one in alone}
     if alone and not _is_confirmed(
         [r for r in residuals if r.trials[0].name not in named_trials], first
@@ -340,7 +340,7 @@ def choose(trials: Sequence[ForceEvidence]) -> Choice:
 
 
 def _is_confirmed(others: Sequence[ForceResidual], common: ForceFit) -> bool:
-    """Return whether trials without a fault of their own show the common fault by themselves.
+    """Return whether trials without a single fault show the common fault by themselves.
 
     Beside one walk whose forces come 25 ms late, four that are 14 ms late by themselves, as clean
     walks may be, gain 6 nats each by 20 ms.

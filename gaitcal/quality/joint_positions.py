@@ -106,7 +106,7 @@ def check_joint_positions(
             if far:
                 yield _report_joint(joint, far, model, joint in isolated)
                 hip_reported = hip_reported or joint.startswith("hip")
-    # a note on the distance would repeat what is reported of a hip
+    # a note on the distance would repeat the finding on a hip
     distance = positions.measure_hip_distance()
     if distance.probability < (RARE if hip_reported else UNUSUAL):
         yield _report_hip_distance(distance, model, fitted)

@@ -93,11 +93,10 @@ def check_knee_lines(
         return
     for found in find_odd_lines(collect_landmarks(static), measure_bending(trials)):
         both = len(found.sides) == 2
-        names = [
-            describe_labels(static, f"knee_{end}_{side}")
-            for side in found.sides
-            for end in ("lat", "med")
-        ]
+        names = []
+        for side in found.sides:
+            for end in ("lat", "med"):
+                names.append(describe_labels(static, f"knee_{end}_{side}"))
         evidence = ", ".join(
             f"{x:+.0f} deg {AGAINST[name]}" for name, x in found.side_evidence.items()
         )

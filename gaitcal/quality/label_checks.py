@@ -28,15 +28,7 @@ LEGS = ("thigh", "shank", "foot")
 def check_swapped_labels(trial: TrialEvidence) -> Iterator[Finding]:
     """Report labels that are swapped in a part of the trial, or in all of it.
 
-    Parameters
-    ----------
-    trial
-        The trial as read.
-
-    Yields
-    ------
-    Finding
-        One for each pair: a note if the swap was corrected or has no effect.
+    Yields one for each pair: a note if the swap was corrected or has no effect.
     """
     back = trial.restored_swaps
     for k, found in enumerate((*back, *trial.swapped_labels)):
@@ -83,15 +75,7 @@ def _is_harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
 def check_sides(trial: TrialEvidence) -> Iterator[Finding]:
     """Report right markers that are to the left of their left namesakes, in the pelvis frame.
 
-    Parameters
-    ----------
-    trial
-        The trial as read.
-
-    Yields
-    ------
-    Finding
-        One error or warning, or nothing.
+    Yields one error or warning, or nothing.
     """
     if trial.pelvis is None:
         return
@@ -151,16 +135,12 @@ def _is_right_of(a: str, b: str) -> bool:
 def swap_sides(recording: Recording) -> Recording:
     """Swap the labels of right and left.
 
-    Parameters
-    ----------
-    recording
-        Any recording.
-
-    Returns
-    -------
-    Recording
-        With the label of its namesake for every marker that has one.
+    Returns: with the label of its namesake for every marker that has one.
     """
     labels = recording.labels
-    other = {a: b for a in labels for b in labels if _is_right_of(a, b) or _is_right_of(b, a)}
+    other = {}
+    for a in labels:
+        for b in labels:
+            if _is_right_of(a, b) or _is_right_of(b, a):
+                other[a] = b
     return replace(recording, labels=tuple(other.get(label, label) for label in labels))

@@ -81,15 +81,7 @@ COMMON_FRAMES = 20  # Fewest frames in which both markers are visible
 def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers metres away from the body; they are left out there.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or a note if they have little weight.
+    Yields one warning, or a note if they have little weight.
     """
     if not trial.outliers:
         return
@@ -108,15 +100,7 @@ def check_outliers(trial: TrialEvidence) -> Iterator[Finding]:
 def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers of the set that the file lacks, with similar labels of the file.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        A warning on markers that torques need, a note on others.
+    Yields a warning on markers that torques need, a note on others.
     """
     absent = [label for label in trial.expected if label not in trial.column]
     needed = [] if trial.is_isolated else [label for label in absent if _is_needed(trial, label)]
@@ -166,15 +150,7 @@ def check_base_segment(trial: TrialEvidence) -> Iterator[Finding]:
     The base segment is the pelvis or, if it is hidden, the segment proximal to a functional trial's
     joint.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        An error; a note if another segment replaces the pelvis.
+    Yields an error; a note if another segment replaces the pelvis.
     """
     if trial.is_static or trial.model is None:
         return
@@ -251,15 +227,7 @@ def check_empty_labels(trial: TrialEvidence) -> Iterator[Finding]:
 def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
     """Report a static trial with one posterior spine marker of two.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning for each such marker.
+    Yields one warning for each such marker.
     """
     if not trial.is_static or trial.model is None:
         return
@@ -278,15 +246,7 @@ def check_single_psis(trial: TrialEvidence) -> Iterator[Finding]:
 def check_unknown_labels(trial: TrialEvidence) -> Iterator[Finding]:
     """Report labels that are not in the marker set; they are not used.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One note, or nothing.
+    Yields one note, or nothing.
     """
     strangers = _list_unknown_labels(trial)
     if strangers:
@@ -305,15 +265,7 @@ def _list_unknown_labels(trial: TrialEvidence) -> list[str]:
 def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
     """Report labels that occur twice, and trajectories with two labels.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        A warning on labels, an error on trajectories.
+    Yields a warning on labels, an error on trajectories.
     """
     names = [label.rpartition("#")[0] for label in trial.recording.labels if "#" in label]
     twice = [name for name in names if name in trial.column]
@@ -350,15 +302,7 @@ def check_duplicates(trial: TrialEvidence) -> Iterator[Finding]:
 def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
     """Report segments of the legs, and other tracked ones, without a visible marker with weight.
 
-    Parameters
-    ----------
-    trial
-        A whole-body trial; others are not checked.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    `trial`: a whole-body trial; others are not checked. Yields one warning, or nothing.
     """
     if not trial.is_whole_body or trial.model is None:
         return
@@ -390,15 +334,7 @@ def check_bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
 def check_gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Report long gaps, markers that are missing most of the time, and gaps of the pelvis.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        A warning if a segment keeps too few other markers; otherwise notes.
+    Yields a warning if a segment keeps too few other markers; otherwise notes.
     """
     used = {m for m in trial.as_fitted.present if trial.is_ever_visible(m)}
     markers = [gap for gap in measure_gaps(trial.recording) if gap.label in used]
@@ -480,9 +416,10 @@ def check_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
     if trial.rebuilding is None or trial.model is None:
         return
     markers = trial.rebuilding.markers
-    doubted = [
-        m for m in markers if m.landmarks and (m.uncertainty > LANDMARK_M or m.unknown_marker)
-    ]
+    doubted = []
+    for m in markers:
+        if m.landmarks and (m.uncertainty > LANDMARK_M or m.unknown_marker):
+            doubted.append(m)
     for marker in doubted:
         cure = (
             "check the angles of that segment, or use a static trial in which the marker is visible"
@@ -532,15 +469,7 @@ def check_not_reconstructed(trial: TrialEvidence) -> Iterator[Finding]:
 def check_marker_positions(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers of a static trial that are not at their segment.
 
-    Parameters
-    ----------
-    trial
-        The trial; moving trials are not checked.
-
-    Yields
-    ------
-    Finding
-        One error, or nothing.
+    `trial`: the trial; moving trials are not checked. Yields one error, or nothing.
     """
     lines, height = _locate_segment_lines(trial), trial.subject.height
     wrong = []
@@ -737,17 +666,19 @@ def _find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
     """
     part, _, side = segment.partition("_")
     below = {"thigh": f"shank_{side}", "shank": f"foot_{side}"}.get(part)
-    return [
-        label
-        for label in _list_unknown_labels(trial)
-        if not is_unlabelled(label)
-        and _has_fixed_distances(trial, label, segment)
-        and not (
-            below
-            and trial.list_weighted_markers(below)
-            and _has_fixed_distances(trial, label, below)
-        )
-    ]
+    out: list[str] = []
+    for label in _list_unknown_labels(trial):
+        if (
+            not is_unlabelled(label)
+            and _has_fixed_distances(trial, label, segment)
+            and not (
+                below
+                and trial.list_weighted_markers(below)
+                and _has_fixed_distances(trial, label, below)
+            )
+        ):
+            out.append(label)
+    return out
 
 
 def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool:
@@ -760,12 +691,12 @@ def _has_fixed_distances(trial: TrialEvidence, label: str, segment: str) -> bool
     }
     near_joint |= dict.fromkeys(trial.list_weighted_markers(segment), FIXED_DISTANCE_M)
     spread = [(_measure_scatter(trial, label, other), most) for other, most in near_joint.items()]
-    others = [
-        _measure_scatter(trial, label, m)
-        for s in linkage.SIDES
-        for m in trial.list_weighted_markers(f"foot_{s}")
-        + trial.list_weighted_markers(f"thigh_{s}")
-    ]
+    others = []
+    for s in linkage.SIDES:
+        for m in trial.list_weighted_markers(f"foot_{s}") + trial.list_weighted_markers(
+            f"thigh_{s}"
+        ):
+            others.append(_measure_scatter(trial, label, m))
     # in a trial without motion every distance is constant
     moved = max((s for s in others if s is not None), default=0.0)
     return (

@@ -31,15 +31,7 @@ positions. A marker must move as far in one coordinate before a constant one is 
 def check_displaced_markers(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers that are displaced for a while.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One error or warning a marker.
+    Yields one error or warning a marker.
     """
     time = trial.recording.time
     for label, of_marker in trial.displaced.items():
@@ -88,15 +80,7 @@ def _is_harmful(stretch: DisplacedInterval, time: Array) -> bool:
 def check_frozen(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers that repeat their position exactly while the others move.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    Yields one warning, or nothing.
     """
     x = trial.recording.markers
     if len(x) < 5:
@@ -136,15 +120,7 @@ def _has_body_moved(x: Array, run: slice) -> bool:
 def check_constant_coordinates(trial: TrialEvidence) -> Iterator[Finding]:
     """Report markers with a coordinate that never changes.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    Yields one warning, or nothing.
     """
     trial, labels = trial.as_fitted, []
     for label in trial.present:

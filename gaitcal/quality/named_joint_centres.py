@@ -54,11 +54,10 @@ def find_measured_markers(
     """
     window = find_still_window(standing, marker_set.labels).frames
     at = average_visible({m: standing.markers[window, i] for i, m in enumerate(standing.labels)})
-    named = {
-        n: m[0]
-        for n, m in resolve_marker_set(marker_set, standing).landmarks.items()
-        if len(m) == 1 and m[0] in at
-    }
+    named = {}
+    for n, m in resolve_marker_set(marker_set, standing).landmarks.items():
+        if len(m) == 1 and m[0] in at:
+            named[n] = m[0]
     if (
         not {f"{name}_{side}" for name in ("asis", "knee_lat", "ankle_lat") for side in SIDES}
         <= named.keys()
@@ -143,15 +142,7 @@ def identify_computed_points(one: Array, other: Array, middle: Array) -> tuple[b
 def check_named_centres(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Report joint centres that have the labels of lateral markers.
 
-    Parameters
-    ----------
-    trials
-        All trials of the study.
-
-    Yields
-    ------
-    Finding
-        One error of the static trial, or nothing.
+    Yields one error of the static trial, or nothing.
     """
     static = next((t for t in trials if t.makes_model and t.model is not None), None)
     if static is None or static.marker_set.noise is not None:

@@ -108,15 +108,7 @@ _ALARMING = re.compile(rf"left out|never empty|outside its corners|no numbers|{D
 def report_reader_notes(trial: TrialEvidence) -> Iterator[Finding]:
     """Report the reader's notes on plates: type, sign, corners, offset, samples without numbers.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        A warning if forces may be wrong; otherwise notes.
+    Yields a warning if forces may be wrong; otherwise notes.
     """
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
@@ -137,15 +129,7 @@ def report_reader_notes(trial: TrialEvidence) -> Iterator[Finding]:
 def check_signals(trial: TrialEvidence) -> Iterator[Finding]:
     """Check sign, offset, saturation, constant channels and direction of every plate's force.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        Warnings, plate by plate.
+    Yields warnings, plate by plate.
     """
     for plate in trial.recording.plates:
         force = plate.force[np.isfinite(plate.force).all(axis=1)]
@@ -231,15 +215,7 @@ def _check_saturation(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Findi
 def check_corners(trial: TrialEvidence) -> Iterator[Finding]:
     """Report plates with centres of pressure outside their corners.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        At most one warning a plate.
+    Yields: at most one warning a plate.
     """
     for plate in trial.recording.plates:
         share, farthest = (
@@ -261,15 +237,7 @@ def check_corners(trial: TrialEvidence) -> Iterator[Finding]:
 def check_time_overlap(trial: TrialEvidence) -> Iterator[Finding]:
     """Report plates whose times do not overlap with those of the markers.
 
-    Parameters
-    ----------
-    trial
-        A whole-body trial; others are not checked.
-
-    Yields
-    ------
-    Finding
-        One error, or nothing.
+    `trial`: a whole-body trial; others are not checked. Yields one error, or nothing.
     """
     time = trial.recording.time
     for plate in trial.recording.plates if trial.is_whole_body else ():
@@ -333,15 +301,7 @@ def check_horizontal_signs(trial: TrialEvidence) -> Iterator[Finding]:
     Signs are driving before braking, and both legs pushing outward. In a turn one leg alone pushes
     outward.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    Yields one warning, or nothing.
     """
     steps, time = _select_long_steps(trial), trial.recording.time
     if not steps:
@@ -381,15 +341,7 @@ def check_horizontal_signs(trial: TrialEvidence) -> Iterator[Finding]:
 def check_pressure_beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
     """Report centres of pressure of both feet that are off the feet to the same side of the room.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    Yields one warning, or nothing.
     """
     feet = trial.feet
     if feet is None:
@@ -427,15 +379,7 @@ def check_pressure_beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
 def check_free_moment_sign(trial: TrialEvidence) -> Iterator[Finding]:
     """Report a free moment of the wrong sign, by the sequence of internal and external rotation.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning, or nothing.
+    Yields one warning, or nothing.
     """
     if trial.facing is None or trial.walked @ trial.facing <= 0:  # backward walking
         return
@@ -480,15 +424,7 @@ def _measure_free_moment(trial: TrialEvidence, step: PlateContact) -> float:
 def check_step_loads(trial: TrialEvidence) -> Iterator[Finding]:
     """Compare the mean and the largest vertical force of whole steps with body weight.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One warning for each step out of range.
+    Yields one warning for each step out of range.
     """
     if not trial.is_gait:
         return

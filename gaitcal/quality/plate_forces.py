@@ -262,17 +262,7 @@ def list_soles(
 def estimate_empty_reading(plate: ForcePlate, weight: float) -> float | None:
     """Estimate the vertical force (N) that a plate reads while it is empty.
 
-    Parameters
-    ----------
-    plate
-        The plate as recorded.
-    weight
-        Body weight, N.
-
-    Returns
-    -------
-    float or None
-        None if the plate is never empty.
+    `weight`: body weight, N. Returns: None if the plate is never empty.
     """
     up = np.nan_to_num(plate.force[:, 1])
     # a plate that is empty for a part of the recording has a steady low reading

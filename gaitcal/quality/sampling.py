@@ -178,11 +178,11 @@ def _read_header_rates(path: Path) -> dict[str, float]:
             pairs = zip(
                 re.split(r"\s+", keys.strip()), re.split(r"\s+", values.strip()), strict=False
             )
-            return {
-                k: float(v)
-                for k, v in pairs
-                if k in ("DataRate", "CameraRate") and re.fullmatch(r"[\d.]*\d", v)
-            }
+            out: dict[str, float] = {}
+            for k, v in pairs:
+                if k in ("DataRate", "CameraRate") and re.fullmatch(r"[\d.]*\d", v):
+                    out[k] = float(v)
+            return out
     return {}
 
 

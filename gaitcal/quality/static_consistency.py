@@ -397,15 +397,7 @@ def _check_body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
 def check_size(trial: TrialEvidence) -> Iterator[Finding]:
     """Check that the cloud of markers has the size of a body.
 
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Yields
-    ------
-    Finding
-        One error on the unit of length, or nothing.
+    Yields one error on the unit of length, or nothing.
     """
     height, found = trial.subject.height, trial.extent
     if trial.has_body_size or found is None:

@@ -234,15 +234,7 @@ def _fit_displacement(
 def check_proportions(trial: TrialEvidence) -> Iterator[Finding]:
     """Report landmarks of a static trial that are swapped or displaced, and a wrong body height.
 
-    Parameters
-    ----------
-    trial
-        The trial; moving trials are not checked.
-
-    Yields
-    ------
-    Finding
-        Errors, warnings and notes.
+    `trial`: the trial; moving trials are not checked. Yields errors, warnings and notes.
     """
     p = collect_landmarks(trial)
     if not p:
@@ -303,9 +295,10 @@ def measure_hip_height(trial: TrialEvidence) -> float | None:
 
     Returns: m; None if a landmark is missing.
     """
-    paths = [
-        trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES
-    ]
+    paths = []
+    for name in ("asis", "ankle_lat"):
+        for side in linkage.SIDES:
+            paths.append(trial.landmark(f"{name}_{side}"))
     if any(path is None for path in paths):
         return None
     up = np.array([path[:, 1] for path in paths if path is not None])
@@ -317,15 +310,7 @@ def measure_hip_height(trial: TrialEvidence) -> float | None:
 def collect_landmarks(trial: TrialEvidence) -> dict[str, Array]:
     """Collect the landmarks of pelvis and legs in the still window of a static trial.
 
-    Parameters
-    ----------
-    trial
-        Any trial.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Landmark -> (3,) m; empty for a moving trial.
+    Returns: landmark -> (3,) m; empty for a moving trial.
     """
     used = {"sacrum", *(f"{name}_{side}" for name in ("asis", *LEG) for side in linkage.SIDES)}
     return {name: point for name, point in (trial.posture or {}).items() if name in used}
@@ -432,16 +417,7 @@ def _format_measures(found: Sequence[LandmarkMeasure]) -> str:
 def describe_labels(trial: TrialEvidence, landmark: str) -> str:
     """Name the markers of a landmark.
 
-    Parameters
-    ----------
-    trial
-        The static trial.
-    landmark
-        Name of a landmark, such as `knee_lat_r`.
-
-    Returns
-    -------
-    str
+    `landmark`: name of a landmark, such as `knee_lat_r`.
     """
     labels = trial.marker_set.landmarks.get(landmark, (landmark,))
     return " and ".join(f"'{label}'" for label in labels)

@@ -79,15 +79,7 @@ def check_upright(trial: TrialEvidence) -> Iterator[Finding]:
     rotated by 180 deg about its forward axis: upside down. If the feet are above it, the vertical
     axis is reversed.
 
-    Parameters
-    ----------
-    trial
-        Any trial.
-
-    Yields
-    ------
-    Finding
-        One error, or nothing.
+    Yields one error, or nothing.
     """
     if trial.pelvis is None:
         return
@@ -125,9 +117,10 @@ def _measure_feet_above_pelvis(trial: TrialEvidence) -> float | None:
     ends = [f"{name}_{side}" for name in ("ankle_lat", "heel", "knee_lat") for side in SIDES]
     feet = _list_heights(trial, ends)
     if not feet:
-        legs = [
-            m for s, labels in trial.marker_set.tracking.items() if s[:-2] in LEGS for m in labels
-        ]
+        legs: list[str] = []
+        for s, labels in trial.marker_set.tracking.items():
+            if s[:-2] in LEGS:
+                legs.extend(labels)
         feet = list(
             trial.recording.markers[:, [trial.column[m] for m in legs if m in trial.column], 1].T
         )
@@ -500,15 +493,7 @@ def check_straight_legs(trial: TrialEvidence) -> Iterator[Finding]:
 def check_statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Check that further static trials show the same body as the first.
 
-    Parameters
-    ----------
-    trials
-        All trials of the study.
-
-    Yields
-    ------
-    Finding
-        One for each further static trial: a note if it agrees.
+    Yields one for each further static trial: a note if it agrees.
     """
     standing = [trial for trial in trials if trial.is_static]
     if not standing:

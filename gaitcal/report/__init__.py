@@ -1,1 +1,1 @@
-"""What people read: the page of a result, the report on paper, figures."""
+"""For readers: the page of a result, the report on paper, figures."""

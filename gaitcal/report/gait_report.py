@@ -160,6 +160,7 @@ def build_report_content(
     parameters = pd.DataFrame(tables.parameters)
     relative = get_table(manifest, "settings").get("angles") == "relative"
     norm, scores = tables.norm, () if relative else tables.scores
+    # The user's bands replace the built-in norm, which the scores of the result are against.
     if named is not None:
         norm = build_norm_tables(make_user_norm(*named, subject), subject)
         scores = (
@@ -240,6 +241,7 @@ def _format_reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...
                 str(r.get("action")),
             )
         )
+    # One page must hold verdict and reasons; the worst come first.
     if (more := len(out) - MOST_REASONS) > 0:
         out[MOST_REASONS:] = [
             (
@@ -260,6 +262,7 @@ def _format_fit(summary: Mapping[str, object]) -> Iterator[str]:
             fitted = "pelvis and legs" if legs else "the joint's segments"
             clauses.append(f"marker fit of {fitted} {rms['calibrated']:.1f} mm")
             clauses[-1] += f" (best possible {best:.1f})" if best else ""
+        # The last stage of the fit: with the calibrated masses.
         residual = next(reversed(get_table(trial, "pelvis_residual").values()), None)
         limit = get_table(trial, "pelvis_residual_limit")
         if residual:
@@ -368,6 +371,7 @@ def _build_peak_rows(
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
     for m in found:
         phase, kind = m.peak.phase, get_curve_kind(m.peak.variable)
+        # Ground reaction forces are in N in the table, and N/kg on paper.
         pair = np.array([m.mean, m.se]) / (subject.mass if kind is CurveKind.FORCE else 1.0)
         value, error = CLINICAL.values(m.peak.variable, pair, m.side, subject)
         digits = 1 if kind is CurveKind.ANGLE else 2
@@ -398,6 +402,7 @@ def _build_walk_rows(
             continue
         for side in linkage.SIDES:
             of_leg = [use for use in strides.get_uses(name) if use.side == side]
+            # Turning strides are complete, yet take part in no mean.
             turning = sum(use.turns for use in of_leg)
             turning_text = (
                 f"{format_count(turning, 'stride')} turning: not in means" if turning else ""
@@ -476,6 +481,7 @@ def _build_panels(
     subject: Subject,
     toe_off: Mapping[str, float],
 ) -> Iterator[CurvePanel | str]:
+    # deg; NaN where the walking direction is unknown, which counts as straight.
     straight = strides[~(strides["turn"].abs() > TURNING)]
     means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
     for variable in variables:
@@ -501,6 +507,7 @@ def _build_panels(
                 if len(means)
                 else means
             )
+            # A side without a valid stride has no mean curve.
             known = len(of_mean) == POINTS
             for out, column in ((mean, "mean"), (error, "se")):
                 out[side] = (

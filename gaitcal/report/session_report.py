@@ -82,6 +82,7 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
             f"manifest_{key}_sha256": compute_sha256(path / MANIFEST)
             for key, path in zip("ab", results, strict=True)
         }
+        # Manifests of both results identify them without their paths.
         content: dict[str, Json] = {
             "gaitcal": get_package_version("gaitcal"),
             **sessions,
@@ -148,6 +149,7 @@ def build_comparison_content(
     labels = dict.fromkeys(label for known in people for label in known)
     head = ("figure", "unit", *names, "difference", "missed below", "times")
     steps = [d for d in comparison.found if d.kind == "spatiotemporal" and d.name in SHOWN_MEASURES]
+    # Sorted by size against the detectable change, so that the first ones matter most.
     others = [d for d in comparison.found if d.kind != "spatiotemporal"]
     against = (f"{name}, against {norm}" for name, norm in zip(names, norms, strict=True))
     note = (
@@ -187,7 +189,7 @@ def build_comparison_content(
 def _list_people(
     comparison: SessionComparison, results: Sequence[Path]
 ) -> list[tuple[tuple[str, str], ...]]:
-    """List for each session what is known of subject and session, and the verdict."""
+    """List for each session the data of subject and session, and the verdict."""
     verdicts = [
         str(read_json_object(result / SUMMARY).get("verdict") or "not recorded")
         for result in results
@@ -221,6 +223,7 @@ def _build_score_rows(
 ) -> Iterator[tuple[str, ...]]:
     """Build the rows of scores that both sessions have; errors are taken as independent."""
     for side in ("both", *linkage.SIDES):
+        # Scores against different norms cannot be subtracted.
         of_a, of_b = get_table(a, side), get_table(b, side)
         for name in sorted(
             of_a.keys() & of_b.keys(), key=lambda n: (n != profile_score.GPS, list(of_a).index(n))
@@ -295,6 +298,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
         )
         raise InputError(message, source=folder, code=Code.NO_RESULT)
     resolved = folder.resolve()
+    # Further trials have their model in the folder of the calibration.
     calibrated = folder / ".." if FURTHER in manifest else folder
     tables = (CYCLES, stride_files.SPATIOTEMPORAL, SUMMARY)
     (strides, measures, summary), read = read_whole(

@@ -66,16 +66,7 @@ def _make_claim(claim: str, published: str, ours: str, holds: bool | np.bool_) -
 def check_claims(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Claim]:
     """Test all claims on phases 1 to 3 and on speed.
 
-    Parameters
-    ----------
-    clean : SeedResult
-        Without noise.
-    draws : sequence of SeedResult
-        Draws of the noise, at least one.
-
-    Returns
-    -------
-    list of Claim
+    `draws`: draws of the noise, at least one.
     """
     return [
         *_check_without_noise(clean),

@@ -161,6 +161,8 @@ def _list_residual_rows(name: str, calibration: Calibration) -> Iterator[TableRo
 
 def _list_loads(calibration: Calibration) -> list[Loads]:
     """List the loads of trials with a frame of valid ground reactions."""
-    return [
-        t.loads for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()
-    ]
+    out: list[Loads] = []
+    for t in calibration.trials:
+        if t.loads is not None and t.loads.reactions.valid.any():
+            out.append(t.loads)
+    return out

@@ -98,14 +98,7 @@ class DrawSpread:
 def summarise_draws(values: Iterable[float]) -> DrawSpread:
     """Compute median and range of a figure over draws.
 
-    Parameters
-    ----------
-    values : iterable of float
-        One for each draw, at least one.
-
-    Returns
-    -------
-    DrawSpread
+    `values`: one for each draw, at least one.
     """
     array = np.array(list(values), dtype=float)
     return DrawSpread(float(np.median(array)), float(array.min()), float(array.max()), len(array))
@@ -162,17 +155,7 @@ class TableRow:
 def make_table_one(clean: SeedResult, draws: Sequence[SeedResult]) -> list[TableRow]:
     """Make Table I: marker distances and joint errors of phase 1.
 
-    Parameters
-    ----------
-    clean : SeedResult
-        Without noise.
-    draws : sequence of SeedResult
-        Draws of the noise.
-
-    Returns
-    -------
-    list of TableRow
-        Without and with noise, then the experimental rows as printed.
+    Returns: without and with noise, then the experimental rows as printed.
     """
     rows: list[TableRow] = []
     for key, title, unit, figure in JOINT_FIGURES:
@@ -241,15 +224,7 @@ def _explain(key: str, problem: str) -> str:
 def make_table_two(draws: Sequence[SeedResult]) -> list[TableRow]:
     """Make Table II: signed errors of the 27 joint parameters of the left leg.
 
-    Parameters
-    ----------
-    draws : sequence of SeedResult
-        Draws of the noise.
-
-    Returns
-    -------
-    list of TableRow
-        With noise, and the experimental columns as printed.
+    Returns: with noise, and the experimental columns as printed.
     """
     rows: list[TableRow] = []
     for printed in get_table_two():
@@ -378,15 +353,7 @@ def _list_experimental_residuals() -> list[TableRow]:
 def make_table_four(draws: Sequence[SeedResult]) -> list[TableRow]:
     """Make Table IV: errors of the 36 inertial parameters, and of `foot superior`, which was held.
 
-    Parameters
-    ----------
-    draws : sequence of SeedResult
-        Draws of the noise.
-
-    Returns
-    -------
-    list of TableRow
-        With noise, and the experimental column as printed.
+    Returns: with noise, and the experimental column as printed.
     """
     rows: list[TableRow] = []
     for p in get_table_four():
@@ -412,15 +379,7 @@ def make_table_four(draws: Sequence[SeedResult]) -> list[TableRow]:
 def make_discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     """Make the rows of the discussion: normalisations of torque, and the third step.
 
-    Parameters
-    ----------
-    draws : sequence of SeedResult
-        Draws of the noise.
-
-    Returns
-    -------
-    list of TableRow
-        The published figures are of the experimental trial.
+    Returns: the published figures are of the experimental trial.
     """
     rows: list[TableRow] = []
     other = "published figure: experimental trial; ours: synthetic with noise"

@@ -475,16 +475,7 @@ class SeedResult:
 def recover_noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
     """Recover all parameters without noise.
 
-    Parameters
-    ----------
-    seed : int
-        Of the random inertial seeds.
-    random_seeds : int
-        Their number.
-
-    Returns
-    -------
-    SeedResult
+    `seed`: of the random inertial seeds. `random_seeds`: their number.
     """
     return _recover(None, np.random.SeedSequence([seed, 0]), random_seeds)
 

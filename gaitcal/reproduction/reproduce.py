@@ -107,6 +107,7 @@ def reproduce(
         *table_rows.make_discussion_rows(noisy),
     ]
     record_lap("tables")
+    # Real people are recorded elsewhere: they show the method, not the printed figures.
     if settings.data is not None:
         rows += people_rows.compute_people_rows(settings.data, settings.jobs, progress)
         record_lap("real people")

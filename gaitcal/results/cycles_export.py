@@ -43,7 +43,7 @@ HEADER = (
 )
 """Comment lines above the header, before those of the convention."""
 RELATIVE = ("joint angles are relative", "static trial, deg")
-"""How the comment lines begin that tell of angles from the static posture."""
+"""Beginnings of comment lines on angles from the static posture."""
 
 
 @dataclass(frozen=True)

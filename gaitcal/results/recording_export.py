@@ -323,7 +323,7 @@ def _select_new_events(
 
 
 def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) -> None:
-    """InputError unless markers, plates and the file's own events read back as they were."""
+    """InputError unless markers, plates and the events of the file read back as they were."""
     same = old.labels == new.labels and len(old.plates) == len(new.plates)
     if same:
         rounding = 0.0 if exact else SINGLE

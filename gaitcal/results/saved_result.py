@@ -45,7 +45,7 @@ class SavedResult:
     """A calibrated subject, and how the labels of its recordings are read."""
 
     model: SubjectModel
-    files: Snapshot  # What was read, to be compared when the work is done
+    files: Snapshot  # Hashes of the read files, to be compared when the work is done
     marker_set: MarkerSet  # With the weights of the model
     rename: Mapping[str, str]  # Label in the files -> label in the marker set
     settings: CalibrationSettings
@@ -66,7 +66,7 @@ def load_result(folder: Path) -> SavedResult:
     Returns
     -------
     SavedResult
-        What further trials need.
+        The data that further trials need.
 
     Raises
     ------
@@ -266,10 +266,7 @@ class SavedWalk:
 def list_moving_trials(folder: Path) -> list[str]:
     """List the trials of a result with a motion, in the order of `splines.npz`.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read.
+    Raises InputError: the file cannot be read.
     """
     try:
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
@@ -304,15 +301,8 @@ def load_recorded_coordinates(folder: Path) -> dict[str, Array]:
 def select_moving_frames(motions: Sequence[Array]) -> dict[str, Array]:
     """Select, for each coordinate, the trials with at least half of its largest range.
 
-    Parameters
-    ----------
-    motions
-        (nf, 27) of each trial, m and rad.
-
-    Returns
-    -------
-    dict
-        Coordinate -> values (m, rad) in the frames of these trials.
+    `motions`: (nf, 27) of each trial, m and rad. Returns: coordinate -> values (m, rad) in the
+    frames of these trials.
     """
     ranges = np.array([np.ptp(q, axis=0) for q in motions])
     moves = ranges >= 0.5 * ranges.max(axis=0)

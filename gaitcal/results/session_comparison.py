@@ -30,10 +30,10 @@ class SessionComparison:
     common: measured.Common
     warnings: tuple[
         str, ...
-    ]  # What to know before any figure: refused or doubtful results, signs of another person
+    ]  # Warnings before any figure: refused or doubtful results, signs of another person
     found: tuple[
         session_difference.Difference, ...
-    ]  # Those that exceed what could be missed first, the largest of them before others
+    ]  # Those above the detectable difference first, the largest of them before others
     curves: pd.DataFrame  # `curve_differences.csv`: every percent of every curve
 
     @property

@@ -132,7 +132,7 @@ class Difference:
     """A figure of both sessions; all values are in `unit`."""
 
     kind: str  # angle, moment, power, force, spatiotemporal, joint position, joint orientation
-    side: str  # `r`, `l`; empty for what belongs to neither leg
+    side: str  # `r`, `l`; empty if it belongs to neither leg
     name: str  # Variable of `cycles.csv` or `spatiotemporal.csv`, or joint parameter
     # Which figure of a curve: `highest in swing`; `mean` of a measure of strides; empty for a
     # parameter

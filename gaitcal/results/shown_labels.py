@@ -66,7 +66,7 @@ UNIT_WORDS: Final = {"N m": "N·m"}
 
 
 def list_person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
-    """List label and value of what is known of subject and session, as page and report show it.
+    """List label and value of the known data of subject and session, as page and report show it.
 
     Missing age, sex and date are listed as missing, and so is the use of the adults' mass table.
     """

@@ -60,7 +60,7 @@ class RecordedSession:
 
 
 class Common(Enum):
-    """What two results share, and therefore no error of a difference; with a description."""
+    """Data that two results share, which cause no error of a difference; with a description."""
 
     MODEL = "one model: its errors are the same in both, and cancel"
     STATIC = (
@@ -74,7 +74,7 @@ class Common(Enum):
 
 
 def find_common(a: RecordedSession, b: RecordedSession) -> Common:
-    """Find what two results of one subject share."""
+    """Find the data that two results of one subject share."""
     if a.model_key == b.model_key:
         return Common.MODEL
     same_files = bool(a.statics) and a.statics == b.statics
@@ -98,7 +98,7 @@ class Identity:
     """Evidence that two results are not of one subject."""
 
     doubts: tuple[str, ...]
-    denied: tuple[str, ...]  # What no two results of one person have
+    denied: tuple[str, ...]  # Differences that no two results of one person have
 
 
 def check_identity(a: RecordedSession, b: RecordedSession) -> Identity:

@@ -287,7 +287,7 @@ def join_earlier_strides(
     if cycles is not None and len(cycles):
         rows = validate_stride_table(cycles)
         ensemble.require_unique_strides(rows)
-        # The text has these digits: rounding removes what reading may change
+        # The text has these digits: rounding removes changes by reading
         rows = rows.assign(**{n: rows[n].round(DIGITS) for n in ("value", "se", "se_stride")})
         joined = {name: rows[name].to_numpy() for name in CYCLE_COLUMNS}
         if len(tables.cycles["value"]):

@@ -1,4 +1,4 @@
-"""Strides of a result and what they are used for: `strides.csv`.
+"""Strides of a result and their use: `strides.csv`.
 
 A stride is valid if the moments of its leg are valid throughout. A frame of a leg is not valid if
 its foot is on the ground without a plate, or on a plate that does not carry all of it
@@ -180,17 +180,7 @@ def average_toe_offs(uses: Iterable[StrideUse]) -> dict[str, float]:
 def build_use_columns(subject: Subject, uses: Iterable[StrideUse]) -> dict[str, Column]:
     """Build the columns of `strides.csv`.
 
-    Parameters
-    ----------
-    subject
-        Gives person and session.
-    uses
-        The strides.
-
-    Returns
-    -------
-    dict
-        `STRIDE_COLUMNS` by name.
+    Returns: `STRIDE_COLUMNS` by name.
     """
     rows = [
         (

@@ -180,15 +180,7 @@ STATIC_ANGLES = "static_angles_deg"
 def summarise_calibration(calibration: Calibration) -> dict[str, Json]:
     """Build the content of `summary.json`.
 
-    Parameters
-    ----------
-    calibration
-        A finished calibration.
-
-    Returns
-    -------
-    dict
-        Lengths in mm, forces in N, torques in N·m, times in s.
+    Returns: lengths in mm, forces in N, torques in N·m, times in s.
     """
     means = summarise_means(calibration.trials)
     return {
@@ -241,7 +233,7 @@ def summarise_subject(subject: Subject) -> dict[str, Json]:
     Returns
     -------
     dict
-        `name`, `mass_kg`, `height_m` and what else is known.
+        `name`, `mass_kg`, `height_m` and other known data.
     """
     out: dict[str, Json] = {
         "name": subject.name,
@@ -634,11 +626,11 @@ def require_not_refused(folder: Path) -> None:
 
 
 def find_model_doubts(summary: Mapping[str, object]) -> tuple[Finding, ...]:
-    """Find what the verdict on a calibration means for every further trial: one finding, or none.
+    """Find the consequence of a calibration's verdict for further trials: one finding, or none.
 
     Findings on the forces of its walks do not concern the model; those on their markers do.
     """
-    # Reasons of single walks say nothing about further trials; those of joints, masses or the whole
+    # Reasons of single walks do not concern further trials; those of joints, masses or the whole
     # study do.
     walks = {
         name for name, entry in get_table(summary, "trials").items() if entry.get("role") == "gait"

@@ -30,7 +30,7 @@ _BLOCK: Final = 50_000  # Rows that are text in memory at once
 _QUOTE: Final = '"'
 _SPECIAL: Final = (",", _QUOTE, "\n", "\r", "#")
 VERDICT: Final = "verdict: "
-"""How comment lines begin that tell it, of one trial or of one among several (`walk: verdict:
+"""Beginnings of comment lines on the verdict, of one trial or of one among several (`walk: verdict:
 ...`).
 """
 REFUSED_HEADER: Final = (
@@ -99,15 +99,7 @@ def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
 def convert_to_columns(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
     """Convert rows with the same names to columns.
 
-    Parameters
-    ----------
-    rows
-        Name -> value.
-
-    Returns
-    -------
-    dict
-        Name -> values; empty without rows.
+    `rows`: name -> value. Returns: name -> values; empty without rows.
     """
     columns: dict[str, list[Any]] = {}
     for row in rows:
@@ -186,7 +178,7 @@ def read_rows(
     Returns
     -------
     Content
-        What `parse` returns.
+        Result of `parse`.
 
     Raises
     ------

@@ -41,8 +41,8 @@ _ENDINGS: Final = {kind.label: kind.ending for kind in cycles.CurveKind}
 class Curve:
     """One variable of one trial."""
 
-    base: str  # Coordinate without its side, joint of a power, or what a force is called
-    side: str  # `r`, `l`; empty of what belongs to no leg
+    base: str  # Coordinate without its side, joint of a power, or name of a force
+    side: str  # `r`, `l`; empty if it belongs to no leg
     # `angle`, `moment`, `power`, `force`, `residual_force`, `residual_moment`, `marker_error`
     kind: str
     unit: str  # `deg`, `N m`, `W`, `N`, `mm`
@@ -169,7 +169,7 @@ def _build_angles(
 
 
 def _build_feet(trial: TrialResult) -> Iterator[Curve]:
-    """Build foot progression relative to the trial's line; each stride has its own line."""
+    """Build foot progression relative to the trial's line; strides have other lines."""
     feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.motion)
     if feet is None:
         return

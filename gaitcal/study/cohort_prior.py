@@ -5,9 +5,9 @@ The table of anatomy is in `calibration/joint_prior.py`, which combines all thre
 itself is in `study/normal_prior.py`.
 
 `priors.json` is written by `gaitcal cohort --learn-priors`, and read by `gaitcal calibrate
---priors` or if a study file names it (`[calibration] priors`). It holds what was learnt from all
-people, and from all people except each fold. A person of the cohort gets the prior without their
-fold. Persons are recognised by their recordings or name; the file holds hashes of both, no name.
+--priors` or if a study file names it (`[calibration] priors`). It holds priors of all people, and
+of all people except each fold. A person of the cohort gets the prior without their fold. Persons
+are recognised by their recordings or name; the file holds hashes of both, no name.
 
 The deviations d of a person's joint parameters from their nominal values are normalised by the
 prior of any person (mean m0, covariance F F^T). They are the sum of the mean of people of that
@@ -203,7 +203,7 @@ MOST_PRIOR_BYTES = 100_000_000
 
 
 class StoredPopulation(Table):
-    """What one set of people shows; matrices by rows of their lower triangles."""
+    """Mean and spread of one set of people; matrices by rows of their lower triangles."""
 
     effects: list[float]
     effect_covariance: list[float]
@@ -303,7 +303,7 @@ def _check_part(part: StoredPart, priors: CohortPriors, path: Path) -> None:
     def fault(message: str) -> InputError:
         return InputError(message, source=path, field=part.part, code=Code.PRIORS)
 
-    # Validation has checked types and shapes; what follows depends on other parts of the file.
+    # Validation has checked types and shapes; these checks depend on other parts of the file.
     if unknown := [name for name in part.parameters if name not in JP_INDEX]:
         raise fault(f"found {format_value(unknown[0])}, which is no joint parameter")
     if not {p.fold for p in priors.people} <= set(range(len(part.populations) - 1)):

@@ -56,7 +56,7 @@ MOMENT_UNITS = (
     "true generalised forces: N m (pelvis_tx, _ty, _tz: N); NAME_bwh percent of body weight times "
     "height"
 )
-"""Comment lines of the two kinds: what their numbers are."""
+"""Comment lines of the two kinds: units of their numbers."""
 FORCE_NAMES: tuple[str, ...] = (*FILE_COORDINATES, *REACTIONS)
 """Columns of a moments file, without time."""
 NUMBER_FORMAT = "%.9g"
@@ -298,7 +298,7 @@ class RuleMismatch:
 
     @property
     def message(self) -> str:
-        """What was found, and why it matters."""
+        """The difference, and why it matters."""
         return (
             f"found '{self.declared}', and the study uses '{self.used}', whose segment frames and "
             "zeros are others"

@@ -73,7 +73,7 @@ class JointPrior:
         return replace(self, covariance=self.covariance + np.diag(variance))
 
     def describe_fallback(self, names: Sequence[str]) -> str:
-        """Describe what unobservable joint parameters stay near.
+        """Describe the values near which unobservable joint parameters stay.
 
         Parameters
         ----------

@@ -18,15 +18,7 @@ AUTOMATIC: Final = "auto"
 def allow_frequency(*choices: str) -> BeforeValidator:
     """Allow a cut-off frequency in Hz, or one of some words.
 
-    Parameters
-    ----------
-    *choices
-        Allowed words.
-
-    Returns
-    -------
-    BeforeValidator
-        Validator of a field.
+    `choices`: allowed words. Returns: validator of a field.
     """
 
     def check(value: object) -> float | str:

@@ -204,7 +204,7 @@ class Study(Displayed):
         Raises
         ------
         InputError
-            One line: file, field, what was found, what is allowed.
+            One line: file, field, value found, allowed values.
         """
         path = Path(path)
         of_study = compute_sha256(path)

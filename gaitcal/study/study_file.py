@@ -1,8 +1,8 @@
 """Read and check the study file `study.toml`: subject, marker set, trials and settings.
 
 Every error of a user is one `InputError` in one line: the file, the field such as `trial[2].file`
-(trials count from 1, in the order of the file), what was found and what is allowed. Only the first
-error is reported.
+(trials count from 1, in the order of the file), the value found and the allowed ones. Only the
+first error is reported.
 """
 
 import datetime
@@ -33,7 +33,7 @@ Side: TypeAlias = Literal["r", "l", "none"]
 
 RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
 FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
-MAX_LINE_CHARACTERS = 200  # Characters in what is said of a person or a session
+MAX_LINE_CHARACTERS = 200  # Characters in the description of a person or a session
 MAX_NAME_CHARACTERS = 80  # Characters in a trial's name, which becomes a file name
 # Names that are no file names on Windows
 _WINDOWS_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
@@ -217,7 +217,7 @@ class SubjectTable(Table):
 
 
 class Markers(Table):
-    """Table `[markers]`: what the labels in the files mean."""
+    """Table `[markers]`: meaning of the labels in the files."""
 
     set: str = Field(
         min_length=1, description="a built-in marker set, or the path of a TOML file of your own"
@@ -319,7 +319,7 @@ class TrialTable(Table):
     @field_validator("joint")
     @classmethod
     def _require_joint(cls, joint: str | None, info: ValidationInfo) -> str | None:
-        # Without a valid role, its own error is reported
+        # Without a valid role, the error of the role is reported
         role = info.data.get("role", "joint" if joint else "gait")
         if role == "joint" and joint is None:
             raise ValueError(
@@ -486,7 +486,7 @@ def load_study_file(path: Path | str) -> StudyFile:
     Raises
     ------
     InputError
-        One line: file, field, what was found, what is allowed.
+        One line: file, field, value found, allowed values.
     """
     source = Path(path)
     study = read_validated(StudyFile, source)

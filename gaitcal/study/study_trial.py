@@ -57,7 +57,7 @@ class Trial:
     file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
-    """`file`; where forces have one of their own, `forces`; where a person corrected events,
+    """`file`; where forces have another file, `forces`; where a person corrected events,
     `events`.
     """
 
@@ -86,7 +86,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     Raises
     ------
     InputError
-        One line: file, field, what was found, what is allowed.
+        One line: file, field, value found, allowed values.
     """
     # Corrected events precede those of the recording.
     whole = apply_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)

@@ -118,11 +118,13 @@ def synthesize(
     """
     activities = [_parse_activity(name) for name in also]
     folder = Path(out)
+    # Separate streams: the same person with and without noise.
     person, noise_waves = _make_generators(seed)
     model, tracking = (
         make_synthetic_model(person, perturb=perturb),
         published_model().markers.labels,
     )
+    # The posture of the static trial, from which functional trials begin: m and rad.
     pose = motions.make_standing_pose(model.parameters)
     trials = {
         "static": motions.simulate_static_trial(standing=pose),

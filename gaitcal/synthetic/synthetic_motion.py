@@ -145,18 +145,7 @@ def is_nominal(parameters: Parameters) -> bool:
 def fit_to_nominal_markers(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
     """Fit the motion in which a person's markers are nearest to those of the nominal person.
 
-    Parameters
-    ----------
-    parameters
-        Of the person.
-    basis
-        Spline basis of the motion.
-    q
-        (nf, nq) coordinates of the nominal person, m and rad.
-
-    Returns
-    -------
-    (nn, nq) control points, m and rad.
+    `q`: (nf, nq) coordinates of the nominal person, m and rad. Returns: (nn, nq).
     """
     nominal = published_model(static_only=True)
     positions = compute_synthetic_markers(nominal.parameters, nominal.markers, q)

@@ -204,9 +204,11 @@ def _compute_joint_lines(parameters: params.Parameters, q: Array) -> dict[str, t
     """Compute coordinate -> direction and point of its rotation axis in the laboratory."""
     chain = get_chain()
     axes, points = compute_coordinate_axes(chain.body(parameters), q[None])
-    rotations = [
-        e.name for joint in JOINTS for e in joint.elements if e.source is Source.COORDINATE
-    ]
+    rotations = []
+    for joint in JOINTS:
+        for e in joint.elements:
+            if e.source is Source.COORDINATE:
+                rotations.append(e.name)
     at = {name: chain.coordinates.index(name) for name in rotations}
     return {name: (axes[0, k], points[0, k]) for name, k in at.items()}
 

@@ -117,17 +117,7 @@ class FeetOnGround:
 def compute_feet(parameters: Parameters, q: Array) -> FeetOnGround:
     """Compute the points of both feet and their Jacobians.
 
-    Parameters
-    ----------
-    parameters
-        Of the linkage.
-    q
-        (nf, nq) coordinates, m and rad.
-
-    Returns
-    -------
-    FeetOnGround
-        In the laboratory.
+    `q`: (nf, nq) coordinates, m and rad. Returns: in the laboratory.
     """
     chain = get_chain()
     placed = Kinematics(chain.body(parameters), q)
@@ -294,14 +284,7 @@ class Ground:
 def make_walking_ground(phase: Array) -> Ground:
     """Make the floor under a walk whose feet are those of the nominal person.
 
-    Parameters
-    ----------
-    phase
-        (nf,) strides since a right heel strike.
-
-    Returns
-    -------
-    Ground
+    `phase`: (nf,) strides since a right heel strike.
     """
     feet = compute_feet(nominal.published_model().parameters, compute_nominal_curves(phase).q)
     right = _compute_right_share(phase)
@@ -417,10 +400,9 @@ def _build_force_rows(
 def _compute_typical_force(phase: Array) -> Array:
     """Compute (nf, 3) the total ground reaction of a walking person, body weights.
 
-    The first two harmonics that symmetry allows, of OpenSim's `subject01` (from whose recording the
-    curves are): forward and up once and twice a step, sideways once and three times a stride. In
-    the recording the load passes to the other foot at 0.076 of a stride, here in the middle of
-    double support.
+    The first two harmonics that symmetry allows, from the recording of OpenSim's `subject01`:
+    forward and up once and twice a step, sideways once and three times a stride. In the recording
+    the load passes to the other foot at 0.076 of a stride, here in the middle of double support.
     """
     step, stride = 4 * np.pi * (phase + FORCE_PHASE_LAG), 2 * np.pi * (phase + FORCE_PHASE_LAG)
     return np.stack(

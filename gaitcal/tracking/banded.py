@@ -211,16 +211,8 @@ class BandFactor:
     def solve_forward(self, right: Array, *, overwrite: bool = False) -> Array:
         """Solve L x = right.
 
-        Parameters
-        ----------
-        right
-            (n,) or (n, k).
-        overwrite
-            Store x in the memory of `right`, (n, k) row by row.
-
-        Returns
-        -------
-        (n,) or (n, k) array
+        `right`: (n,) or (n, k). `overwrite`: store x in the memory of `right`, (n, k) row by row.
+        Returns: (n,).
         """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=0)
@@ -235,14 +227,7 @@ class BandFactor:
     def solve_backward(self, right: Array) -> Array:
         """Solve L^T x = right.
 
-        Parameters
-        ----------
-        right
-            (n,) or (n, k).
-
-        Returns
-        -------
-        (n,) or (n, k) array
+        `right`: (n,) or (n, k). Returns: (n,).
         """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=1)

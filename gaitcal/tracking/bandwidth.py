@@ -121,17 +121,7 @@ def _build_basis(basis: spline.SplineBasis, spans_per_second: float) -> spline.S
 def compute_frame_information(problem: MotionProblem, body: LinkageModel) -> Array:
     """Compute the information W of a frame in the poses of the rigid fits.
 
-    Parameters
-    ----------
-    problem
-        The trial.
-    body
-        Its linkage.
-
-    Returns
-    -------
-    (nq, nq) array
-        W; zero for coordinates that move no marker.
+    Returns: (nq, nq) W; zero for coordinates that move no marker.
     """
     data, frames = problem.data, spline.select_spaced_frames(len(problem.basis.time), POSES)
     some = data.select_frames(frames)
@@ -210,7 +200,7 @@ class DenseMotion:
         """n - nq."""
 
     def smooth_at(self, cutoff_hz: float) -> "SmoothedMotion":
-        """Smooth the motion with a cut-off, and compute what it loses.
+        """Smooth the motion with a cut-off, and compute the loss of fit.
 
         Parameters
         ----------
@@ -288,17 +278,8 @@ class SmoothedMotion:
 def find_busiest_frames(problem: MotionProblem, activity: Array | None = None) -> IntArray:
     """Find the stretch of at most `MAX_SEARCH_S` with the largest sum of `activity`.
 
-    Parameters
-    ----------
-    problem
-        The trial.
-    activity
-        (nf,) any measure; the squared speed of the markers unless given.
-
-    Returns
-    -------
-    (n,) array of int
-        Indices of the frames.
+    `activity`: (nf,) any measure; the squared speed of the markers unless given. Returns: (n,)
+    indices of the frames.
     """
     nf = len(problem.basis.time)
     length = min(nf, round(MAX_SEARCH_S * spline.compute_frame_rate(problem.basis)) + 1)

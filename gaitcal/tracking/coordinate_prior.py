@@ -37,7 +37,7 @@ The centre of arms and legs is the static posture, or an arm that hangs along th
 of the lumbar joint keeps the trunk in the laboratory as it was in the static trial, while the
 pelvis moves. R_p is the pelvis, R_0 the trunk of the static trial without its heading, and psi the
 heading of the pelvis without its swing. (Local straight lines with Gaussian weights of 0.35 s leave
-9 % of what repeats once a second.)
+9 % of a movement of 1 Hz.)
 
     Rz(extension) Rx(bending) Ry(rotation) = R_p^T Ry(psi) R_0.
 
@@ -162,16 +162,7 @@ class CoordinatePrior:
     ) -> "CoefficientPrior":
         """Express the prior on the spline coefficients of a trial.
 
-        Parameters
-        ----------
-        basis
-            Splines of the trial.
-        coordinates
-            (nq,) names of all coordinates, `names` among them.
-
-        Returns
-        -------
-        CoefficientPrior
+        `coordinates`: (nq,) names of all coordinates, `names` among them.
         """
         low = self._fit_course(self.low, basis)
         high = low if self.centred else self._fit_course(self.high, basis)
@@ -402,16 +393,7 @@ def find_undetermined_joints(guessed: Sequence[str]) -> frozenset[str]:
 def build_posture_prior(names: tuple[str, ...], posture: Mapping[str, float]) -> CoordinatePrior:
     """Build normal priors about the static posture.
 
-    Parameters
-    ----------
-    names
-        Coordinates.
-    posture
-        Coordinate -> rad; zero where it is missing.
-
-    Returns
-    -------
-    CoordinatePrior
+    `names`: coordinates. `posture`: coordinate -> rad; zero where it is missing.
     """
     centre = np.array([[posture.get(name, 0.0) for name in names]])
     scale = np.deg2rad([PRIOR_DEVIATION_DEG[name] for name in names])

@@ -1,7 +1,7 @@
 """Lowest marker distances that each joint alone can reach in one trial.
 
 Three markers form a triangle that soft tissue hardly deforms, so the rigid floor (`rigid.py`) of
-their segment is far below what a linkage can reach. A joint adds its condition on two neighbouring
+their segment is far below that of a linkage. A joint adds its condition on two neighbouring
 segments. For joint j with its proximal segment free in the laboratory, independent angles in every
 frame (no splines) and all its joint parameters p_j free,
 

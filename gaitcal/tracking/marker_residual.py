@@ -79,7 +79,7 @@ class MarkerData:
     weight: Array  # (nm, nf) >= 0
     # (nm, 3, nf) m, how far each marker is from its place, in its segment's axes
     shift: Array | None = None
-    # what joints do besides moving along their coordinates
+    # movement of joints besides that along their coordinates
     secondary: SecondaryMotion | None = None
 
     @property
@@ -148,10 +148,7 @@ class FrameEquations:
     def compute_products(self, first: slice = _ALL, second: slice = _ALL) -> Array:
         """Compute J_k . Y_l J_l for variables k of `first` and l of `second`.
 
-        Returns
-        -------
-        (nf, n, n') array
-            H_kl wherever l comes after k.
+        Returns: (nf, n, n') H_kl wherever l comes after k.
         """
         left = np.ascontiguousarray(self.columns[first].transpose(2, 0, 1))
         return left @ np.ascontiguousarray(self.weighted_columns[second].transpose(2, 1, 0))
@@ -394,18 +391,8 @@ def _apply_inertia(inertia: Array, of_variable: IntArray, columns: Array) -> Arr
 def compute_curvature_forces(columns: Array, force: Array, first: Array) -> Array:
     """Compute p_l of the curvature of the marker paths.
 
-    Parameters
-    ----------
-    columns
-        (nk, 6, nf) J_l.
-    force
-        (nk, 3, nf) F_l.
-    first
-        (nk, 3, 3, nf) C_l.
-
-    Returns
-    -------
-    (nk, 3, nf) array
+    `columns`: (nk, 6, nf) J_l. `force`: (nk, 3, nf) F_l. `first`: (nk, 3, 3, nf) C_l. Returns: (nk,
+    3, nf).
     """
     v, w = columns[:, :3], columns[:, 3:]
     trace = first[:, 0, 0] + first[:, 1, 1] + first[:, 2, 2]

@@ -159,7 +159,7 @@ class SegmentTissue:
     # (nr,) `gait/hip_flexion_r`: the same name on a segment of two trials is the same unknown
     names: tuple[str, ...]
     regressors: Array  # (nr, nf) psi
-    # (nr, nm, 3) m: what the markers of a person of softness 1 do before anything is fitted
+    # (nr, nm, 3) m: displacements of the markers of a person of softness 1 before any fit
     expected: Array
     covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of z
     by_marker: Array  # (nr, 3 nm, 3 nm) m^2 of the markers about `expected`, deformation and all

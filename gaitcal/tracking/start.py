@@ -1,6 +1,6 @@
 """Start of tracking: coordinates from rigid fits of the segments, frame by frame.
 
-The base segment follows its own markers. Every joint then takes the angles that bring the child's
+The base segment follows its markers. Every joint then takes the angles that bring the child's
 orientation nearest to its rigid fit. For one rotation q about axis e between rotations P and Q, the
 q that maximises trace(B^T P Re(q) Q) is atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T B Q^T, with (b,
 c) the axes after e. Several rotations of one joint are solved in turn until they settle; three
@@ -66,17 +66,7 @@ def find_start_coefficients(body: LinkageModel, data: MarkerData, basis: SplineB
 def find_start_coordinates(body: LinkageModel, data: MarkerData) -> Array:
     """Find coordinates from rigid fits, continuous in time.
 
-    Parameters
-    ----------
-    body
-        Linkage with its joint parameters.
-    data
-        Markers.
-
-    Returns
-    -------
-    (nf, nq) array
-        m, rad.
+    `body`: linkage with its joint parameters. Returns: (nf, nq) m, rad.
     """
     chain, links = body.chain, _Links(body)
     nf = data.measured.shape[-1]

@@ -55,11 +55,11 @@ class MotionProblem:
     data: marker_residual.MarkerData
     labels: tuple[str, ...]  # (nm,) in the order of `data`
     tissue: SoftTissue | None = None  # unknown displacements of the markers
-    smoothing: Smoothing | None = None  # what limits the bandwidth besides the nodes
+    smoothing: Smoothing | None = None  # limits the bandwidth besides the control points
     held: tuple[str, ...] = ()
     """Coordinates that stay zero though markers move with them: those between a root that is not
     seen and the segment that carries it."""
-    # what is known of coordinates besides
+    # further knowledge of coordinates
     priors: tuple[coordinate_prior.CoordinatePrior, ...] = ()
     # coordinate -> rad of the static posture
     posture: Mapping[str, float] = field(default_factory=dict)

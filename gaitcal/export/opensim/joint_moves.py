@@ -1,4 +1,4 @@
-"""Displacements of a model's joints, and of what is fixed to the bones between them.
+"""Displacements of a model's joints, and of elements that are fixed to the bones between them.
 
 A bone between two joints, whose centres a, b in the body have moved to a', b', takes along what is
 fixed to it by the affine map
@@ -105,15 +105,7 @@ class Bone:
     def map_point(self, x: Array) -> Array:
         """Map a point of the bone to its new position.
 
-        Parameters
-        ----------
-        x : (3,) Array
-            m, in the body.
-
-        Returns
-        -------
-        (3,) Array
-            m, x' of the module.
+        `x`: (3,) m, in the body. Returns: (3,) m, x' of the module.
         """
         from_middle = x - self.middle_before
         long = self.direction * float(self.direction @ from_middle)
@@ -146,19 +138,7 @@ def find_moved_bones(
 ) -> dict[str, Bone]:
     """Find the bodies between two of our joints, at least one of which moved.
 
-    Parameters
-    ----------
-    moves : sequence of JointMove
-        Outcome of each joint.
-    peer : PeerModel
-        Model as it was read.
-    legs : sequence of LegJoint
-        Joints of the model that correspond to ours.
-
-    Returns
-    -------
-    dict
-        Body -> its map.
+    `legs`: joints of the model that correspond to ours. Returns: body -> its map.
     """
     # Body -> centre of each of its joints, before and after.
     ends: dict[str, list[tuple[Array, Array]]] = {}
@@ -244,11 +224,11 @@ def move_attachments(
 
 def _map_frames(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
     """Map the path of each body and offset frame to the bone's map in the axes of that frame."""
-    return {
-        path: bone.express_in(pose)
-        for body, bone in bones.items()
-        for path, pose, _ in document.list_frames(body)
-    }
+    out: dict[str, Bone] = {}
+    for body, bone in bones.items():
+        for path, pose, _ in document.list_frames(body):
+            out[path] = bone.express_in(pose)
+    return out
 
 
 def _find_parent_path(element: ET.Element) -> str:
@@ -305,16 +285,7 @@ def summarise_muscle_points(
 ) -> tuple[MovedPoints, ...]:
     """Summarise the moved points of each muscle, the one with the farthest first.
 
-    Parameters
-    ----------
-    document : OsimDocument
-        Model file as it was read.
-    bones : mapping
-        Body -> its map.
-
-    Returns
-    -------
-    tuple of MovedPoints
+    `bones`: body -> its map.
     """
     out, bone_at = [], _map_frames(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():

@@ -99,7 +99,7 @@ class CalibratedOsim:
     moved_points: tuple[joint_moves.MovedPoints, ...]
     """Points of each muscle that moved with a bone; empty unless requested."""
     notes: tuple[str, ...]
-    """What the user should know, a sentence each."""
+    """Notes for the user, a sentence each."""
     transfer: "Transfer"
     """Everything that was read, from which draws are made."""
 
@@ -174,7 +174,7 @@ def transfer_joints(
     Returns
     -------
     CalibratedOsim
-        Content of the new file, and what was changed. Nothing is written.
+        Content of the new file, and the changes. Nothing is written.
 
     Raises
     ------
@@ -217,7 +217,7 @@ class Transfer:
     inertial: Array | None
     """(84, n) R with covariance R R^T of the inertial parameters."""
     follow: bool
-    """Whether what is fixed to a bone moves with its joints."""
+    """Whether elements that are fixed to a bone move with its joints."""
 
     def apply(self) -> CalibratedOsim:
         """Apply the calibrated parameters.
@@ -257,13 +257,12 @@ class Transfer:
         calibrated = self.model.parameters
         parameters = self._draw_parameters(rng)
         bodies = {s: replace(r, pose=r.draw_pose(rng)) for s, r in self.bodies.items()}
-        unchanged = {
-            leg.ours: osim_registration.perturb_joint(
-                leg, self.peer, self.bodies, calibrated, parameters
-            )
-            for leg in self.legs
-            if self._is_undetermined(leg.ours)
-        }
+        unchanged = {}
+        for leg in self.legs:
+            if self._is_undetermined(leg.ours):
+                unchanged[leg.ours] = osim_registration.perturb_joint(
+                    leg, self.peer, self.bodies, calibrated, parameters
+                )
         other = replace(
             self,
             model=replace(self.model, parameters=parameters),
@@ -339,7 +338,7 @@ class Transfer:
         return self.document.apply_changes(places, weights, attachments, meshes)
 
     def _find_bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
-        """Find the bones that take along what is fixed to them."""
+        """Find the bones that take their attached elements along."""
         return joint_moves.find_moved_bones(moves, self.peer, self.legs) if self.follow else {}
 
     def compute_moves(self) -> tuple[joint_moves.JointMove, ...]:
@@ -531,7 +530,7 @@ class Transfer:
         return jacobian
 
     def _list_notes(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
-        """List what a user should know, a sentence each."""
+        """List the notes for the user, a sentence each."""
         if self.follow:
             yield from self._list_bodies_that_stay(moves)
         for move in moves:
@@ -554,7 +553,11 @@ class Transfer:
 
     def _list_bodies_that_stay(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
         """List bodies with a moved joint whose attachments cannot follow; feet excepted."""
-        ends = [end for move in moves for end in (move.parent, move.child) if end is not None]
+        ends = []
+        for move in moves:
+            for end in (move.parent, move.child):
+                if end is not None:
+                    ends.append(end)
         moved = {end.body for end in ends if end.moved > joint_moves.UNMOVED_M}
         feet = set()
         for leg in self.legs:

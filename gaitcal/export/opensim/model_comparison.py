@@ -64,7 +64,7 @@ class _Registered:
 def compare_with_osim(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     """Compare our model with an OpenSim model (3.x or 4.x).
 
-    There are rows only for what both models have: masses always; lengths where the file has the
+    There are rows only for quantities of both models: masses always; lengths where the file has the
     coordinates `hip_flexion_r`, `knee_angle_r`, `ankle_angle_r` (and `_l`); centres and axes where
     markers register the segment.
 
@@ -120,7 +120,7 @@ def _make_row(quantity: str, unit: str, ours: float, theirs: float) -> Compariso
 
 
 def _compare_legs(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
-    """Compare what both legs have, in the order of ours."""
+    """Compare the quantities of both legs, in the order of ours."""
     known = _list_leg_quantities(side, theirs)
     return [
         _make_row(*name, value, known[name])

@@ -323,7 +323,7 @@ def _run_inverse_dynamics(
 
 @contextmanager
 def _suppress_output() -> Iterator[None]:
-    """Suppress what OpenSim's tools print whatever the level of their log."""
+    """Suppress the output of OpenSim's tools, which ignores the level of their log."""
     sys.stdout.flush()
     kept = os.dup(1)
     with Path(os.devnull).open("wb") as nowhere:

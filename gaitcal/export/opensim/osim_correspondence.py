@@ -291,9 +291,10 @@ def _select_main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], kind:
     """
     joint, hip = leg[kind], leg.get("hip")
     # Coordinate -> axis of its rotation in the joint's frame.
-    axes = {
-        a.coordinate: a.axis for a in joint.axes or () if a.rotates and a.coordinate is not None
-    }
+    axes = {}
+    for a in joint.axes or ():
+        if a.rotates and a.coordinate is not None:
+            axes[a.coordinate] = a.axis
     flexes = kind != "subtalar" and len(axes) > 1
     if flexes and hip is not None and peer.is_below(joint.parent, hip.parent):
         z = (peer.compute_body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
@@ -326,6 +327,21 @@ def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
         above = leg
 
 
+def _name_leg_joints(
+    peer: PeerModel, chains: Mapping[str, Sequence[PeerJoint]]
+) -> dict[str, PeerJoint]:
+    """Name the joints of both legs, `chains`: side -> moving joints from the hip downwards."""
+    out: dict[str, PeerJoint] = {}
+    for side, chain in chains.items():
+        out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], chain, strict=False)}
+        # A fourth joint near the ankle is subtalar; farther away it is that of the toes.
+        if len(chain) > 3:
+            fourth = peer.compute_body_pose(chain[3].child, chain[2].child).translation
+            if np.linalg.norm(fourth) < TALUS:
+                out[f"subtalar_{side}"] = chain[3]
+    return out
+
+
 def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
     """Find `hip_r` and so on by the tree of bodies; raise InputError without two legs."""
     below: dict[str, list[PeerJoint]] = {}
@@ -350,18 +366,10 @@ def _find_legs_by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
 
     for body in peer.masses:
         legs = [j for j in below.get(body, []) if is_leg(j)]
-        if len(legs) != 2:
-            continue
-        right, left = sorted(legs, key=lambda j: -j.in_parent.translation[2])
-        out: dict[str, PeerJoint] = {}
-        for side, leg in (("r", right), ("l", left)):
-            row = list_chain(leg)
-            out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
-            if len(row) > 3:
-                fourth = peer.compute_body_pose(row[3].child, row[2].child).translation
-                if np.linalg.norm(fourth) < TALUS:
-                    out[f"subtalar_{side}"] = row[3]
-        return out
+        if len(legs) == 2:
+            # The right leg is the one with the larger z.
+            right, left = sorted(legs, key=lambda j: -j.in_parent.translation[2])
+            return _name_leg_joints(peer, {"r": list_chain(right), "l": list_chain(left)})
     raise InputError(
         "has no pelvis with two legs of three joints or more, nor coordinates hip_flexion_r, "
         f"knee_angle_r (and _l); found the bodies {', '.join(peer.masses)}; --names FILE.toml "
@@ -616,16 +624,7 @@ def find_segment(body: str) -> str | None:
 def match_label(label: str, candidates: tuple[str, ...]) -> str | None:
     """Match a label: the same one, or the only one that differs in case and punctuation only.
 
-    Parameters
-    ----------
-    label : str
-        Label to be found.
-    candidates : tuple of str
-        Labels of the other model.
-
-    Returns
-    -------
-    str or None
+    `label`: label to be found. `candidates`: labels of the other model.
     """
     if label in candidates:
         return label

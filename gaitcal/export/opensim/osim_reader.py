@@ -63,7 +63,7 @@ class _Span:
 
 @dataclass(frozen=True)
 class FramePlacement:
-    """Frame of a joint in a body; None for what stays."""
+    """Frame of a joint in a body; None if it stays."""
 
     translation: Array | None  # (3,) m
     rotation: Array | None  # (3, 3)
@@ -136,15 +136,7 @@ class OsimDocument:
     def list_attached_elements(self, joint: str) -> list[str]:
         """List elements that are fixed to a frame of this joint and move with it.
 
-        Parameters
-        ----------
-        joint : str
-            Name of the joint.
-
-        Returns
-        -------
-        list of str
-            Names of the elements.
+        `joint`: name of the joint. Returns: names of the elements.
         """
         elements = self.find_joint(joint).findall("frames/*")
         frames = tuple({f"{joint}/{frame.get('name')}" for frame in elements})
@@ -287,7 +279,7 @@ class _Edits:
             text = format_numbers(values)
             whole = f"<{tag}>{text}</{tag}>".encode()
             if element is None:
-                # After the first tag of its holder, with the same indentation as what follows.
+                # After the first tag of its holder, with the indentation of the following element.
                 blank = _BLANK.match(content, span.inside)
                 lead = blank.group() if blank else b""
                 self.found.append((span.inside, span.inside, lead + whole))
@@ -317,7 +309,7 @@ class _Edits:
 
 
 def find_socket(element: ET.Element, socket: str) -> ET.Element | None:
-    """Find the element that names what a socket is connected to.
+    """Find the element that names the target of a socket.
 
     Betas of OpenSim 4 spell it differently.
 
@@ -449,19 +441,7 @@ def read_osim(path: Path | str) -> PeerModel:
 def build_peer_model(document: OsimDocument) -> PeerModel:
     """Build bodies, joints and markers from a document.
 
-    Parameters
-    ----------
-    document : OsimDocument
-        Model file as it was read.
-
-    Returns
-    -------
-    PeerModel
-
-    Raises
-    ------
-    InputError
-        The document contains something unknown.
+    Raises InputError: the document contains something unknown.
     """
     model, path = document.model, document.source
     masses: dict[str, float] = {}

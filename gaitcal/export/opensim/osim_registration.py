@@ -75,15 +75,7 @@ class Registration:
     def compute_point_covariance(self, point: Array) -> Array:
         """Compute the covariance of a point as a position in the body.
 
-        Parameters
-        ----------
-        point : (3,) Array
-            m, in our segment.
-
-        Returns
-        -------
-        (3, 3) Array
-            m^2, axes of our segment.
+        `point`: (3,) m, in our segment. Returns: (3, 3) m^2, axes of our segment.
         """
         arm = pin.skew(point - self.centre)
         out: Array = self.translation_variance * np.eye(3) + arm @ self.rotation_covariance @ arm.T
@@ -92,15 +84,7 @@ class Registration:
     def draw_pose(self, rng: np.random.Generator) -> pin.SE3:
         """Draw the pose of the body from its errors.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        pin.SE3
-            In our segment, m.
+        Returns: in our segment, m.
         """
         rotation = rng.multivariate_normal(np.zeros(3), self.rotation_covariance, method="eigh")
         translation = rng.normal(size=3) * np.sqrt(self.translation_variance)
@@ -130,9 +114,10 @@ def add_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
         for name, labels in marker_set.landmarks.items()
         if len(labels) == 1
     }
-    further = {
-        label: place for label, place in at.items() if place is not None and label not in m.labels
-    }
+    further = {}
+    for label, place in at.items():
+        if place is not None and label not in m.labels:
+            further[label] = place
     if not further:
         return model
     segments, places = zip(*further.values(), strict=True)
@@ -182,7 +167,7 @@ def find_shared_markers(
             continue
         if FOLLOWED_SEGMENT.get(known or "", known) not in (segment, None):
             continue
-        # The marker belongs to another registered body between this one and its own.
+        # Another registered body, between this one and the marker's, has the marker.
         if any(peer.is_below(marked, b) and peer.is_below(b, body) for b in others):
             continue
         theirs.append(peer.compute_body_pose(marked, body).act(position))
@@ -496,7 +481,7 @@ def fit_standing_segments(model: SubjectModel, parameters: Parameters) -> dict[s
     measured = locate_markers(nominal, start)
 
     def compute_residual(q: Array) -> Array:
-        """Compute distances of the markers, and from the start for what they do not determine."""
+        """Compute distances of the markers, and of coordinates from their start."""
         distances = locate_markers(calibrated, q) - measured
         return np.concatenate([distances.ravel(), _HOLD * (q - start)])
 

@@ -95,15 +95,7 @@ class SegmentInertia:
 def list_joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
     """List all 14 joints of the Pinocchio model, each after the joint of its parent.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        Joint parameters.
-
-    Returns
-    -------
-    tuple of JointFrames
-        The first is that of the pelvis in the laboratory.
+    Returns: the first is that of the pelvis in the laboratory.
     """
     root = Joint("ground_pelvis", GROUND, "pelvis", make_root_elements("pelvis"))
     body = get_chain().body(parameters)
@@ -142,14 +134,7 @@ def _undo_half_turn(motion: Element) -> pin.SE3:
 def make_axis_vector(element: Element) -> Array:
     """Make the unit axis of a coordinate, with its sign.
 
-    Parameters
-    ----------
-    element : Element
-        Elementary motion of the linkage.
-
-    Returns
-    -------
-    (3,) Array
+    Returns: (3,).
     """
     axis = np.zeros(3)
     axis[element.axis] = element.sign
@@ -159,16 +144,7 @@ def make_axis_vector(element: Element) -> Array:
 def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
     """Get the inertia of one segment.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        Inertial parameters.
-    segment : str
-        Segment; the talus has no mass.
-
-    Returns
-    -------
-    SegmentInertia
+    `segment`: segment; the talus has no mass.
     """
     if segment not in MASSIVE_SEGMENTS:
         return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
@@ -179,15 +155,7 @@ def get_segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
 def convert_to_body_fixed_xyz(rotation: Array) -> Array:
     """Convert a rotation to body-fixed x-y-z angles, as in OpenSim's `orientation`.
 
-    Parameters
-    ----------
-    rotation : (3, 3) Array
-        R = Rx(a) Ry(b) Rz(c).
-
-    Returns
-    -------
-    (3,) Array
-        rad, a, b, c.
+    `rotation`: (3, 3) R = Rx(a) Ry(b) Rz(c). Returns: (3,) rad, a, b, c.
     """
     a = np.arctan2(-rotation[1, 2], rotation[2, 2])
     # Ry(b) Rz(c), see the module.
@@ -214,15 +182,7 @@ def convert_to_space_fixed_xyz(rotation: Array) -> Array:
 def convert_from_body_fixed_xyz(angles: Array) -> Array:
     """Convert body-fixed x-y-z angles to a rotation.
 
-    Parameters
-    ----------
-    angles : (3,) Array
-        rad, a, b, c.
-
-    Returns
-    -------
-    (3, 3) Array
-        Rx(a) Ry(b) Rz(c).
+    `angles`: (3,) rad, a, b, c. Returns: (3, 3) Rx(a) Ry(b) Rz(c).
     """
     a, b, c = (float(angle) for angle in angles)
     rotation: Array = make_axis_rotation(0, a) @ make_axis_rotation(1, b) @ make_axis_rotation(2, c)
@@ -305,12 +265,7 @@ def add_child(
 def write_xml(root: ET.Element, path: Path | str) -> None:
     """Write an indented UTF-8 document, completely or not at all.
 
-    Parameters
-    ----------
-    root : ET.Element
-        Root of the document.
-    path : Path or str
-        File to write.
+    `path`: file to write.
     """
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")

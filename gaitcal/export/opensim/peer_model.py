@@ -566,15 +566,7 @@ class Axis:
     def find_nearest(self, point: Array) -> Array:
         """Find the point of the line that is nearest to a point.
 
-        Parameters
-        ----------
-        point : (3,) Array
-            m
-
-        Returns
-        -------
-        (3,) Array
-            m
+        `point`: (3,) m. Returns: (3,) m.
         """
         nearest: Array = self.point + self.direction * float(self.direction @ (point - self.point))
         return nearest
@@ -586,15 +578,7 @@ class Axis:
     def find_crossing(self, axis: int) -> Array:
         """Find the point where the line crosses the plane on which one coordinate is zero.
 
-        Parameters
-        ----------
-        axis : int
-            Index of the coordinate.
-
-        Returns
-        -------
-        (3,) Array
-            m
+        `axis`: index of the coordinate. Returns: (3,) m.
         """
         crossing: Array = self.point - self.direction * (self.point[axis] / self.direction[axis])
         return crossing

@@ -251,7 +251,7 @@ class AccountTable:
 
 
 def make_joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
-    """Make tables of registrations, joints, masses, and of what moved with bones.
+    """Make tables of registrations, joints, masses, and of elements that moved with bones.
 
     Parameters
     ----------

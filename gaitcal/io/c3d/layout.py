@@ -19,7 +19,7 @@ ezc3d reads the file; this module reads parts of it again where ezc3d is not suf
 - Frame numbers of the header stop at 65535 or begin again at zero. The number of frames is then
   that of TRIAL, LONG_FRAMES or further rounds of the counter with which the data fill the file.
 - ezc3d does not name a damaged parameter (`find_damage`).
-- ezc3d does not report what it writes differently: groups without a name, and types
+- ezc3d does not report all that it writes differently: groups without a name, and types
   (`find_changed_parameters`).
 """
 
@@ -195,15 +195,7 @@ def find_sample_layout(
 def read_long_number(parts: Any) -> int | None:
     """Read a number from two 16-bit values (the lower first) or from one float.
 
-    Parameters
-    ----------
-    parts
-        One or two numbers.
-
-    Returns
-    -------
-    int or None
-        None if there is no such number.
+    `parts`: one or two numbers. Returns: None if there is no such number.
     """
     values = np.asarray(parts, dtype=np.float64).ravel()
     if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
@@ -286,7 +278,7 @@ class Record:
 
     group: int  # Number of the group, positive
     name: str
-    content: bytes  # What follows the offset
+    content: bytes  # After the offset
     is_group: bool
 
 
@@ -341,15 +333,7 @@ def _name_parameter(name: str) -> str:
 def find_damage(content: bytes) -> str:
     """Describe the first damaged parameter of a C3D file.
 
-    Parameters
-    ----------
-    content
-        All bytes of the file.
-
-    Returns
-    -------
-    str
-        Empty if every record can be read.
+    Returns: empty if every record can be read.
     """
     try:
         for record in (record for record in parse_records(content) if not record.is_group):
@@ -367,15 +351,7 @@ def find_damage(content: bytes) -> str:
 def find_changed_parameters(source: bytes, target: bytes) -> tuple[str, ...]:
     """List the parameters of one C3D file that another lacks or holds with other types or values.
 
-    Parameters
-    ----------
-    source, target
-        All bytes of the two files.
-
-    Returns
-    -------
-    tuple of str
-        Names `GROUP:NAME`.
+    Returns: names `GROUP:NAME`.
     """
     old, new = _read_values(source), _read_values(target)
     return tuple(

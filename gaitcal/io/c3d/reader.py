@@ -49,7 +49,7 @@ COMPUTED_GROUPS = (*NON_POSITION_GROUPS, "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
 USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not show it")
 
-# ------------------------------------------------------------------------- ezc3d in its own process
+# ------------------------------------------------------------------------- ezc3d in another process
 
 # Longest start of the parser process (s); on a busy machine it loads its libraries slowly
 START_SECONDS = 120.0
@@ -174,7 +174,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def serve() -> None:
-    """Parse one file after the other until the caller has gone; discard what the library prints."""
+    """Parse one file after the other until the caller has gone; discard the library's output."""
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         import ezc3d  # noqa: F401  before the first file's time begins
@@ -474,11 +474,10 @@ def _select_markers(
         raise FileFault(f"all {len(named)} named points are computed ones; markers are needed")
     names, repetition_notes = labelling.number_repetitions(spelt[i] for i in keep)
     numbers = _find_listed_as_computed(group, NON_POSITION_GROUPS)
-    places = {
-        spelt[i]: i
-        for i in named
-        if i not in set(keep) and labels[i] not in numbers and not labelling.is_number(spelt[i])
-    }
+    places = {}
+    for i in named:
+        if i not in set(keep) and labels[i] not in numbers and not labelling.is_number(spelt[i]):
+            places[spelt[i]] = i
     return keep, names, notes + prefix_notes + repetition_notes, places
 
 

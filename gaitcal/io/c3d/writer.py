@@ -332,7 +332,7 @@ def supplement_c3d(
     Returns
     -------
     tuple of str
-        What else could not be copied unchanged: parameters as `GROUP:NAME`.
+        Entries that could not be copied unchanged: parameters as `GROUP:NAME`.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Figures and sheets on paper, one module for each kind; `chart` holds what they share."""
+"""Figures and sheets on paper, one module for each kind; `chart` holds the common parts."""

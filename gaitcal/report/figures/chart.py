@@ -174,7 +174,7 @@ class Size:
 class Panel:
     """One pair of axes."""
 
-    label: str  # What it shows, for readers who cannot see it
+    label: str  # Description for readers who cannot see it
     draw: Callable[[Axes], None]
     size: Size = Size()
 
@@ -279,7 +279,7 @@ def _make_handle(key: Key) -> Line2D | Patch:
     )
 
 
-DPI: Final = 300  # What journals ask for
+DPI: Final = 300  # As journals require
 FORMATS: Final = ("png", "svg", "pdf")
 _UNSIGNED: Final = {
     "png": {"Software": None},
@@ -295,7 +295,7 @@ def save_chart(chart: Chart, formats: Mapping[str, Path | IO[str]]) -> None:
     Parameters
     ----------
     chart
-        What to draw.
+        Chart to draw.
     formats
         One of `FORMATS` -> file or stream.
     """
@@ -314,7 +314,7 @@ def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[
     Parameters
     ----------
     charts
-        What to draw.
+        Chart to draw.
     folder
         Created if missing.
     formats

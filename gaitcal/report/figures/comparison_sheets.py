@@ -54,7 +54,7 @@ def render_comparison_page(
     sheets
         Title -> variables of `cycles.csv`, in the order of drawing.
     people
-        Of each session, label and value of what is known of subject and session.
+        Of each session, label and value of the data of subject and session.
     scores
         Angle or score, A, B and their difference, as text.
     norms
@@ -273,7 +273,7 @@ def render_plain_table(
     Parameters
     ----------
     label
-        What the table contains, for screen readers.
+        Content of the table, for screen readers.
     head
         Titles of the columns.
     rows

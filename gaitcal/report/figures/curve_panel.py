@@ -40,7 +40,7 @@ class CurvePanel:
     title: str
     unit: str
     senses: tuple[str, str] = ("", "")
-    """What positive and negative values mean, below the title."""
+    """Meaning of positive and negative values, below the title."""
     x: Array = field(default_factory=lambda: np.arange(float(POINTS)))
     x_label: str = "gait cycle (%)"
     mean: Mapping[str, Array]  # (n,)
@@ -74,7 +74,7 @@ class CurvePanel:
         letters
             Sizes of letters.
         label
-            What it shows, for readers who cannot see it.
+            Description for readers who cannot see it.
         """
         return chart.Panel(label, partial(_draw, panel=self, letters=letters), size)
 
@@ -129,6 +129,7 @@ def _draw(axes: Axes, panel: CurvePanel, letters: chart.Sizes) -> None:
                 color=colour,
                 linewidth=0,
             )
+    # Percent of the stride; other abscissas have limits by their data.
     if panel.x_label == CurvePanel.x_label:
         axes.set_xlim(0.0, 100.0)
         axes.set_xticks([0, 20, 40, 60, 80, 100])

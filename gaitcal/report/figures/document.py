@@ -86,7 +86,7 @@ class ReportContent:
     joints: tuple[tuple[str, ...], ...]
     """Head, then a row for each joint: its displacement by calibration."""
     undetermined: tuple[str, ...]
-    """What the recordings do not determine."""
+    """Parameters that the recordings do not determine."""
     comments: Mapping[str, str]
     """Section (`COMMENT_SECTIONS`) -> comment of the user."""
     footer: str
@@ -106,7 +106,7 @@ class ComparisonContent:
     people: tuple[
         tuple[str, ...], ...
     ]  # Head with the names of both sessions, then label and value of each
-    sentences: tuple[str, ...]  # Warnings, then what differs
+    sentences: tuple[str, ...]  # Warnings, then differences
     scores: tuple[
         tuple[str, ...], ...
     ]  # Head, then a row for each angle or score: before, after, difference
@@ -133,7 +133,7 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     Parameters
     ----------
     content
-        What the report contains.
+        Content of the report.
     path
         The file.
 
@@ -170,6 +170,7 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
         canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
+    # The number of pages is known at the end: a form that every page shows is filled last.
     total = _Total(width - MARGIN - 5.6 * mm, MARGIN - 2 * mm)
     story = (
         _build_comparison(content, *size)
@@ -235,6 +236,7 @@ def _build_report(content: ReportContent, width: float, height: float) -> list[F
                 *_build_comment(content, sheet.comment),
             ]
     profile = _build_profile(content, width)
+    # The profile goes on the first page if there is room, else before the joints.
     together = _measure_height([*out, *profile], width, height) < height
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
@@ -276,6 +278,7 @@ def _build_sheet(
         Spacer(1, 2 * mm),
     ]
     comment = _build_comment(content, sheet.comment)
+    # Height (points) that remains for the curves.
     high = size[1] - _measure_height(head, *size)
     left = high - _measure_height(comment, *size)
     if left < LEAST_SHEET:
@@ -363,6 +366,7 @@ def _build_person_table(content: ReportContent, width: float) -> Table:
         [make_paragraph(label, 7, colour=FAINT), make_paragraph(value, 9, bold=True)]
         for label, value in content.person
     ]
+    # Empty cells complete the last row.
     cells += [[]] * (-len(cells) % HEADER_COLUMNS)
     rows = [cells[k : k + HEADER_COLUMNS] for k in range(0, len(cells), HEADER_COLUMNS)]
     return Table(

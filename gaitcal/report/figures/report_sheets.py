@@ -46,9 +46,8 @@ class Sheet:
     without: str  # Why there is no curve in any panel, where there is none
     comment: str
     thick: str = "mean ± 1 standard error"
-    thin: str = (
-        "thin: strides, vertical: toe-off"  # What thick lines with their bands are, and thin ones
-    )
+    # Meaning of thick lines with their bands, and of thin ones
+    thin: str = "thin: strides, vertical: toe-off"
 
     @property
     def has_curves(self) -> bool:
@@ -212,6 +211,7 @@ def build_profile_chart(scores: Sequence[profile_score.Score], width: float) -> 
                 known = np.isfinite(s.error)
                 error = f" ± {s.error:.1f}" if known else ""
                 texts.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
+                # The score of both sides is printed, but has no bar.
                 if s.side in SIDES:
                     colour = chart.SIDE_COLOURS[s.side]
                     axes.barh(

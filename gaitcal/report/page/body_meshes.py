@@ -1,6 +1,6 @@
 """Fit the human body meshes of example-robot-data to a subject; capsules replace missing meshes.
 
-Each mesh has its own unit and its origin at the proximal joint; x forward, y up, z to the right.
+Each mesh has another unit, and its origin at the proximal joint; x forward, y up, z to the right.
 The reference body (that package's `human.urdf`) gives the joint positions in each mesh. A limb mesh
 is scaled along its length, so that its joints meet the subject's joint centres, and across by a
 girth that depends on body mass and height. Pelvis and trunk are scaled to hip and shoulder centres.
@@ -52,7 +52,7 @@ _MOST_TRIANGLES = (
 )
 _COARSER = 1.2  # Factor of the grid's cells from one attempt at fewer triangles to the next
 _SLACK = 0.05  # Of the longest side: how far a mesh may leave the box that places it
-_MOST_VERTICES = 65_536  # What 16-bit corner numbers in the page can name
+_MOST_VERTICES = 65_536  # Limit of the 16-bit corner numbers in the page
 REFERENCE_MASS, REFERENCE_HEIGHT = 74.7, 1.787  # kg, m of the reference body: sums over its URDF
 _HIP_DROP, _HIP_FORWARD = 0.100, 0.023  # m: lumbar joint to mid-hip
 _FOOT_LENGTH = 0.271
@@ -121,7 +121,7 @@ def fit_body_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
 def _fit_limb(
     mesh: str, segment: str, ends: tuple[Array, Array], heights: tuple[float, float], across: float
 ) -> FittedMesh:
-    """Fit a mesh: its `heights` (own unit) go to the joint centres `ends` (proximal, distal)."""
+    """Fit a mesh: its `heights` (mesh units) go to the joint centres `ends` (proximal, distal)."""
     along = (ends[0] - ends[1]) / (heights[0] - heights[1])
     scale = float(np.linalg.norm(along))
     y = along / scale
@@ -331,10 +331,7 @@ def _find_files() -> dict[str, Path]:
 def read_stl(content: bytes) -> Mesh:
     """Read a binary STL and join equal corners.
 
-    Raises
-    ------
-    ValueError
-        The content is not a binary STL, or is truncated.
+    Raises ValueError: the content is not a binary STL, or is truncated.
     """
     # Binary STL: 80 bytes of header, the number of triangles, then 50 bytes for each.
     count = int.from_bytes(content[80:84], "little")

@@ -53,10 +53,10 @@ _FILES: dict[str, tuple[tuple[str, ...], int]] = {
     "skull": (("hat_skull",), 2200),
     "jaw": (("hat_jaw",), 600),
 }
-"""Bone, by its name in a page -> what its file may be called without ending, and how many triangles
-of it are shown.
+"""Bone, by its name in a page -> possible names of its file without ending, and number of triangles
+on the page.
 """
-_WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}  # What `spine` is in one file
+_WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}  # Parts of `spine`
 NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")
 """Without these, whose landmarks place all others, there are no bones."""
 
@@ -192,11 +192,10 @@ def _split_polygons(corners: IntArray, ends: IntArray) -> IntArray:
     starts = np.concatenate([[0], ends[:-1]]) if len(ends) else ends
     if len(ends) and (np.any(np.diff(ends) < 0) or ends[0] < 0 or ends[-1] > len(corners)):
         raise ValueError("polygons beyond the corners")
-    fans = [
-        (corners[a], corners[k], corners[k + 1])
-        for a, b in zip(starts, ends, strict=True)
-        for k in range(a + 1, b - 1)
-    ]
+    fans = []
+    for a, b in zip(starts, ends, strict=True):
+        for k in range(a + 1, b - 1):
+            fans.append((corners[a], corners[k], corners[k + 1]))
     return np.array(fans, dtype=np.intp).reshape(-1, 3)
 
 

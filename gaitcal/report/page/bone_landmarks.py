@@ -119,7 +119,7 @@ class ShankBones:
 
 
 def compute_volume(mesh: Mesh) -> float:
-    """Compute the volume, m^3; positive if corners are counter-clockwise seen from outside."""
+    """Compute the volume, m^3; positive if corners are counter-clockwise from outside."""
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
@@ -167,7 +167,7 @@ def fit_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]
 def is_inside(mesh: Mesh, point: Array) -> bool:
     """Return whether a point (3,) m is inside a closed surface.
 
-    The solid angles of all triangles, seen from the point, sum to 4 pi inside and to 0 outside (Van
+    The solid angles of all triangles, at the point, sum to 4 pi inside and to 0 outside (Van
     Oosterom and Strackee 1983, IEEE Trans Biomed Eng 30).
     """
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] - point for k in range(3))

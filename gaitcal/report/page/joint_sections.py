@@ -72,7 +72,7 @@ def build_joint_blocks(calibration: result.Calibration) -> list[Block]:
             f"recorded again{errors}."
         ),
     ]
-    # Before any number: what these trials cannot show.
+    # Before any number: parameters that these trials cannot show.
     if blind := parameter_labels.describe_unidentifiable(calibration):
         out += [make_heading("Not determined by these trials", 4), make_list(blind, "warning")]
     known = calibration.truth.parameters if calibration.truth else ()

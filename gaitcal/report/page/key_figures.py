@@ -80,7 +80,7 @@ class GaitNumbers:
     numbers: tuple[MomentSummary, ...] = ()
     stages: tuple[ResidualMagnitudes, ...] = ()
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
-    limits: ResidualLimits | None = None  # What is asked of simulations; given where `stages` are
+    limits: ResidualLimits | None = None  # Requirements of simulations; given where `stages` are
     expected: ExpectedResidual | None = (
         None  # Of the last of `stages`; None where its errors are not known
     )

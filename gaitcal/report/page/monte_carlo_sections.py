@@ -52,7 +52,7 @@ BESIDE: Final = (
     "used): tables and figures of montecarlo/ in the folder of the result."
 )
 Levels = dict[tuple[Varied, str, str, str], list[dict[str, Any]]]
-"""What was varied; torque or markers; ground-reaction frame (empty for markers); measure -> rows,
+"""Varied parameters; torque or markers; ground-reaction frame (empty for markers); measure -> rows,
 ordered by level.
 """
 

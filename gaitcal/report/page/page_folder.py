@@ -94,7 +94,7 @@ def read_page(folder: Path) -> PageContent:
     Returns
     -------
     PageContent
-        What the page consists of.
+        Content of the page.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def read_result_page(folder: Path) -> tuple[PageContent, tuple[str, ...]]:
     Returns
     -------
     PageContent
-        What the page consists of.
+        Content of the page.
     tuple of str
         One line for each further trial that is stale or left out.
 

@@ -35,7 +35,7 @@ SCRIPTS = (
     "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "events.js",
     "comments.js", "print.js", "page.js",
 )  # fmt: skip
-"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all
+"""In the order in which they run: the body in 3-D; visible parts; curves; tables; all
 together.
 """
 STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
@@ -59,12 +59,12 @@ COHORT_SCRIPTS: Final = (
     ),
     *("cohort/distributions.js", "cohort/means.js", "cohort/cohort.js"),
 )
-"""In the order in which they run: what `result.html` has too; people and what is chosen; each part;
+"""In the order in which they run: scripts of `result.html`; people and selections; each part;
 all together.
 """
 COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
 COHORT_DATA: Final = ("CURVES", "COHORT")
-"""What `cohort.html` is of: packed mean curves, and everything else as JSON, in the order of the
+"""Data of `cohort.html`: packed mean curves, and everything else as JSON, in the order of the
 file.
 """
 PLOTS = "libraries/uPlot"  # The library that draws curves
@@ -146,7 +146,7 @@ def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) 
     content["LICENCES"] = "\n\n".join(
         filter(None, [*licences, content["LICENCES"], of_bones])
     ).replace("<", "‹")
-    # One pass over the template: what a name holds is never looked at again.
+    # One pass over the template: inserted text is never searched for names.
     return re.sub(
         r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _read_part("templates/page.html")
     )
@@ -178,7 +178,7 @@ def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
 def _collect_scripts_and_styles(
     scripts: Sequence[str], styles: Sequence[str], **first: str
 ) -> dict[str, str]:
-    """Collect what a template needs; `first`: scripts that run before all others."""
+    """Collect the parts of a template; `first`: scripts that run before all others."""
     parts = [_read_part(f"scripts/{name}") for name in scripts]
     running = {
         **{name.upper(): _escape_script(script) for name, script in first.items()},
@@ -365,17 +365,7 @@ def append_page_data(data: Mapping[str, Any], further: Mapping[str, Any]) -> dic
 def select_trials(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     """Select some trials from page data, with the reasons about them.
 
-    Parameters
-    ----------
-    data
-        Page data of further trials.
-    names
-        Trials to keep.
-
-    Returns
-    -------
-    dict
-        Page data.
+    `data`: page data of further trials. Returns: page data.
     """
     trials = [trial for trial in data["trials"] if trial["name"] in names]
     about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
@@ -409,19 +399,20 @@ def add_doubts(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) 
     verdict = data["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
     code = page_data.explain_code(Code.RESULT_EDITED)
-    new = [
-        {
-            **code,
-            "severity": "warning",
-            "cause": cause,
-            "evidence": "",
-            "action": action,
-            "trials": [name],
-            "leg": "",
-        }
-        for name, cause, action in doubts
-        if (cause, name) not in known
-    ]
+    new = []
+    for name, cause, action in doubts:
+        if (cause, name) not in known:
+            new.append(
+                {
+                    **code,
+                    "severity": "warning",
+                    "cause": cause,
+                    "evidence": "",
+                    "action": action,
+                    "trials": [name],
+                    "leg": "",
+                }
+            )
     if not new:
         return dict(data)
     judgement = verdict["judgement"]

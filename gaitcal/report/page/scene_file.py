@@ -49,8 +49,8 @@ _DAMAGE = (
     EOFError, SyntaxError,
     MemoryError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What NumPy, zipfile and zlib raise on files that are not what they seem."""
-_BODY = "garments"  # What files of this version call the body meshes
+"""Errors of NumPy, zipfile and zlib on files of another kind."""
+_BODY = "garments"  # Name of the body meshes in files of this version
 _LANDMARKS = "landmarks/"
 EARLY = 0.005  # s: a later first frame is reported as not the begin of the recording
 _JOINT_ARRAYS = (
@@ -83,10 +83,7 @@ _TRIAL_ARRAYS = tuple(_list_trial_shapes(0, 0, 0))
 def save_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene, whole or not at all.
 
-    Raises
-    ------
-    InputError
-        `path` cannot be written.
+    Raises InputError: `path` cannot be written.
     """
     arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
     for i, trial in enumerate(scene.trials):
@@ -117,10 +114,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
 def load_scene(path: Path | str) -> Scene:
     """Read a scene that `save_scene` wrote.
 
-    Raises
-    ------
-    InputError
-        The file is missing, or is not a scene.
+    Raises InputError: the file is missing, or is not a scene.
     """
     path = Path(path)
     try:

@@ -80,7 +80,7 @@ ISOLATED = (
     "after these trials; the final model may differ if walking has moved the joint again."
 )
 LITTLE_WEIGHT = 0.5  # Part of the largest weight
-SHOWN_CHANGE_M = 5e-5  # Half of what the page shows
+SHOWN_CHANGE_M = 5e-5  # Half of the last digit on the page
 MARKERS_SHOWN = 6  # With the largest errors; the rest is folded away
 
 
@@ -144,6 +144,7 @@ def build_trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
                 *_build_fit_cells(trial_result.summarise_leg_fit(trial)),
             ],
         )
+    # A functional trial that was fitted before gait may fit less well with the final joints.
     calibrated, final = trial.calibrated.errors.rms(), trial.final.errors.rms()
     if calibrated is not None and final is not None and abs(final - calibrated) >= SHOWN_CHANGE_M:
         sums.append(
@@ -505,8 +506,7 @@ def _build_residuals(walk: GaitNumbers) -> list[Block]:
         ]
         for stage in walk.stages
     ]
-    # References below the line: what errors explain, and what simulations require (Hicks et al.
-    # 2015).
+    # References below the line: the residual that errors explain, and limits for simulations.
     below: list[list[Cell]] = []
     if held is not None:
         below.append(
