@@ -313,7 +313,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     }
     np.testing.assert_allclose(drawn[SIDE_COLOURS["r"]], 2.1 * (1 + deg), rtol=1e-4)
     np.testing.assert_allclose(drawn[SIDE_COLOURS["l"]], 1 + deg, rtol=1e-4)
-    band = axes.collections[0].get_paths()[0].vertices[:, 1]
+    band = axes.collections[-1].get_paths()[0].vertices[:, 1]
     assert band.max() == pytest.approx((2.1 + 1.96 * 1.1 / np.sqrt(2)) * 91, rel=1e-4)
     assert [key.label for key in chart.keys][1:] == [
         "after, ± 1.96 SD of the draws",
