@@ -232,7 +232,7 @@ EXACT = 1e-9
 @pytest.fixture(scope="module")
 def bones(tmp_path_factory: pytest.TempPathFactory) -> Landmarked:
     return find_landmarks(
-        read_bone_folder(made.folder_of_bones(tmp_path_factory.mktemp("Geometry")))
+        read_bone_folder(made.folder_of_bones(tmp_path_factory.mktemp("bones") / "Geometry"))
     )
 
 

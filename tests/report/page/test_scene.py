@@ -268,7 +268,7 @@ def test_a_scene_comes_back_as_it_was_with_any_name(scene: Scene, tmp_path: Path
 def test_a_landmark_that_is_missing_is_damage_and_a_file_is_no_such_file(
     scene: Scene, tmp_path: Path
 ) -> None:
-    with refuses(Code.NO_FILE, "scene.npz"):
+    with refuses(Code.NO_RESULT, "scene.npz"):
         load_scene(tmp_path / "scene.npz")
     points = {
         name: point for name, point in scene.landmarks.points.items() if name != "thigh_r/hip"
@@ -298,8 +298,10 @@ np.savez(PICKLE, scene=np.array([{"version": 1}], dtype=object))
     ],
 )
 def test_other_files_and_folders_are_refused(content: bytes | None, tmp_path: Path) -> None:
-    path = tmp_path if content is None else tmp_path / "scene.npz"
-    if content is not None:
+    path = tmp_path / "scene.npz"
+    if content is None:
+        path.mkdir()
+    else:
         path.write_bytes(content)
     with refuses(InputError, path.name):
         load_scene(path)
