@@ -75,7 +75,7 @@ def calibrated_walk(study: Path, out: Path) -> Walk:
     calibration = calibrate(Study.load(study))
     write_results(calibration, out)
     walk = calibration.trial("walk")
-    body, wrenches = walk.body, walk.loads.reactions.wrench
+    body, wrenches = walk.motion, walk.loads.reactions.wrench
     q, v, a = body.q, body.velocity, body.acceleration
     placed, seen = calibration.model.markers, walk.recording.labels
     kept = [k for k, label in enumerate(placed.labels) if label in seen]

@@ -28,6 +28,8 @@ _NUMBER = re.compile(
     r"(?:(?<![\w.])[-+])?(?<![A-Za-z_.\d])\d+(?:\.\d+)*(?:e[-+]?\d+)?(?![A-Za-z_])"
 )
 _FOLDERS = re.compile(r"(?:(?<=file://)|(?<![\w.:/]))/(?:[^\s/'\",;:)]+/)+")
+_TEST_FOLDER = re.compile(r"\btest_\w{1,25}?\d+\b")
+"""Name of `tmp_path`: its number depends on the tests that ran before."""
 _REPEATED = re.compile(r"(\w)\1{19,}")
 
 Entry = tuple[str, str, str, str]
@@ -44,8 +46,8 @@ def numbers(text: str) -> list[float]:
 
 def without_figures(text: str) -> str:
     """Replace each number by `#`, leave out folders of files, and shorten long repetitions."""
-    short = _REPEATED.sub(r"\1...", _FOLDERS.sub("", " ".join(text.split())))
-    return _NUMBER.sub("#", short)
+    named = _TEST_FOLDER.sub("tmp_path", _FOLDERS.sub("", " ".join(text.split())))
+    return _NUMBER.sub("#", _REPEATED.sub(r"\1...", named))
 
 
 def _record(message: Finding | Exception | str) -> None:
