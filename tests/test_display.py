@@ -34,6 +34,9 @@ def public_objects(calibration: Calibration) -> dict[str, Displayed]:
         "JointKinetics": trial.loads.kinetics,
         "Calibration": calibration,
         "TrialResult": trial,
+        "Trial": calibration.study.trials[0],
+        "Parameters": calibration.model.parameters,
+        "MarkerErrors": trial.motion.errors,
     }
 
 
