@@ -66,6 +66,11 @@ NULL = 1e-12
 TISSUE_GAIN = 1e-7
 """Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where
 that of all falls by no more."""
+TISSUE_SHARE = 0.1
+"""Part of the reduction that a step of joint parameters promises which soft tissue may leave at its
+end: the ratio of the real to the promised reduction decides on the next step, and is then known to
+a tenth.
+"""
 # Largest number of steps of soft tissue at given joint parameters, and earlier steps that are used
 MOST_TISSUE_STEPS, KEPT_STEPS = 20, 5
 # Shares of a step of soft tissue that are tried in turn if the cost grows with the whole step
@@ -377,9 +382,10 @@ class ReducedProblem:
         if self.best is not None and self._sum_kinds(p, kinds).total > self.best.total:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the
             # joint parameters
-            solved = kinds
+            solved, left = kinds, TISSUE_SHARE * self._promise_reduction(p) / len(kinds)
             kinds = _map_in_pairs(
-                lambda k: self._minimise_tissue(k, p, self._drop_bad_step(k, p, solved[k])), every
+                lambda k: self._minimise_tissue(k, p, self._drop_bad_step(k, p, solved[k]), left),
+                every,
             )
         return self._keep(p, kinds)
 
@@ -467,8 +473,10 @@ class ReducedProblem:
                 kinds.append(self._eliminate_kind(k, tissue.z, trials))
         self._keep(best.p, kinds)
 
-    def _minimise_tissue(self, k: int, p: Array, here: KindState) -> KindState:
+    def _minimise_tissue(self, k: int, p: Array, here: KindState, left: float = 0.0) -> KindState:
         """Minimise the cost of one kind at p over its soft tissue.
+
+        It ends where the next step promises to lower the cost (m^2) by no more than `left`.
 
         Gauss-Newton steps f leave out the curvature of large residuals. They may overshoot in the
         few directions that markers hardly determine. Steps of earlier points correct them there
@@ -478,7 +486,7 @@ class ReducedProblem:
         points, steps = list[Array](), list[Array]()
         for _ in range(MOST_TISSUE_STEPS):
             tissue = here.tissue
-            if tissue.reduction <= TISSUE_GAIN * tissue.cost:
+            if tissue.reduction <= max(TISSUE_GAIN * tissue.cost, left):
                 break
             points, steps = [*points, tissue.z][-KEPT_STEPS:], [*steps, tissue.step][-KEPT_STEPS:]
             step = steps[-1]
@@ -589,6 +597,16 @@ class ReducedProblem:
         gradient = state.gradient + self.prior.T @ (self.prior @ (state.p - self.centre))
         scaled = self._factorise(state)[1] @ gradient
         return float(scaled @ scaled) + sum(kind.reduction for kind in state.kinds)
+
+    def _promise_reduction(self, p: Array) -> float:
+        """Predict by how much (m^2) the step from the best point to p lowers the cost."""
+        if self.best is None:
+            return 0.0
+        best, step = self.best, p - self.best.p
+        gradient = best.gradient + self.prior.T @ (self.prior @ (best.p - self.centre))
+        along = self._factorise(best)[0] @ step
+        reduction = -2.0 * float(gradient @ step) - float(along @ along)
+        return max(reduction, 0.0) + sum(kind.reduction for kind in best.kinds)
 
     def _place_trial(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
         """Place soft tissue and secondary motions of a trial at its unknowns (nx_t,).

@@ -353,8 +353,9 @@ def add_tissue_columns(
         corner[here, here] = (
             both.reshape(nr, nr, WIDTH, WIDTH).transpose(0, 2, 1, 3).reshape(WIDTH * nr, -1)
         )
-        by_parameter[moved[~turning] - nq, here] = (
-            (met[~turning] @ psi.T).transpose(0, 2, 1).reshape(-1, WIDTH * nr)
+        of_parameters = (met[~turning].reshape(-1, nf) @ psi.T).reshape(-1, WIDTH, nr)
+        by_parameter[moved[~turning] - nq, here] = of_parameters.transpose(0, 2, 1).reshape(
+            -1, WIDTH * nr
         )
         # One regressor at a time: all at once do not fit the cache of the processor.
         by_frame = np.ascontiguousarray(met[turning].reshape(-1, nf).T)
