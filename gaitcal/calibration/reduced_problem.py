@@ -32,10 +32,8 @@ would solve them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
@@ -44,7 +42,7 @@ from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.calibration.tissue_elimination import EliminatedKind, eliminate_tissue, split_by_kind
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
-from gaitcal.runtime import with_one_blas_thread
+from gaitcal.runtime import map_in_pairs
 from gaitcal.tracking.banded import BandFactor, Elimination, NormalEquations, eliminate
 from gaitcal.tracking.descent import STALE_RATIO, DescentSettings, Evaluation, descend
 from gaitcal.tracking.motion import track_coefficients
@@ -378,12 +376,12 @@ class ReducedProblem:
                 return known
         self.evaluations += 1
         every = range(len(self.members))
-        kinds = _map_in_pairs(lambda k: self._solve_kind(k, p, *self._predict_tissue(k, p)), every)
+        kinds = map_in_pairs(lambda k: self._solve_kind(k, p, *self._predict_tissue(k, p)), every)
         if self.best is not None and self._sum_kinds(p, kinds).total > self.best.total:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the
             # joint parameters
             solved, left = kinds, TISSUE_SHARE * self._promise_reduction(p) / len(kinds)
-            kinds = _map_in_pairs(
+            kinds = map_in_pairs(
                 lambda k: self._minimise_tissue(k, p, self._drop_bad_step(k, p, solved[k]), left),
                 every,
             )
@@ -444,7 +442,7 @@ class ReducedProblem:
                 )
             return here
 
-        return self._keep(p, _map_in_pairs(settled, range(len(self.members))))
+        return self._keep(p, map_in_pairs(settled, range(len(self.members))))
 
     def get_parameters(self, p: Array) -> Parameters:
         """Get all parameters of the linkage at p."""
@@ -542,7 +540,7 @@ class ReducedProblem:
         """Apply a function to each trial of a kind, two at a time if there is no other kind."""
         every = range(len(self.members[k]))
         return (
-            _map_in_pairs(function, every)
+            map_in_pairs(function, every)
             if len(self.members) == 1
             else [function(i) for i in every]
         )
@@ -733,14 +731,3 @@ class ReducedProblem:
                 inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
                 self._known = state, size[:, None] * vectors.T, inverse[:, None] * vectors.T
         return self._known[1:]
-
-
-_Made = TypeVar("_Made")
-
-
-def _map_in_pairs(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
-    """Apply a function to each number, two at a time: matrix products release the other thread."""
-    if len(numbers) < 2:
-        return [function(number) for number in numbers]
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(with_one_blas_thread(function), numbers))
