@@ -224,7 +224,11 @@ class OpenMatrix:
         self.band = motion.problem.assemble_motion_equations(
             coefficients, motion.body, curved=curved
         )
-        self.evaluation = OpenEvaluation(
+
+    @property
+    def evaluation(self) -> OpenEvaluation:
+        """Cost and gradients at these coefficients."""
+        return OpenEvaluation(
             self.band.cost,
             self.band.node_gradient.ravel(),
             lambda: self.equations.parameter_gradient,
