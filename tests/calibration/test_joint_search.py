@@ -236,6 +236,21 @@ def test_columns_of_soft_tissue_are_added_once_for_a_point(monkeypatch: pytest.M
     np.testing.assert_array_equal(lazy.eliminated.halfway, whole.halfway)
 
 
+def test_soft_tissue_has_the_same_columns_whether_joints_are_free_or_not() -> None:
+    problem, start = soft_knee_trial(3, ("gait/a",), PART), read_published_parameters()
+    coefficients = started(problem, start)[1]
+    opened, closed = problem.with_free(KNEE), problem.with_free(())
+    whole, part = (
+        one.assemble_equations(coefficients, one.build_body(start)) for one in (opened, closed)
+    )
+    tissue = slice(len(KNEE), None)
+    assert part.mixed.shape == (coefficients.size, len(problem.tissue.keys))
+    np.testing.assert_allclose(part.mixed, whole.mixed[:, tissue], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        part.parameters, whole.parameters[tissue, tissue], rtol=0, atol=1e-12
+    )
+
+
 def test_the_promise_of_a_step_is_that_of_the_compressed_problem() -> None:
     """And of the soft tissue that is left at the point where the step begins."""
     reduced, p = soft_knee_problem()
