@@ -6,8 +6,9 @@ marker cost C_t. The Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and the gradie
 way (`tissue_elimination.py`). A small problem in p remains, with cost C, gradient g and matrix S,
 sums over kinds. Each new p starts with the z that the last matrices predict: one Gauss-Newton step
 of (p, z, N) together. Minimising z for a distant p would take more steps, and may lead to another
-local minimum. If the cost does not fall, z is minimised at p, so that SciPy's shorter steps of p
-find a lower one. With S = V diag(s) V^T SciPy gets the compressed pair
+local minimum. If the cost does not fall, z is minimised at p to a tenth of what the step of p
+promised, so that SciPy's shorter steps of p find a lower one. With S = V diag(s) V^T SciPy gets the
+compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
