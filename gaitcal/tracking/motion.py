@@ -113,7 +113,7 @@ class _TrackingMatrix:
 
     def __init__(self, tracking: _Tracking, x: Array, curved: bool) -> None:
         self._form = partial(
-            tracking.problem.assemble_equations,
+            tracking.problem.assemble_motion_equations,
             tracking.coefficients(x),
             tracking.body,
             curved=curved,
