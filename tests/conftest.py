@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 # A busy machine may take ten times as long for one example: time is judged by the benchmarks, not
 # here.
-settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "patient", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("few", settings.get_profile("patient"), max_examples=10)
 settings.load_profile("patient")
 
 
