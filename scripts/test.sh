@@ -14,8 +14,9 @@ if [ -n "${GAITCAL_LOWEST:-}" ]; then
     sed -n '/^dependencies = \[/,/^\]/s/^ *"\([A-Za-z0-9_-]*\)>=\([0-9.]*\).*/\1==\2/p' pyproject.toml >.venv-lowest.txt
     make_venv .venv-lowest test .venv-lowest.txt
     # Old versions warn of what newer ones changed: here that is no failure. What depends on no version, the pages of the
-    # documentation and the validation scripts, is left out; random examples are as many as show that a library works.
-    exec "$venv_python" -m pytest -q -n auto --dist loadfile -W default --hypothesis-profile few \
+    # documentation and the validation scripts, is left out; cases and random examples are as many as show that a
+    # library works.
+    exec "$venv_python" -m pytest -q -n auto --dist loadfile -W default --hypothesis-profile few --cases 2 \
         -m 'not slow and not peers and not browser' --ignore tests/docs --ignore tests/validation "$@"
 fi
 
