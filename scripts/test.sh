@@ -2,7 +2,8 @@
 # Everything CI checks: lint, format, types, import layers, tests. Arguments go to pytest.
 #   sh scripts/test.sh                  the newest versions, in .venv
 #   sh scripts/test.sh -m 'not slow'    the quick tests only
-#   GAITCAL_LOWEST=1 sh scripts/test.sh the quick tests on the lowest versions pyproject.toml allows, in .venv-lowest
+#   GAITCAL_LOWEST=1 sh scripts/test.sh two cases of each quick test on the lowest versions that pyproject.toml allows,
+#                                       in .venv-lowest
 # GAITCAL_EXTRAS=test,peers,cluster,docs,bones installs more, for the tests that need it.
 set -eu
 cd "$(dirname "$0")/.."
