@@ -15,6 +15,28 @@ IntArray = NDArray[np.intp]
 """Numbers of frames, markers, ...: indices."""
 
 
+def compute_rms(values: Array, axis: int | None = None) -> Array:
+    """Compute the root mean square of the finite values: the one of all marker residuals.
+
+    Parameters
+    ----------
+    values
+        Any shape and unit; NaN where there is none, as a distance of a marker that is not visible.
+    axis
+        Axis over which is averaged; all unless given.
+
+    Returns
+    -------
+    Array
+        In the unit of `values`; NaN where no value is finite.
+    """
+    finite = np.isfinite(values)
+    sums = (np.where(finite, values, 0.0) ** 2).sum(axis=axis)
+    counts = finite.sum(axis=axis)
+    means = np.divide(sums, counts, out=np.full(np.shape(counts), np.nan), where=counts > 0)
+    return np.asarray(np.sqrt(means))
+
+
 def cross(a: Array, b: Array) -> Array:
     """(..., 3) a x b of vectors (..., 3): what `np.cross` gives, which on few vectors is busy with
     the axes' order.

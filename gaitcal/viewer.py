@@ -190,14 +190,7 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
     def play(self, speed: float = 1.0) -> None:
         """Play the motion from its beginning again and again, in every browser that shows it.
 
-        Parameters
-        ----------
-        speed : times as fast as it was recorded.
-
-        Raises
-        ------
-        InputError
-            The speed is not above zero.
+        Raises InputError: the speed is not above zero.
         """
         if not speed > 0.0:
             raise InputError(f"found {speed}; allowed: above 0", field="speed", code=Code.ARGUMENT)
@@ -385,14 +378,9 @@ def body_geometry(
 ) -> pin.GeometryModel:
     """Make the body meshes of a person's segments, one geometry a segment, called like it.
 
-    Parameters
-    ----------
-    model
-        The person, whose size and joint centres the meshes are fitted to.
-    linkage
-        From `build_model` with the model's parameters: its body frames carry the meshes.
-    segments
-        Those that get a mesh, if there is one for them.
+    `model`: the person, whose size and joint centres the meshes are fitted to. `linkage`: from
+    `build_model` with the model's parameters: its body frames carry the meshes. `segments`: those
+    that get a mesh, if there is one for them.
     """
     meshes = read_body_meshes().meshes
     out = pin.GeometryModel()

@@ -100,6 +100,8 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
             "fitted",
             "standard_error",
             "status",
+            "prior_mean",
+            "prior_sd",
         )
     ]
     assert len(parameters) == len(JP_NAMES) + len(IP_NAMES)

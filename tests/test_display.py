@@ -28,7 +28,7 @@ def public_objects(calibration: Calibration) -> dict[str, Displayed]:
         "Recording": trial.recording,
         "MarkerSet": calibration.study.marker_set,
         "SubjectModel": calibration.model,
-        "Motion": trial.body,
+        "Motion": trial.motion,
         "GroundReactions": trial.loads.reactions,
         "Moments": trial.loads.final,
         "JointKinetics": trial.loads.kinetics,

@@ -27,7 +27,7 @@ PAGES = PACKAGE / "explanations" / "pages"
 LIST = Path(__file__).parent / "codes.txt"
 NEED_A_CODE = ("Finding", "InputError", "PersonError")
 """Calls that must name a code; `UsageError` and `ConvergenceError` have one each of their own."""
-LONGEST_LINES = 60
+LONGEST_LINES = 30
 
 
 def test_no_code_changes_its_meaning() -> None:
@@ -69,7 +69,7 @@ def test_every_code_has_a_page_and_every_page_a_code() -> None:
 def test_every_page_has_its_parts(code: Code) -> None:
     told = load_explanation(code)
     parts = split_parts(told.text)
-    assert tuple(name for name, _ in parts) == PARTS
+    assert tuple(name for name, _ in parts) in (PARTS, (PARTS[0], PARTS[-1]))
     assert all(pieces for _, pieces in parts)
     assert told.markdown == (PAGES / f"{code.value}.md").read_text(encoding="utf-8")
     words = {word.lower() for word in re.split(r", | or ", told.severity)}

@@ -8,7 +8,7 @@
 4. `track_trials`: motions with the nominal and the fitted model, forces under the feet,
    disagreement of both.
 5. `fit_inertia`: inertial parameters from the pelvis residual; on demand all parameters together.
-6. `assemble_calibration`: standard errors, torques, findings and the verdict.
+6. `_assemble_calibration`: standard errors, torques, findings and the verdict.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ from gaitcal.quality.after_fit import check_physical_limits
 from gaitcal.quality.study_checks import check_preprocessed
 from gaitcal.quality.verdict import LEFT_OUT, judge, remove_consequences, select_stopping_errors
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import build_motion
 
@@ -156,6 +156,7 @@ def calibrate_preprocessed(
     state = track_trials(
         fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
     )
+    # A functional trial whose joint cannot have moved so spoils the joints of all trials.
     refused = find_impossible_functional_trials(state)
     if refused:
         # The joints are fitted again, to the other trials.
@@ -167,7 +168,7 @@ def calibrate_preprocessed(
             fit_joints(prepared, progress, compute_held_out=compute_held_out), progress
         )
     state = fit_inertia(state, progress)
-    return assemble_calibration(state, preprocessed.study, progress)
+    return _assemble_calibration(state, preprocessed.study, progress)
 
 
 def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Finding]:
@@ -176,16 +177,8 @@ def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Find
     A fault of one functional trial concerns that trial alone: the joints are fitted without it, and
     no torque of a walk is refused because of it.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-
-    Returns
-    -------
-    dict
-        Trial -> warning that it is left out; empty if no trial would remain, or no joint was
-        fitted.
+    Returns: trial -> warning that it is left out; empty if no trial would remain, or no joint was
+    fitted.
     """
     if state.joint is None:
         return {}
@@ -202,20 +195,13 @@ def find_impossible_functional_trials(state: CalibrationState) -> dict[str, Find
 def track_trials(state: CalibrationState, progress: Progress) -> CalibrationState:
     """Track all trials with the nominal and the fitted joint parameters and diagnose the forces.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After the fit of the joint parameters.
-    progress : callable
-        Called with a line of text at the beginning of each step.
-
-    Returns
-    -------
-    CalibrationState
-        With motions, ground reactions, ankle angles zeroed in the static posture, and the force
-        diagnosis.
+    `state`: after the fit of the joint parameters. `progress`: called with a line of text at the
+    beginning of each step. Returns: with motions, ground reactions, ankle angles zeroed in the
+    static posture, and the force diagnosis.
     """
     joint = state.joint
+    # A tilted talus shifts the ankle angles, not the posture: they are counted from the static
+    # trial.
     zeroed = _zero_ankles(state)
     progress("tracking with the nominal and the calibrated joint parameters")
     if joint is None:
@@ -238,20 +224,10 @@ def track_trials(state: CalibrationState, progress: Progress) -> CalibrationStat
 def fit_inertia(state: CalibrationState, progress: Progress) -> CalibrationState:
     """Fit the inertial parameters, then, if the settings ask for it, all parameters together.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-    progress : callable
-        Called with a line of text at the beginning of each step.
-
-    Returns
-    -------
-    CalibrationState
-        With the inertial fit, its parameters as the last stage of every trial, and the errors of
-        inertial parameters.
+    `progress`: called with a line of text at the beginning of each step. Returns: with the inertial
+    fit, its parameters as the last stage of every trial, and the errors of inertial parameters.
     """
-    settings, loaded = state.settings, select_trials_for_inertial_fit(state)
+    settings, loaded = state.settings, _select_trials_for_inertial_fit(state)
     progress("error bars of the masses" if settings.ip == "none" else "inertial parameters")
     inertial = None if settings.ip == "none" or not loaded else _fit_inertial(state, loaded)
     if inertial is not None:
@@ -264,7 +240,7 @@ def fit_inertia(state: CalibrationState, progress: Progress) -> CalibrationState
     return replace(state, uncertainty=uncertainty)
 
 
-def assemble_calibration(state: CalibrationState, study: Study, progress: Progress) -> Calibration:
+def _assemble_calibration(state: CalibrationState, study: Study, progress: Progress) -> Calibration:
     """Assemble the calibration with its standard errors, torques, findings and verdict.
 
     Parameters
@@ -283,7 +259,7 @@ def assemble_calibration(state: CalibrationState, study: Study, progress: Progre
     """
     progress("standard errors and inverse dynamics")
     results = tuple(assemble_trial_result(t, state) for t in state.trials)
-    nominal, joint, phases = state.model, state.joint, list_phases(state)
+    nominal, joint, phases = state.model, state.joint, _list_phases(state)
     after_fit = (
         *state.force_diagnosis.findings,
         *state.findings,
@@ -292,8 +268,10 @@ def assemble_calibration(state: CalibrationState, study: Study, progress: Progre
         *fit_findings.check_unmeasured_mass(results, nominal.parameters),
     )
     names = [t.name for t in state.walks]
+    # Trials that were left out while fitting belong to the result with their reason.
     absent = {f.where: f.evidence for f in state.findings if f.topic == LEFT_OUT}
     of_trials = (finding for t in results for finding in t.findings)
+    # A fault is reported once, without the findings that only follow from it.
     found = remove_consequences((*state.checked, *after_fit, *of_trials))
     notes = _collect_notes(state, results, after_fit)
     calibration = Calibration(
@@ -306,6 +284,7 @@ def assemble_calibration(state: CalibrationState, study: Study, progress: Progre
         joint=joint,
         inertial=state.inertial,
         uncertainty=state.uncertainty,
+        joint_prior=state.prior if state.settings.decided_by is Protocol.EVIDENCE else None,
         unidentifiable=joint.unidentifiable if joint else (),
         notes=notes,
         findings=found,
@@ -340,20 +319,11 @@ def _zero_ankles(state: CalibrationState) -> AnkleZeroCorrection:
     return AnkleZeroCorrection(state.parameters, {}, angles)
 
 
-def select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial]:
+def _select_trials_for_inertial_fit(state: CalibrationState) -> list[LoadedTrial]:
     """Select the tracked trials with valid ground reactions that determine masses.
 
     Trials with faulty forces, or with a leg whose markers do not determine its motion, are left
     out. Trials without trunk markers are used only if no other trial is left.
-
-    Parameters
-    ----------
-    state : CalibrationState
-        After tracking.
-
-    Returns
-    -------
-    list of (MovingTrial, GroundReactions)
     """
     excluded = state.force_diagnosis.faulty | fit_findings.list_trials_with_faulty_legs(
         state.checked
@@ -374,6 +344,7 @@ def _fit_inertial(
     began = time.perf_counter()
     nominal, parameters, settings = state.model, state.parameters, state.settings
     motions = [inertial_calibration.LoadedMotion.from_motion(t.motion, r) for t, r in loaded]
+    # m, distance of the hip centres: one of the published scales of torque.
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, which = nominal.subject, _choose_inertial_set(settings)
     scale = inertial_calibration.TorqueScale(settings.torque_scale)
@@ -390,7 +361,7 @@ def _fit_inertial(
             " mass"
         )
         return inertial_evidence.keep_nominal(
-            parameters.inertial, which, make_population_spread(state), rms, why
+            parameters.inertial, which, _make_population_spread(state), rms, why
         )
     if settings.ip == "published":
         return inertial_calibration.fit_published(equations, parameters.inertial, which)
@@ -403,6 +374,8 @@ def _fit_inertial(
         )
         for t, r in loaded
     ]
+    # Errors of markers, joints, plates and fixed masses also move the residual: the fit may explain
+    # only what exceeds them.
     noise = inertial_evidence.estimate_residual_noise(
         problems,
         parameters,
@@ -414,12 +387,12 @@ def _fit_inertial(
         inertial_evidence.compute_fixed_spread(parameters.inertial, which),
     )
     fit = inertial_evidence.fit_by_evidence(
-        equations, parameters.inertial, which, noise, make_population_spread(state)
+        equations, parameters.inertial, which, noise, _make_population_spread(state)
     )
     return replace(fit, seconds=time.perf_counter() - began)
 
 
-def make_population_spread(state: CalibrationState) -> inertial_calibration.ConsistentSettings:
+def _make_population_spread(state: CalibrationState) -> inertial_calibration.ConsistentSettings:
     """Describe how people scatter about the anthropometric table: more if it may be the wrong one.
 
     Parameters
@@ -461,9 +434,11 @@ def _fit_together(
                 t.whole_body_problem.follow_pelvis(coefficients), coefficients, wrench, valid
             )
         )
+    # Parameters that no trial shows stay as they are: forces would move them to absorb other
+    # errors.
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(
-        load_share=settings.joint_step_load_share, spread=make_population_spread(state)
+        load_share=settings.joint_step_load_share, spread=_make_population_spread(state)
     )
     fit = fit_combined(
         problems,
@@ -476,6 +451,7 @@ def _fit_together(
     zeroed = _zero_ankles(replace(state, parameters=fit.parameters))
     trials = []
     for t, coefficients in zip(state.trials, fit.coefficients, strict=True):
+        # Moving the zero angles changes coordinates by a constant.
         shifted = shift_coefficients(
             coefficients, t.whole_body_problem.chain.coordinates, zeroed.offsets
         )
@@ -503,25 +479,18 @@ def _factor_inertial_errors(state: CalibrationState) -> Array | None:
     if inertial is None:
         if find_impossible_bodies(nominal):
             return None
-        inertial = inertial_evidence.keep_nominal(nominal, which, make_population_spread(state))
+        inertial = inertial_evidence.keep_nominal(nominal, which, _make_population_spread(state))
     if not inertial.statistical:
         return None
     fixed = inertial_evidence.compute_fixed_spread(nominal, which)
     return np.hstack([factor_inertial_covariance(inertial), fixed])
 
 
-def list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
+def _list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
     """List the fits that were made, those of the joint parameters first.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After the fit of the inertial parameters.
-
-    Returns
-    -------
-    tuple of PhaseSummary
-        In the order in which they were made.
+    `state`: after the fit of the inertial parameters. Returns: in the order in which they were
+    made.
     """
     joint, inertial, combined = state.joint, state.inertial, state.combined
     fits = list[tuple[str, inertial_calibration.InertialFit | CombinedFit, int, int, str]]()
@@ -537,7 +506,8 @@ def list_phases(state: CalibrationState) -> tuple[PhaseSummary, ...]:
         )
         count = len(joint.free) + len(inertial.names)
         fits.append(("joint and inertial", combined, count, combined.steps, text))
-    trials = tuple(t.name for t, _ in select_trials_for_inertial_fit(state))
+    # Both fits use the same walks.
+    trials = tuple(t.name for t, _ in _select_trials_for_inertial_fit(state))
     inertial_phases = [
         PhaseSummary(
             name=name,

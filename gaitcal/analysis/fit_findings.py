@@ -51,21 +51,7 @@ _LABELS = {TRUNK: "head and trunk", "upper_arm": "upper arms", "forearm_hand": "
 def check_calibration(
     state: CalibrationState, results: Sequence[TrialResult], phases: Sequence[PhaseSummary]
 ) -> tuple[Finding, ...]:
-    """Check bodies, marker errors, convergence and joint positions of a finished calibration.
-
-    Parameters
-    ----------
-    state : CalibrationState
-        After the last fit.
-    results : sequence of TrialResult
-        The results of its trials.
-    phases : sequence of PhaseSummary
-        The fits that were made.
-
-    Returns
-    -------
-    tuple of Finding
-    """
+    """Check bodies, marker errors, convergence and joint positions of a finished calibration."""
     positions = tuple[Finding, ...]()
     if state.joint is not None:
         functional = {t.joint for t in results if t.joint is not None}
@@ -74,25 +60,17 @@ def check_calibration(
         )
         positions = tuple(found)
     return (
-        *check_body_inertia(state),
+        *_check_body_inertia(state),
         *check_marker_fit(results),
         *check_convergence(phases),
         *positions,
     )
 
 
-def check_body_inertia(state: CalibrationState) -> Iterator[Finding]:
+def _check_body_inertia(state: CalibrationState) -> Iterator[Finding]:
     """Find inertial parameters that no real body has; only the published cost gives them.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        After the last fit.
-
-    Yields
-    ------
-    Finding
-        At most one, of the study.
+    Yields: at most one, of the study.
     """
     bodies = find_impossible_bodies(state.parameters.inertial)
     if not bodies:
@@ -116,15 +94,7 @@ def check_body_inertia(state: CalibrationState) -> Iterator[Finding]:
 def check_marker_fit(results: Sequence[TrialResult]) -> Iterator[Finding]:
     """Find trials with a larger marker error with the final model than with the nominal one.
 
-    Parameters
-    ----------
-    results : sequence of TrialResult
-        The trials of a calibration.
-
-    Yields
-    ------
-    Finding
-        One for each such trial.
+    Yields one for each such trial.
     """
     for t in results:
         # Walks are compared over pelvis and legs: arms that were raised in the static trial would
@@ -150,15 +120,7 @@ def check_marker_fit(results: Sequence[TrialResult]) -> Iterator[Finding]:
 def check_convergence(phases: Sequence[PhaseSummary]) -> Iterator[Finding]:
     """Find fits that stopped before they reached their tolerance.
 
-    Parameters
-    ----------
-    phases : sequence of PhaseSummary
-        The fits that were made.
-
-    Yields
-    ------
-    Finding
-        One for each such fit.
+    Yields one for each such fit.
     """
     for phase in phases:
         if not phase.converged:
@@ -209,6 +171,7 @@ def check_tracked_trial(
     moments, valid, legs = None, None, None
     if loads is not None:
         moments, valid, legs = loads.final, loads.reactions.valid, loads.reactions.valid_legs
+    # Moments are checked in valid frames only.
     bounds = check_physical_limits(motion, weight, moments, valid, legs)
     return (
         *check_tracked_markers(tracked),
@@ -287,9 +250,10 @@ def check_unmeasured_mass(
         At most one.
     """
     walks = [t for t in results if t.joint is None and t.loads is not None and t.loads.residuals]
-    unmeasured = [t for t in walks if is_trunk_unmeasured(t.body)]
+    unmeasured = [t for t in walks if is_trunk_unmeasured(t.motion)]
     if not unmeasured:
         return
+    # The last stage has the fitted parameters.
     residuals = [t.loads.residuals[-1] for t in unmeasured if t.loads is not None]
     force, moment = max(r.rms_force for r in residuals), max(r.rms_moment for r in residuals)
     in_all = len(unmeasured) == len(walks)
@@ -299,7 +263,7 @@ def check_unmeasured_mass(
         topic="pelvis residual",
         where=unmeasured[0].name if len(walks) > len(unmeasured) == 1 else STUDY,
         cause="markers do not determine "
-        f"{describe_unmeasured_segments(unmeasured[0].body, parameters)}",
+        f"{describe_unmeasured_segments(unmeasured[0].motion, parameters)}",
         found="the model keeps the trunk upright and the arms hanging along it; the difference from"
         f" the real motion is the main part of the pelvis residual (up to {force:.0f} N and "
         f"{moment:.0f} N·m RMS){where} and of the error bars of pelvis and trunk; inertial "
@@ -348,9 +312,11 @@ def diagnose_forces(state: CalibrationState) -> ForceDiagnosis:
         Empty if the nominal bodies are impossible.
     """
     model, checked = state.model, state.checked
+    # A motion that is wrong itself cannot accuse the forces.
     doubtful = list_trials_with_faulty_legs(checked) | {
         f.where for f in checked if f.topic == ONE_MARKER and f.cause
     }
+    # Masses of the table: fitted ones would already have absorbed a part of the fault.
     parameters = state.parameters.with_inertial(model.nominal.inertial)
     if find_impossible_bodies(parameters.inertial):
         return ForceDiagnosis()

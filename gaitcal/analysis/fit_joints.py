@@ -20,7 +20,7 @@ import numpy as np
 
 from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial, fits_legs_together
 from gaitcal.analysis.result import HeldOut
-from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.arrays import Array, BoolArray, IntArray, compute_rms
 from gaitcal.calibration import joint_phases, joint_prior, soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import JointSettings
 from gaitcal.errors import STUDY, Code, Finding, Severity, join_names
@@ -81,7 +81,7 @@ def fit_joints(
     if settings.robust == "none":
         joint, parameters = fit(trials)
     else:
-        trials, joint, parameters, outliers = calibrate_robustly(
+        trials, joint, parameters, outliers = _calibrate_robustly(
             trials, nominal, Loss(settings.robust), fit
         )
         findings += outliers
@@ -91,6 +91,7 @@ def fit_joints(
             errors = compute_held_out_errors(trials, nominal, fit)
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
         trials = tuple(t.with_tissue(joint.tissue.get(t.name), joint.artefact) for t in trials)
+        # Limbs carry their mass centres and moments along as joints move.
         if settings.ip != "published":
             parameters = parameters.with_inertial(
                 move_limb_inertia(parameters.inertial, nominal, parameters)
@@ -103,19 +104,8 @@ def fit_joint_parameters(
 ) -> tuple[joint_phases.JointCalibration | None, Parameters]:
     """Fit the joint parameters that the settings of a session ask for to some of its trials.
 
-    Parameters
-    ----------
-    state : CalibrationState
-        With settings, nominal model and prior.
-    trials : sequence of MovingTrial
-        The trials to fit to.
-
-    Returns
-    -------
-    joint : JointCalibration or None
-        None if the settings keep the joints, or there are no trials.
-    parameters : Parameters
-        The fitted parameters, or the nominal ones.
+    Returns: `joint` None if the settings keep the joints, or there are no trials; `parameters` the
+    fitted parameters, or the nominal ones.
     """
     settings, nominal = state.settings, state.model.parameters
     if not settings.jp or not trials:
@@ -172,6 +162,7 @@ def _fit_published_phases(
         fits_tissue=False,
     )
     joint = joint_phases.calibrate_in_phases(phases, nominal, fit_settings)
+    # Columns of every trial, also of those that a phase did not use.
     keys = [key for phase in phases for key in phase.tissue.keys]
     columns = tissue.make_body_columns({t.name: t.body for t in used}, keys)
     return replace(joint, tissue=columns)
@@ -182,21 +173,9 @@ def compute_held_out_errors(
 ) -> dict[str, HeldOut]:
     """Compute the held-out error of every trial by cross-validation over blocks of time.
 
-    Parameters
-    ----------
-    trials : sequence of MovingTrial
-        The trials.
-    nominal : Parameters
-        Nominal parameters, for comparison.
-    fit : callable
-        Fits the joint parameters of trials.
-
-    Returns
-    -------
-    dict
-        Trial -> error; without trials that have no marker with weight.
+    Returns: trial -> error; without trials that have no marker with weight.
     """
-    before = {t.name: compute_marker_distances(t.reported_problem, nominal) for t in trials}
+    before = {t.name: _compute_marker_distances(t.reported_problem, nominal) for t in trials}
     after = {name: np.full_like(d, np.nan) for name, d in before.items()}
     folds = {t.name: assign_folds(t) for t in trials}
     for fold in range(FOLDS):
@@ -205,12 +184,13 @@ def compute_held_out_errors(
         joint, parameters = fit([mask_frames(t, folds[t.name] == fold) for t in kept])
         for t in trials:
             held = folds[t.name] == fold
+            # Frames of this fold, tracked with parameters that never saw them.
             if held.any():
                 tissued = (
                     t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
                 )
                 fitted = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
-                after[t.name][held] = compute_marker_distances(tissued.reported_problem, fitted)[
+                after[t.name][held] = _compute_marker_distances(tissued.reported_problem, fitted)[
                     held
                 ]
     out = {}
@@ -224,9 +204,11 @@ def compute_held_out_errors(
                 for s in t.reported_problem.data.segment
             ]
         )
-        legs = None if t.joint else (_compute_rms(first[:, lower]), _compute_rms(last[:, lower]))
+        legs = None
+        if not t.joint:
+            legs = float(compute_rms(first[:, lower])), float(compute_rms(last[:, lower]))
         count = len(np.unique(folds[t.name]))
-        out[t.name] = HeldOut(_compute_rms(first), _compute_rms(last), count, legs)
+        out[t.name] = HeldOut(float(compute_rms(first)), float(compute_rms(last)), count, legs)
     return out
 
 
@@ -254,16 +236,7 @@ def assign_folds(trial: MovingTrial) -> IntArray:
 def mask_frames(trial: MovingTrial, held: BoolArray) -> MovingTrial:
     """Give frames of a trial no weight in the fit of joint parameters.
 
-    Parameters
-    ----------
-    trial : MovingTrial
-        The trial.
-    held : (nf,) array of bool
-        The frames.
-
-    Returns
-    -------
-    MovingTrial
+    `held`: (nf,) the frames.
     """
 
     def mask(problem: MotionProblem) -> MotionProblem:
@@ -276,57 +249,25 @@ def mask_frames(trial: MovingTrial, held: BoolArray) -> MovingTrial:
     )
 
 
-def compute_marker_distances(problem: MotionProblem, parameters: Parameters) -> Array:
+def _compute_marker_distances(problem: MotionProblem, parameters: Parameters) -> Array:
     """Compute distances of the markers from the model after tracking.
 
-    Parameters
-    ----------
-    problem : MotionProblem
-        The tracking problem.
-    parameters : Parameters
-        Parameters of the linkage to track with.
-
-    Returns
-    -------
-    (nf, nm) array
-        m; NaN for markers without weight.
+    `parameters`: parameters of the linkage to track with. Returns: (nf, nm) m; NaN for markers
+    without weight.
     """
     errors = track_motion(problem, parameters).errors
     return np.where(errors.select_observed(), errors.distance, np.nan)
 
 
-def _compute_rms(distance: Array) -> float:
-    return float(np.sqrt(np.nanmean(distance**2)))
-
-
-def calibrate_robustly(
+def _calibrate_robustly(
     trials: Sequence[MovingTrial], nominal: Parameters, loss: Loss, fit: JointFitter
 ) -> tuple[
     tuple[MovingTrial, ...], joint_phases.JointCalibration | None, Parameters, tuple[Finding, ...]
 ]:
     """Fit joint parameters with marker weights that a robust loss gives, until both settle.
 
-    Parameters
-    ----------
-    trials : sequence of MovingTrial
-        The trials.
-    nominal : Parameters
-        Nominal parameters, for the first weights.
-    loss : Loss
-        The robust loss.
-    fit : callable
-        Fits the joint parameters of trials.
-
-    Returns
-    -------
-    trials : tuple of MovingTrial
-        With their last weights.
-    joint : JointCalibration or None
-        The last fit.
-    parameters : Parameters
-        Its parameters.
-    findings : tuple of Finding
-        Outliers of each trial, and a warning if the weights did not settle.
+    Returns: `trials` with their last weights; `joint` the last fit; `parameters` its parameters;
+    `findings` outliers of each trial, and a warning if the weights did not settle.
     """
     last: dict[str, RobustTracking] = {}
 
@@ -339,6 +280,7 @@ def calibrate_robustly(
             last[t.name] = track_robustly(t.joint_fit_problem, fitted, loss, factor)
         return [replace(t, joint_fit_problem=last[t.name].problem) for t in trials]
 
+    # Iteratively reweighted least squares: fit, weigh the samples by their residuals, fit again.
     joint, parameters = fit(reweight(None, nominal))
     change, count = np.inf, 1
     while joint is not None and change > SETTLED and count < MOST_ROUNDS:
@@ -347,6 +289,7 @@ def calibrate_robustly(
         change, count = float(np.abs(parameters.joint - before).max()), count + 1
     finished, findings = [], []
     for t in trials:
+        # Each of a trial's problems gets weights by its residuals.
         body = track_robustly(t.whole_body_problem, parameters, loss)
         phase_parameters = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
         fitted = (

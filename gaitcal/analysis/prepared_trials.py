@@ -259,6 +259,8 @@ def _collect_possible_errors(
             move = possible_moves.get(trial.name, {}).get(p.segment)
             if move is None or p.name not in names:
                 continue
+            # Displaced markers take joint centres along by the shift (m) and axes by the rotation
+            # (rad).
             size = move.shift if p.kind is ParameterKind.POSITION else float(move.rotation[p.axis])
             out[p.name] = max(size, out.get(p.name, 0.0))
     return out
@@ -295,6 +297,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     InputError
         Too few markers or frames.
     """
+    # Coordinates of the pelvis and the prior of the trunk assume that x is forward.
     direction = estimate_forward_direction(model, trial.recording)
     recording = rotate_to_progression(trial.recording, direction)
     rule = spline.ControlPointRule(
@@ -322,6 +325,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
         isolated=joint,
     )
     recording = recording.with_notes(*_describe_assumptions(body, joint))
+    # In a functional trial the other segments may lack markers: its joint is tracked by itself.
     alone = body if joint is None else build_part(list_joint_segments(joint))
     rotated = replace(trial, recording=recording)
     bandwidth = choose_bandwidth(alone, rotated, model, settings)
@@ -433,6 +437,7 @@ def track_trial(trial: MovingTrial, state: CalibrationState, stage: Stage) -> Mo
     """
     model, parameters = state.model, state.parameters
     part = trial.whole_body_problem if trial.joint is None else trial.reported_problem
+    # The nominal motion is the one before any fit, so without soft tissue.
     nominal = track_motion(part.shift_markers(None), model.nominal)
     trial = trial.with_stage(Stage.NOMINAL, model.nominal, nominal)
     if trial.joint is not None and stage is Stage.NOMINAL:
@@ -458,22 +463,7 @@ def compute_trial_reactions(
 ) -> GroundReactions:
     """Compute the ground reactions on the feet at the frames of a whole-body motion.
 
-    Parameters
-    ----------
-    trial : Trial
-        With force plates, rotated as the motion.
-    model : SubjectModel
-        The person.
-    parameters : Parameters
-        Parameters of the linkage.
-    motion : Motion
-        Of the whole body.
-    settings : CalibrationSettings
-        With the force filter.
-
-    Returns
-    -------
-    GroundReactions
+    `trial`: with force plates, rotated as the motion.
     """
     hz = choose_force_cutoff(trial, motion, settings)
     return compute_motion_reactions(model, parameters, motion, trial.recording, trial.plates, hz)
@@ -484,19 +474,8 @@ def choose_force_cutoff(
 ) -> float | None:
     """Choose the cut-off frequency of the force filter of a trial.
 
-    Parameters
-    ----------
-    trial : Trial
-        Its `filter_hz` takes precedence over the settings.
-    motion : Motion
-        With its cut-off, which `matched` forces share.
-    settings : CalibrationSettings
-        With `force_filter_hz`.
-
-    Returns
-    -------
-    float or None
-        Hz; None for no filter.
+    `trial`: its `filter_hz` takes precedence over the settings. `motion`: with its cut-off, which
+    `matched` forces share. `settings`: with `force_filter_hz`. Returns: Hz; None for no filter.
     """
     chosen = settings.force_filter_hz if trial.filter_hz is None else trial.filter_hz
     if chosen == "none":

@@ -30,6 +30,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model import linkage, parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict
+from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.joint_floor import JointFloor
@@ -134,12 +135,12 @@ class TrialResult(Displayed):
     """Rigid floor of the same markers."""
     joint_floor: JointFloor | None
     """Their joint floor; None if no joint has markers on both of its segments."""
-    body: Motion
+    motion: Motion
     """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
     loads: Loads | None
     """None without force plates."""
     coordinate_errors: Array | None = None
-    """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and
+    """(nf, 27) m, rad: standard errors of `motion.q`, from markers through joint parameters and
     motion; gait only.
     """
     trial_coordinate_errors: Array | None = None
@@ -152,13 +153,13 @@ class TrialResult(Displayed):
     held_out: HeldOut | None = None
     """Error on frames that were not used in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
-    """Cut-off frequency of `body`, and what chose it."""
+    """Cut-off frequency of `motion`, and what chose it."""
     events: GaitEvents = field(default=GaitEvents())
     """Foot strikes and foot offs, each with its source; none in a functional trial."""
     strides: tuple[spatiotemporal.Stride, ...] = ()
     """Speed, steps, stance and swing of each stride of both feet; none in a functional trial."""
     tracking_findings: tuple[Finding, ...] = ()
-    """Findings on residuals, angles and torques of `body`; of a further trial also on its forces,
+    """Findings on residuals, angles and torques of `motion`; of a further trial also on its forces,
     which a calibration reports for all its trials together."""
 
     refused_legs: tuple[str, ...] = ()
@@ -169,7 +170,7 @@ class TrialResult(Displayed):
         """Describe marker distance, torques and refused legs for `Displayed`."""
         before, after, rigid = ("-" if mm is None else f"{mm:.1f}" for mm in self.compute_rms_mm())
         rows = [
-            ("motion", f"{len(self.body.time)} frames, {len(self.strides)} strides"),
+            ("motion", f"{len(self.motion.time)} frames, {len(self.strides)} strides"),
             (
                 "marker distance",
                 f"RMS {after} mm; {before} mm with the nominal model, {rigid} mm of rigid segments",
@@ -299,6 +300,7 @@ class TrialResult(Displayed):
             return self
         is_whole = set(legs) == set(linkage.SIDES)
         kept_sides = {*linkage.SIDES} - {*legs}
+        # Errors of pelvis and trunk depend on both legs, so they go with either.
         kept = np.array([get_leg(name) in kept_sides for name in linkage.COORDINATES])
 
         def exclude(errors: Array | None) -> Array | None:
@@ -388,6 +390,8 @@ class Calibration(Displayed):
     for each cause."""
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad, of `model` in the static posture."""
+    joint_prior: JointPrior | None = None
+    """Prior of the joint parameters before any moving trial; None if the protocol uses none."""
     truth: TruthErrors | None = None
     """Errors against the truth, if the study declares it."""
     left_out: Mapping[str, str] = field(default_factory=dict)
@@ -461,17 +465,7 @@ class Calibration(Displayed):
 
 
 def remove_refused_results(calibration: Calibration) -> Calibration:
-    """Remove valid torques and error bars of what the verdict refuses: legs, trials, or all.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        With its verdict.
-
-    Returns
-    -------
-    Calibration
-    """
+    """Remove valid torques and error bars of what the verdict refuses: legs, trials, or all."""
     verdict = calibration.verdict
     trials = tuple(t.exclude_legs(verdict.list_refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty
@@ -528,7 +522,7 @@ def find_valid_angles(
     """
     side = get_leg(name)
     refused = side in trial.refused_legs if side else bool(trial.refused_legs)
-    out = np.full(len(trial.body.time), not refused)
+    out = np.full(len(trial.motion.time), not refused)
     for segment in SEGMENTS_OF_ANGLE.get(name, ()):
         out &= ~unobserved.get(segment, np.zeros(len(out), dtype=bool))
     return out

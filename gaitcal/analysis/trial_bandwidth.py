@@ -154,6 +154,7 @@ def _take_cutoffs(markers: float, plates: float | None, motion: bandwidth.DenseM
     if hz > AT_LIMIT * motion.highest:
         rate = spline.compute_frame_rate(motion.problem.basis)
         note += f"; the limit of {rate:.0f} frames per second"
+    # Joints need the full range of motion: a cut-off of at least what the markers choose, Hz.
     joints = max(markers, hz, min(JOINTS_HZ, motion.highest))
     return Bandwidth(
         motion_hz=hz, joints_hz=joints, chosen_by=chosen_by, penalised=True, notes=(note,)
@@ -165,6 +166,7 @@ def _choose_by_plates(
 ) -> float | None:
     """Compute the cut-off (Hz) at which motion and plates agree best; None if undecided."""
     basis = dense.problem.basis
+    # Ground reactions need a motion for the feet; that of the markers is near enough.
     motion = build_motion(dense.problem, model.nominal, dense.smooth_at(markers).coefficients)
     reactions = compute_motion_reactions(
         model, model.nominal, motion, trial.recording, trial.plates, PLATES_HZ
@@ -182,9 +184,11 @@ def _choose_by_plates(
         q, v, a = (basis.evaluate(smoothed.coefficients, k)[frames] for k in range(3))
         return float((dynamics.compute_residual_force(q, v, a, wrench) ** 2).sum())
 
+    # The pelvis residual has a minimum in the cut-off: noise above it, lost accelerations below.
     hz = dense.minimise_criterion(
         sum_squared_residuals, markers / REACH, min(markers * REACH, dense.highest)
     )
+    # A residual that other errors dominate hardly depends on the cut-off, and decides nothing.
     at_half = sum_squared_residuals(dense.smooth_at(0.5 * hz))
     is_decided = at_half >= DECISIVE * sum_squared_residuals(dense.smooth_at(hz))
     return hz if is_decided else None
@@ -195,6 +199,7 @@ def _check_smoothing(
 ) -> tuple[Finding, ...]:
     """Report a marker error much larger than at the cut-off (Hz) that the markers choose."""
     error, best = motion.smooth_at(hz).rms, motion.smooth_at(markers).rms
+    # m, against the cut-off that the markers themselves choose.
     if error <= WORSE * best or error <= best + WORSE_M:
         return ()
     finding = Finding(

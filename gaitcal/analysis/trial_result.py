@@ -112,6 +112,8 @@ def analyse(
     if uncertainty.joint is not None:
         found = uncertainty.tissue
         activity = trial.name if trial.role is Role.MOTION else ""
+        # Soft tissue moves alike in one kind of task: the calibration has estimated it for some
+        # kinds.
         kind = soft_tissue_artefact.choose_kind_for_trial(found, activity)
         tissue = soft_tissue_artefact.make_further_tissue(
             prepared.whole_body_problem,
@@ -155,6 +157,8 @@ def assemble_trial_result(trial: MovingTrial, state: CalibrationState) -> TrialR
     motion_sensitivity = None
     if trial.joint is None:
         joint, coefficients = state.uncertainty.joint, trial.motion.coefficients
+        # How the motion follows its markers and the joint parameters: all error bars of angles and
+        # torques use it.
         motion_sensitivity = error_sources.compute_motion_sensitivity(
             trial.body_with_tissue, coefficients, trial.parameters, joint, trial.scores
         )
@@ -182,6 +186,7 @@ def _assemble_without_torque_errors(
     """Assemble all of the result but the errors of torques."""
     whole_body_motion, final, subject = trial.motion, trial.parameters, state.model.subject
     events, strides = _detect_events(trial, state.model.with_parameters(final))
+    # Feet and pelvis are measured against the direction of each stride.
     lines = assign_stride_lines(strides, whole_body_motion.time)
     long_axes, by_coordinate = compute_foot_axes(whole_body_motion, final, lines)
     variances, coordinate_errors, trial_errors = None, None, None
@@ -212,6 +217,7 @@ def _assemble_without_torque_errors(
             if phase_parameters is final
             else track_motion(trial.reported_problem, phase_parameters)
         )
+    # The floor belongs to the motion that it is compared with.
     floor_parameters = final if trial.joint is None else phase_parameters
     return TrialResult(
         name=trial.name,
@@ -223,7 +229,7 @@ def _assemble_without_torque_errors(
         final=final_motion,
         floor=compute_rigid_floor(trial.reported_problem),
         joint_floor=compute_joint_floor(trial.reported_problem, floor_parameters, phase_motion.q),
-        body=whole_body_motion,
+        motion=whole_body_motion,
         loads=loads,
         coordinate_errors=coordinate_errors,
         trial_coordinate_errors=trial_errors,
@@ -281,6 +287,7 @@ def _check_crouches(
     height = body.q[:, body.coordinates.index("pelvis_ty")]
     repetitions = [(c.start, c.stop) for c in events.repeats]
     counted = list[FootEvents]()
+    # Time that is counted already: repetitions, or strides of both feet.
     if repetitions:
         counted = [FootEvents(*np.transpose(repetitions))]
     elif events.events:
@@ -322,21 +329,10 @@ def _estimate_foot_axes(
 ) -> FootAxes:
     """Estimate directions of the feet with errors from markers and from the foot's axes.
 
-    Parameters
-    ----------
-    long_axes : (nf, 2, 3) array
-        Unit vectors, right and left.
-    lines : (nf, 2) array
-        rad, lines of progression.
-    variances : tuple of (nf, n) array or None
-        rad^2, of the feet in the last columns: by all sources, and by the markers of the trial;
-        None if unknown.
-    rotations : mapping
-        Segment -> (nf, k, 3) rad, standard deviations of its axes.
-
-    Returns
-    -------
-    FootAxes
+    `long_axes`: (nf, 2, 3) unit vectors, right and left. `lines`: (nf, 2) rad, lines of
+    progression. `variances`: rad^2, of the feet in the last columns: by all sources, and by the
+    markers of the trial; None if unknown. `rotations`: segment -> (nf, k, 3) rad, standard
+    deviations of its axes.
     """
     if variances is None:
         return FootAxes(long_axes)
@@ -345,6 +341,7 @@ def _estimate_foot_axes(
     variance, trial_variance = (both[:, of_feet].copy() for both in variances)
     for k, foot in enumerate(inverse_dynamics.FEET):
         if foot in rotations:
+            # Only the part of a rotation about the vertical changes the direction seen from above.
             components = np.einsum("fki,fi->fk", rotations[foot], normals[:, k])
             variance[:, k] += np.square(components).sum(axis=1)
     return FootAxes(long_axes, np.sqrt(variance), np.sqrt(trial_variance))
@@ -379,6 +376,7 @@ def estimate_axis_deviations(
         segment: (scale * x, scale * y, scale * z) for segment, (x, y, z) in PALPATED_DEG.items()
     }
     for segment, move in (possible_displacements or {}).items():
+        # deg: palpation and a possible displacement of the markers are independent.
         x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.rotation)).tolist()
         out[segment] = x, y, z
     return out
@@ -388,7 +386,7 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
     """Return the result with torque errors, and findings on the pelvis residual; `weight` in N."""
     if result.loads is None:
         return result
-    body, reactions = result.body, result.loads.reactions
+    body, reactions = result.motion, result.loads.reactions
     expected = estimate_expected_residual(result.loads.final, errors, reactions, body, weight)
     beyond = (
         ()
@@ -469,6 +467,7 @@ def summarise_trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
     RmsErrors
     """
     nominal, calibrated, floor = trial.compute_rms_mm(*segments)
+    # With one or two markers the segment follows them nearly exactly: its floor is zero.
     is_rigid = (
         len(segments) != 1
         or int(trial.calibrated.errors.select_observed(*segments).sum()) >= FEWEST_MARKERS
@@ -536,21 +535,7 @@ class AnkleZeroCorrection:
 def zero_ankle_angles(
     model: SubjectModel, parameters: Parameters, static: Recording
 ) -> AnkleZeroCorrection:
-    """Move the zero angles of the ankles so that the static posture keeps its nominal angles.
-
-    Parameters
-    ----------
-    model : SubjectModel
-        With the nominal parameters.
-    parameters : Parameters
-        Fitted.
-    static : Recording
-        The static trial, completed.
-
-    Returns
-    -------
-    AnkleZeroCorrection
-    """
+    """Move the zero angles of the ankles so that the static posture keeps its nominal angles."""
     posture = build_static_problem(model, static)
     after, before = (_compute_mean_coordinates(posture, p) for p in (parameters, model.nominal))
     zero, offsets = parameters.zero_angles.copy(), {}

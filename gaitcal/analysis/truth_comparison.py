@@ -122,13 +122,13 @@ def _compute_errors(calibration: Calibration, truth: Truth) -> TruthErrors:
         outside = {
             quantity: curves
             for quantity, curves in known.items()
-            if not curves.find_covered(trial.body.time).any()
+            if not curves.find_covered(trial.motion.time).any()
         }
         if not known and (truth.motions or truth.moments):
             not_compared[trial.name] = "the truth has no curves of it"
         elif outside:
             times = (f"{q}, {c.time[0]:.2f} to {c.time[-1]:.2f} s" for q, c in outside.items())
-            recorded = f"{trial.body.time[0]:.2f} to {trial.body.time[-1]:.2f} s"
+            recorded = f"{trial.motion.time[0]:.2f} to {trial.motion.time[-1]:.2f} s"
             not_compared[trial.name] = (
                 f"its true curves ({'; '.join(times)}) have no frame of the result ({recorded})"
             )
@@ -217,8 +217,8 @@ def _compare_curves(
     trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None
 ) -> CurveTruths:
     """Compare the coordinates and generalised forces of a trial with true ones."""
-    time, coordinates, forces = trial.body.time, {}, {}
-    fitted, nominal = trial.body.columns(trial.coordinate_errors), trial.nominal.columns()
+    time, coordinates, forces = trial.motion.time, {}, {}
+    fitted, nominal = trial.motion.columns(trial.coordinate_errors), trial.nominal.columns()
     for name, true in ({} if motions is None else motions.interpolate(time)).items():
         if name in fitted:
             # Coordinates are in m or deg, as in the files.
@@ -394,15 +394,7 @@ def find_two_marker_segments(calibration: Calibration) -> tuple[str, ...]:
 
     Their rotation about the line through the markers is not observable.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        With the marker set.
-
-    Returns
-    -------
-    tuple of str
-        In the order of the joint parameters.
+    Returns: in the order of the joint parameters.
     """
     markers = calibration.model.markers
     counts = Counter(s for s, w in zip(markers.segments, markers.weight, strict=True) if w > 0)

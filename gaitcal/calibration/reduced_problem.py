@@ -34,6 +34,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -44,7 +45,7 @@ from gaitcal.calibration.tissue_elimination import EliminatedKind, eliminate_tis
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.tracking.banded import Elimination, NormalEquations, eliminate
+from gaitcal.tracking.banded import BandFactor, Elimination, NormalEquations, eliminate
 from gaitcal.tracking.descent import STALE_RATIO, DescentSettings, Evaluation, descend
 from gaitcal.tracking.motion import track_coefficients
 from gaitcal.tracking.trial_problem import MotionProblem
@@ -99,6 +100,10 @@ class Matrices:
         """Solve H_qq x = gradient for a gradient by the coefficients (nn * nq,)."""
         return self.eliminated.factor.solve(gradient)
 
+    def eliminate(self) -> Matrices:
+        """Return the same matrices, as the coefficients are eliminated."""
+        return self
+
 
 @dataclass(frozen=True, kw_only=True)
 class MotionState:
@@ -126,7 +131,8 @@ class MotionState:
 class OpenEvaluation(Evaluation):
     """Evaluation with the gradient by joint parameters and soft tissue too."""
 
-    by_parameter: Array  # (nx_t,) half gradient
+    # () -> (nx_t,) half gradient
+    compute_parameter_gradient: Callable[[], Array]
 
 
 class OpenMotion:
@@ -149,21 +155,19 @@ class OpenMotion:
         cost, by_nodes, by_parameter = self.problem.compute_gradients(
             self.coefficients(x), self.body
         )
-        return OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
+        return OpenEvaluation(cost, by_nodes.ravel(), lambda: by_parameter)
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
         """Form the equations at x."""
-        coefficients, curved = self.coefficients(x), curved or self.curved
-        equations = self.problem.assemble_equations(coefficients, self.body, curved=curved)
-        return OpenMatrix(self.values, coefficients, equations, curved=curved)
+        return OpenMatrix(self, self.coefficients(x), curved=curved or self.curved)
 
     def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
         """Correct the motion by plain steps from `coefficients` (nn, nq); None if not converged."""
         end = descend(self, coefficients.ravel(), CORRECTOR, kept)
         if not end.converged:
             return None
-        matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
-        return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
+        factor = end.factor or self.linearise(end.x, curved=False).factor(0.0)
+        return self._state(end.x, end.evaluation, factor, end.predicted_reduction, converged=True)
 
     def take_step(self, coefficients: Array, *, converged: bool) -> tuple[MotionState, float]:
         """Take one plain step from `coefficients` (nn, nq).
@@ -174,11 +178,11 @@ class OpenMotion:
             The trial there, and the predicted gain as a share of the cost.
         """
         matrix = self.linearise(coefficients.ravel(), curved=False)
-        here, matrices = matrix.evaluation, matrix.factor(0.0)
-        step = -matrices.solve(here.gradient)
+        here, factor = matrix.evaluation, matrix.factor(0.0)
+        step = -factor.solve(here.gradient)
         predicted_reduction = -float(here.gradient @ step)
         state = self._state(
-            coefficients.ravel() + step, here, matrices, predicted_reduction, converged=converged
+            coefficients.ravel() + step, here, factor, predicted_reduction, converged=converged
         )
         return state, predicted_reduction / here.cost if here.cost > 0.0 else 0.0
 
@@ -186,41 +190,71 @@ class OpenMotion:
         self,
         x: Array,
         before: OpenEvaluation,
-        matrices: Matrices,
+        factor: OpenFactor | Matrices,
         predicted_reduction: float,
         *,
         converged: bool,
     ) -> MotionState:
         """Make the state at coefficients x after a last step with a predicted gain."""
+        by_parameter, matrices = before.compute_parameter_gradient(), factor.eliminate()
         return MotionState(
             values=self.values,
             coefficients=self.coefficients(x),
             matrices=matrices,
             cost=max(before.cost - predicted_reduction, 0.0),
-            reduced_gradient=matrices.eliminated.reduce_gradient(
-                before.gradient, before.by_parameter
-            ),
+            reduced_gradient=matrices.eliminated.reduce_gradient(before.gradient, by_parameter),
             converged=converged,
         )
 
 
 class OpenMatrix:
-    """Equations of an `OpenMotion` at some coefficients."""
+    """Equations of an `OpenMotion` at some coefficients.
+
+    Steps of the motion take the band alone. Columns of soft tissue cost several times as much, and
+    are added where the last step begins.
+    """
 
     spent = False
 
-    def __init__(
-        self, values: Array, coefficients: Array, equations: NormalEquations, *, curved: bool
-    ) -> None:
-        self.values, self.coefficients = values, coefficients
-        self.equations, self.curved = equations, curved
-        by_node, by_parameter = equations.node_gradient.ravel(), equations.parameter_gradient
-        self.evaluation = OpenEvaluation(equations.cost, by_node, by_parameter)
+    def __init__(self, motion: OpenMotion, coefficients: Array, *, curved: bool) -> None:
+        self.motion, self.coefficients, self.curved = motion, coefficients, curved
+        self.band = motion.problem.assemble_motion_equations(
+            coefficients, motion.body, curved=curved
+        )
+        self.evaluation = OpenEvaluation(
+            self.band.cost,
+            self.band.node_gradient.ravel(),
+            lambda: self.equations.parameter_gradient,
+        )
 
-    def factor(self, damping: float) -> Matrices:
-        """Eliminate the coefficients."""
-        eliminated = eliminate(self.equations, damping)
-        return Matrices(self.values, self.coefficients, eliminated, self.curved)
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """With soft tissue."""
+        return self.motion.problem.add_tissue(
+            self.band, self.coefficients, self.motion.body, curved=self.curved
+        )
+
+    def factor(self, damping: float) -> OpenFactor:
+        """Factorise the band."""
+        return OpenFactor(self, BandFactor(self.band.band, damping))
+
+
+@dataclass(frozen=True)
+class OpenFactor:
+    """Factor of the band of an `OpenMatrix`."""
+
+    matrix: OpenMatrix
+    factor: BandFactor
+
+    def solve(self, gradient: Array) -> Array:
+        """Solve H_qq x = gradient for a gradient by the coefficients (nn * nq,)."""
+        return self.factor.solve(gradient)
+
+    def eliminate(self) -> Matrices:
+        """Eliminate the coefficients; overwrites the equations of the matrix."""
+        matrix = self.matrix
+        eliminated = eliminate(matrix.equations, factor=self.factor)
+        return Matrices(matrix.motion.values, matrix.coefficients, eliminated, matrix.curved)
 
 
 @dataclass(frozen=True)

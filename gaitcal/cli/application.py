@@ -152,7 +152,7 @@ Above the number of objects that libraries allocate on import, which are never g
 """
 
 
-def set_up_process() -> None:
+def _set_up_process() -> None:
     """Set thread counts and garbage collection; call it before any library is imported."""
     # Results depend on the number of BLAS threads (gaitcal/runtime.py), so the user's value is
     # replaced.
@@ -164,7 +164,7 @@ def set_up_process() -> None:
 
 
 def _limit_blas_threads() -> AbstractContextManager[None]:
-    """Limit BLAS to one thread if NumPy is already imported, so that `set_up_process` was too late.
+    """Limit BLAS to one thread if NumPy was imported before `_set_up_process` could do so.
 
     This is the case if a Python program calls the command line.
     """
@@ -184,16 +184,8 @@ Verbose = Annotated[
 def build_command_function(name: str) -> Callable[..., None]:
     """Import a command and add the options that every command has.
 
-    Parameters
-    ----------
-    name
-        Command, a key of `COMMANDS`.
-
-    Returns
-    -------
-    callable
-        Function with the signature that typer reads: the options of the command, `--quiet` and
-        `--verbose`.
+    `name`: command, a key of `COMMANDS`. Returns: function with the signature that typer reads: the
+    options of the command, `--quiet` and `--verbose`.
     """
     module, _, function_name = COMMANDS[name][0].partition(":")
     function: Callable[..., None] = getattr(import_module(f"gaitcal.cli.{module}"), function_name)
@@ -214,14 +206,7 @@ def build_command_function(name: str) -> Callable[..., None]:
 def load_command(name: str) -> TyperCommand:
     """Build a command with its options, help text and example.
 
-    Parameters
-    ----------
-    name
-        Command, a key of `COMMANDS`.
-
-    Returns
-    -------
-    TyperCommand
+    `name`: command, a key of `COMMANDS`.
     """
     single = typer.Typer(
         add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
@@ -243,12 +228,7 @@ INTERRUPTED: Final = 130
 def _run_and_report_errors(run: Callable[[], object], *, verbose: bool) -> None:
     """Call `run`; if it fails, print one line and exit with the code of the failure.
 
-    Parameters
-    ----------
-    run
-        The command line.
-    verbose
-        Raise unexpected errors with their traceback.
+    `run`: the command line. `verbose`: raise unexpected errors with their traceback.
     """
     try:
         with raise_on_signals():
@@ -271,6 +251,7 @@ def _run_and_report_errors(run: Callable[[], object], *, verbose: bool) -> None:
         _print_error(f"ended by {ending.name}; the output is as it was before this command")
         sys.exit(ending.exit_code)
     except BrokenPipeError:
+        # `gaitcal ... | head`: the reader has ended, and closing the output would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except Exception as error:
@@ -289,7 +270,7 @@ def _print_error(text: str) -> None:
 
 def main() -> None:
     """Run the command line: entry point of `gaitcal`."""
-    set_up_process()
+    _set_up_process()
     _run_and_report_errors(
         lambda: app(standalone_mode=True),
         verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]),

@@ -80,6 +80,7 @@ def calibrate_study(
         # An invalid file ends the command before recordings are read.
         normal_bands.read_normal_bands(normal)
     source = find_or_draft_study(study, check_person_options(mass, height, sex, age), console)
+    # Options are checked before the recordings are read, which takes seconds.
     require_one_prior(source, priors)
     settings = RunSettings(normal=normal, priors=priors, compute_held_out=hold_out, force=force)
     with console.show_progress() as step:
@@ -91,6 +92,7 @@ def calibrate_study(
     print_calibration(console, calibration)
     for note in run.study.joint_prior.notes if run.study.joint_prior else ():
         console.print_line(f"priors: {note}")
+    # Files that were saved during the run belong to another result.
     _warn_of_changed_inputs(console, run.study.changed_inputs())
     print_kept_folders(console, run.kept)
     if run.was_drafted:
@@ -99,6 +101,7 @@ def calibrate_study(
         )
     console.print_line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
+    # The result is written in any case; the exit code tells scripts that it must not be used.
     if verdict.judgement is Judgement.REFUSED and not force:
         raise _make_refusal_error(
             "the result is refused (it was written, with no torque valid)", verdict
@@ -154,6 +157,7 @@ def analyse_further(
     if role not in (Role.GAIT.value, Role.MOTION.value):
         raise UsageError(f"found '{role}'; allowed: gait or motion", field="--role")
     names = [path.stem for path in trials]
+    # Files of further trials are named by their recordings.
     if len(set(names)) != len(names):
         message = "found two trials of the same name (file names without endings)"
         raise InputError(message, code=Code.PART_OF_TRIAL)
@@ -201,7 +205,7 @@ def analyse_further(
 def _find_non_walks(trials: Sequence[TrialResult]) -> list[str]:
     """Describe trials with the role `gait` whose movement looks like another activity."""
     repeats = {
-        t.name: events.find_activity_events(t.body, t.events).repeats
+        t.name: events.find_activity_events(t.motion, t.events).repeats
         for t in trials
         if t.role is Role.GAIT
     }
@@ -345,6 +349,7 @@ def _print_trials(console: Console, trials: Sequence[TrialResult]) -> None:
     console.out.print(table)
     for trial in trials:
         held = trial.held_out
+        # Held-out errors are the honest ones: frames that the fit did not use.
         if held:
             parts = {"": (held.nominal, held.calibrated)} | (
                 {", pelvis and legs": held.legs} if held.legs else {}

@@ -64,6 +64,7 @@ def run_people(
     if normal is not None:
         # An invalid file ends the command before the first person is calibrated.
         read_normal_bands(normal)
+    # Learning from results that lean on a cohort would count it twice.
     if priors is not None:
         _refuse_with_learn_priors("--priors", learn_priors=learn_priors)
         read_cohort_priors(priors)
@@ -109,6 +110,7 @@ def run_people(
             f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort "
             "--priors')"
         )
+    # A script notices that some people have no result.
     if written["failed"]:
         sys.exit(1)
 
@@ -127,28 +129,10 @@ def _choose_priors(
 ) -> tuple[Path | None, CalibrationSettings]:
     """Choose the file of priors: that of the option `--priors` or that of `cohort.toml`.
 
-    Parameters
-    ----------
-    given
-        File of the option.
-    settings
-        `[calibration]` of `cohort.toml`.
-    learn_priors
-        Whether priors are to be learnt from the cohort.
-
-    Returns
-    -------
-    Path or None
-        File of priors.
-    CalibrationSettings
-        The settings without their priors.
-
-    Raises
-    ------
-    UsageError
-        Both give a file, or priors are to be learnt.
-    InputError
-        The file of the settings is invalid.
+    `given`: file of the option. `settings`: `[calibration]` of `cohort.toml`. `learn_priors`:
+    whether priors are to be learnt from the cohort. Returns: file of priors; the settings without
+    their priors. Raises UsageError: both give a file, or priors are to be learnt. Raises
+    InputError: the file of the settings is invalid.
     """
     if settings.priors is None:
         return given and given.resolve(), settings
@@ -172,6 +156,7 @@ def _make_progress_printer(
         remaining = ""
         if remaining_s is not None and done != people:
             remaining = f", {format_duration(remaining_s)} left"
+        # Unchanged people are printed only with --verbose, as a second run has many of them.
         progress = f"{done} of {people}{remaining}"
         name = " ".join(filter(None, outcome.key))
         if outcome.computed:

@@ -40,20 +40,17 @@ def explain_code(console: Console, code: options.CodeName = None) -> None:
     """
     width = max(MIN_WIDTH, min(MAX_WIDTH, console.out.width))
     if code is None:
-        lines = format_code_list()
+        lines = _format_code_list()
     else:
-        lines = format_page(load_explanation(parse_code(code)), width)
+        lines = _format_page(load_explanation(_parse_code(code)), width)
     for line in lines:
         console.print_line(line)
 
 
-def parse_code(name: str) -> Code:
+def _parse_code(name: str) -> Code:
     """Parse a code written as `GC-012`, `gc-12` or `12`.
 
-    Raises
-    ------
-    UsageError
-        There is no such code; the message has the nearest one.
+    Raises UsageError: there is no such code; the message has the nearest one.
     """
     match = re.fullmatch(r"\[?(?:gc)?[-_ ]?(\d{1,3})\]?", name.strip(), re.IGNORECASE)
     known = [code.value for code in Code]
@@ -67,7 +64,7 @@ def parse_code(name: str) -> Code:
     return Code(wanted)
 
 
-def format_code_list() -> Iterator[str]:
+def _format_code_list() -> Iterator[str]:
     """Yield lines with all codes and their titles, under a heading for each series."""
     series = ""
     for explanation in load_all_explanations():
@@ -80,20 +77,10 @@ def format_code_list() -> Iterator[str]:
     yield "The page of a code: gaitcal explain GC-020"
 
 
-def format_page(explanation: Explanation, width: int) -> Iterator[str]:
+def _format_page(explanation: Explanation, width: int) -> Iterator[str]:
     """Format the page of a code for a terminal.
 
-    Parameters
-    ----------
-    explanation
-        The page.
-    width
-        Width of the lines, columns.
-
-    Yields
-    ------
-    str
-        One line.
+    `width`: width of the lines, columns. Yields one line.
     """
     yield from textwrap.wrap(f"{explanation.code.value}: {explanation.title}", width)
     yield f"({explanation.severity.lower()})"

@@ -153,6 +153,7 @@ def export(
     InputError
         The result or the model cannot be read.
     """
+    # Two commands in one: an option of the other one is an error, not ignored.
     result_options: dict[str, object] = {
         "inputs": inputs,
         "replace": replace,
@@ -175,13 +176,13 @@ def export(
             raise UsageError(message, field=f"--{name}")
     if into is None:
         signs = choose_convention(convention, moments, units, external=external)
-        export_model(result, formats, out, inputs, console, signs, replace=replace)
+        _export_model(result, formats, out, inputs, console, signs, replace=replace)
     else:
         chosen = (parameters, attachments, names, muscles, draws, seed)
-        export_into(result, into, out, console, *chosen)
+        _export_into(result, into, out, console, *chosen)
 
 
-def export_model(
+def _export_model(
     result: Path,
     formats: str,
     out: Path | None,
@@ -220,6 +221,7 @@ def export_model(
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
     exported = _Exported()
+    # All files appear together, or none.
     with amend_result(folder) as stage, console.show_progress() as step:
         for name in chosen:
             if name in WRITERS:
@@ -354,7 +356,7 @@ def _find_earlier_files(out: Path) -> list[Path]:
     return [*draws, *(p for p in tables if p.is_file())]
 
 
-def export_into(
+def _export_into(
     result: Path,
     model: Path,
     out: Path | None,
@@ -421,6 +423,7 @@ def export_into(
         target.with_suffix(".joints.csv"), joint_moves.format_joints_csv(done.joints)
     )
     _remove_earlier_files(console, target)
+    # Muscle points that follow the bones are listed with their old and new positions.
     if done.moved_points:
         write_text_atomically(
             target.with_suffix(".attachments.csv"),
@@ -453,6 +456,7 @@ def export_into(
         )
         console.print_line(lines[-1])
     facts = (("result", str(result)), ("model", str(model)), ("now", str(target)))
+    # The page is the record of all changes to the user's model.
     page = render_account_page(
         target.name, (("person", saved.model.subject.name), *facts), warnings, lines, tables
     )
@@ -495,6 +499,7 @@ def _check_transfer(
         raise UsageError(
             "found a draw of --out, which would be replaced; allowed: another file", field="--into"
         )
+    # The order of the names does not matter.
     transferred = {name.strip() for name in parameters.split(",")}
     if transferred not in ({JOINTS}, {JOINTS, MASSES}):
         message = f"found '{parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
@@ -551,21 +556,8 @@ def render_account_page(
 ) -> str:
     """Render the page of the changes of a model: files, warnings, remarks and complete tables.
 
-    Parameters
-    ----------
-    name
-        File name of the model.
-    facts
-        Heading and value of each row of the first table.
-    warnings, lines
-        Warnings and remarks.
-    tables
-        Tables of changes.
-
-    Returns
-    -------
-    str
-        The HTML page.
+    `name`: file name of the model. `facts`: heading and value of each row of the first table.
+    `warnings`, `lines`: warnings and remarks. Returns: the HTML page.
     """
     parts = [
         render_plain_table("Files", facts[0], facts[1:], name="who"),

@@ -65,6 +65,7 @@ def draw_figures(
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
     read_files = (SUMMARY, CYCLES, STRIDES, PEAKS, NORMAL_CURVES)
+    # Peaks and normative curves are optional.
     names = [name for name in read_files if (result / name).exists()]
     with console.show_progress() as step:
         step("reading the result")
@@ -85,6 +86,7 @@ def draw_figures(
             read.require_unchanged()
     for remark in read.remarks:
         console.print_line(f"warning: {remark}")
+    # A figure for a paper must not hide doubts about its result.
     if verdict.judgement is not Judgement.TRUSTWORTHY:
         console.print_line(f"warning: the result is {verdict.judgement.value}. {verdict.sentence}")
     for file in files:
@@ -97,10 +99,7 @@ MOMENT_ARMS = "moment_arms"
 def _read_moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
     """Read the table of muscles that `export --into --muscles` wrote into this folder, if any.
 
-    Raises
-    ------
-    InputError
-        `only` names moment arms and there is no table, or there are several.
+    Raises InputError: `only` names moment arms and there is no table, or there are several.
     """
     found = sorted(
         path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv")
@@ -121,19 +120,8 @@ def _read_moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
 def select_charts(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
     """Select charts by name.
 
-    Parameters
-    ----------
-    charts
-        All charts.
-    only
-        Comma-separated names, or words with which names begin or end; empty: all charts.
-
-    Raises
-    ------
-    UsageError
-        No chart has such a name.
-    InputError
-        There is no chart at all.
+    `only`: comma-separated names, or words with which names begin or end; empty: all charts. Raises
+    UsageError: no chart has such a name. Raises InputError: there is no chart at all.
     """
     if not charts:
         message = "found nothing to draw: the result has no complete stride"

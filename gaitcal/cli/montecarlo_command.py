@@ -65,22 +65,12 @@ SHOWN_SIDE = "l"
 """Leg that is printed, as in the publication; the tables have both."""
 
 
-def parse_plan(vary: str, levels: str, draws: int) -> Plan:
+def _parse_plan(vary: str, levels: str, draws: int) -> Plan:
     """Parse the sets and levels of a study.
 
-    Parameters
-    ----------
-    vary
-        Comma-separated sets of parameters: values of `Varied`.
-    levels
-        Comma-separated percentages of the bounds.
-    draws
-        Draws of each set at each level.
-
-    Raises
-    ------
-    UsageError
-        A set or level is invalid, or there is none.
+    `vary`: comma-separated sets of parameters: values of `Varied`. `levels`: comma-separated
+    percentages of the bounds. `draws`: draws of each set at each level. Raises UsageError: a set or
+    level is invalid, or there is none.
     """
     allowed = [varied.value for varied in Varied]
     sets = [_require_allowed(name, allowed, "--vary") for name in _split(vary)]
@@ -160,7 +150,7 @@ def run_monte_carlo(
     InterruptedWork
         The run was interrupted; finished draws are kept.
     """
-    store, plan = Store(folder / FOLDER), parse_plan(vary, levels, draws)
+    store, plan = Store(folder / FOLDER), _parse_plan(vary, levels, draws)
     choice = _require_allowed(parameters, [str(c.value) for c in ParameterChoice], "--parameters")
     settings = MonteCarloSettings(
         seed=seed,
@@ -390,10 +380,7 @@ def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -
 def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> None:
     """Print the torque errors to expect at a marker error (RMS, mm).
 
-    Raises
-    ------
-    InputError
-        The study has no set that changes marker errors.
+    Raises InputError: the study has no set that changes marker errors.
     """
     causes = estimate_expected_errors(table, rms_mm, SHOWN_SIDE)
     if not causes:
@@ -457,7 +444,7 @@ def run_reproduction(
             write_monte_carlo_figures(
                 reproduction.disturbances, None, folder / "figures", SHOWN_SIDE
             )
-    print_reproduction(console, reproduction)
+    _print_reproduction(console, reproduction)
     console.print_line(f"tables: {out}")
     if kept is not None:
         console.print_line(f"draws:  {kept} (a further run with the same seed continues from them)")
@@ -473,7 +460,7 @@ def _find_data_folder() -> Path | None:
     return Path(name)
 
 
-def print_reproduction(console: Console, reproduction: Reproduction) -> None:
+def _print_reproduction(console: Console, reproduction: Reproduction) -> None:
     """Print Tables I and III, the discussion, times and claims; the files have the other tables."""
     for name in _PRINTED_TABLES:
         rows = [row for row in reproduction.tables if row.table == name]

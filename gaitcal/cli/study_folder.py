@@ -107,7 +107,7 @@ def draft_study_file(
         step("reading the folder")
         read = read_folder(folder)
     draft = _complete_draft(read, options, console)
-    print_files(console, draft)
+    _print_files(console, draft)
     if draft.fault:
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
     atomic.write_text_atomically(
@@ -173,9 +173,9 @@ def find_or_draft_study(path: Path, options: Options, console: Console) -> Path 
         return found
     draft = _complete_draft(found, options, console)
     if draft.fault:
-        print_files(console, draft)
+        _print_files(console, draft)
     else:
-        print_draft(console, draft)
+        _print_draft(console, draft)
     drafts.require_runnable(draft, path)
     return draft
 
@@ -222,14 +222,8 @@ def _add_answer(options: Options, field: str, answer: str) -> Options:
     return check_person_options(out.mass, out.height, out.sex, out.age)
 
 
-def print_files(console: Console, draft: drafts.Draft) -> None:
-    """Print a row for every file of the folder: type, content, use in the study and reason.
-
-    Parameters
-    ----------
-    draft
-        Draft of the folder.
-    """
+def _print_files(console: Console, draft: drafts.Draft) -> None:
+    """Print a row for every file of the folder: type, content, use in the study and reason."""
     if not draft.rows:
         return
     table = make_frameless_table(("file", "type"), ("frames",))
@@ -252,14 +246,8 @@ def print_files(console: Console, draft: drafts.Draft) -> None:
     console.out.print(table)
 
 
-def print_draft(console: Console, draft: drafts.Draft) -> None:
-    """Print the marker set, the trials by role and the doubts of a draft.
-
-    Parameters
-    ----------
-    draft
-        Draft of a folder.
-    """
+def _print_draft(console: Console, draft: drafts.Draft) -> None:
+    """Print the marker set, the trials by role and the doubts of a draft."""
     line = drafts.describe_marker_set(draft)
     if line:
         console.print_line(line)

@@ -305,9 +305,9 @@ def compare_sessions_or_models(
     if motion and osim is None:
         raise UsageError("found without --osim; allowed: with --osim", field="--motion")
     if osim is not None:
-        compare_models(result, osim, console)
+        _compare_models(result, osim, console)
         if motion:
-            compare_motions(result, osim, console)
+            _compare_motions(result, osim, console)
         return
     if other is None:
         raise UsageError(
@@ -318,13 +318,13 @@ def compare_sessions_or_models(
             out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)]
         )
     comparison = compare_results(result, other)
-    print_comparison(comparison, console)
+    _print_comparison(comparison, console)
     if out is not None:
         write_comparison(comparison, out, (result, other))
         console.print_line(f"wrote {out}")
 
 
-def print_comparison(comparison: session_comparison.SessionComparison, console: Console) -> None:
+def _print_comparison(comparison: session_comparison.SessionComparison, console: Console) -> None:
     """Print warnings and summary, then a table of the largest differences."""
     for line in comparison.lines:
         console.print_line(line)
@@ -345,13 +345,10 @@ def print_comparison(comparison: session_comparison.SessionComparison, console: 
         console.print_line(f"and {remaining} more: --out FOLDER writes all")
 
 
-def compare_models(result: Path, osim: Path, console: Console) -> None:
+def _compare_models(result: Path, osim: Path, console: Console) -> None:
     """Print how an OpenSim model differs from the result: joint axes, masses and lengths.
 
-    Raises
-    ------
-    InputError
-        The result or the model cannot be read.
+    Raises InputError: the result or the model cannot be read.
     """
     table = make_frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
     model, read, doubts = saved_result.load_result_model(result)
@@ -367,13 +364,10 @@ def compare_models(result: Path, osim: Path, console: Console) -> None:
     console.out.print(table)
 
 
-def compare_motions(result: Path, osim: Path, console: Console) -> None:
+def _compare_motions(result: Path, osim: Path, console: Console) -> None:
     """Print how coordinates and moments of an OpenSim model, computed by OpenSim, differ from ours.
 
-    Raises
-    ------
-    InputError
-        The result or the model cannot be read, or OpenSim is not installed.
+    Raises InputError: the result or the model cannot be read, or OpenSim is not installed.
     """
     with console.show_progress() as step:
         step("inverse kinematics and dynamics in OpenSim")

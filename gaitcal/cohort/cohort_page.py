@@ -119,28 +119,20 @@ MEASURES: Final = (
 )
 
 
-def build_measure_columns(
+def _build_measure_columns(
     measure: CohortMeasure, read: Callable[[str], Array]
 ) -> list[dict[str, Any]]:
     """Build the columns of a measure for the page.
 
-    Parameters
-    ----------
-    measure : CohortMeasure
-        The measure.
-    read : callable
-        Name of a column of the table of people -> its numbers (people,), NaN if missing.
-
-    Returns
-    -------
-    list of dict
-        Of the person, or of each leg; without columns that have no number.
+    `read`: name of a column of the table of people -> its numbers (people,), NaN if missing.
+    Returns: of the person, or of each leg; without columns that have no number.
     """
     about = {"title": measure.title, "unit": measure.unit, "digits": measure.digits}
     per_leg = "{}" in measure.column
     if measure.joined:
         right, left = (read(measure.column.format(side)) for side in SIDES)
         if measure.joined == "asymmetry":
+            # Symmetry index, percent.
             joined = 200.0 * (right - left) / (right + left)
             meaning = "200 % (right − left) / (right + left): positive if the right is longer"
         else:
@@ -160,6 +152,7 @@ def build_measure_columns(
         if measure.error:
             meaning += ": mean of each stride's peak"
         error = measure.error.format(side)
+        # Without a single known error the page offers no error bars.
         has_error = bool(error) and bool(np.isfinite(read(error)).any())
         leg = (
             {"name": f"{measure.name}_{side}", "measure": measure.name, "side": side}
@@ -267,6 +260,7 @@ class _Causes:
             return cause
 
         for numbers in self._of_people:
+            # A cause counts once for each person, however many trials have it.
             for cause in {merge(*keys[k]) for k in numbers}:
                 found[cause]["count"] += 1
         for line in failures:
@@ -313,6 +307,7 @@ def _build_content(
             read(name) if table.metadata.num_rows else np.array([])
             for name in ("mass_kg", "height_m")
         ]
+        # Normal bands are scaled to the mean person; defaults (kg, m) where nobody has a value.
         mass, height = (
             float(np.nanmean(values)) if np.isfinite(values).any() else default
             for values, default in zip(sizes, (70.0, 1.7), strict=True)
@@ -338,6 +333,7 @@ def _build_columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Itera
         }
         if columns[name].kind is str:
             cells = [str(value or "") for value in table.read(columns=[name]).column(0).to_numpy()]
+            # Text columns have few values: each once, and its number for every row.
             numbered = {text: number for number, text in enumerate(dict.fromkeys(cells))}
             if any(cells):
                 yield {**about, "words": list(numbered), "of": [numbered[text] for text in cells]}
@@ -349,7 +345,7 @@ def _build_columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Itera
     for name, title in TITLES.items():
         yield from build(name, title)
     for measure in MEASURES:
-        yield from build_measure_columns(measure, read)
+        yield from _build_measure_columns(measure, read)
     for name in columns:
         if name not in TITLES:
             yield from build(name, name)
@@ -382,6 +378,7 @@ def _describe_variables(common: CommonSettings, mass: float, height: float) -> l
             "positive": f"{acting}{clinical.senses(name, 'r')[0]}",
         }
         if name in bands:
+            # The page shows moments and powers per kg body mass.
             scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / mass
             mean, sd = (scale * values[::EVERY] for values in bands[name].scale_to_person(body))
             variable["normal"] = {

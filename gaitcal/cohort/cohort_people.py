@@ -164,15 +164,8 @@ class CohortFile(Table):
 def make_safe_name(text: str) -> str:
     """Make a folder name from the name of a person or session.
 
-    Parameters
-    ----------
-    text : str
-        The name.
-
-    Returns
-    -------
-    str
-        The name itself if every file system allows it; else a similar one with part of its hash.
+    `text`: the name. Returns: the name itself if every file system allows it; else a similar one
+    with part of its hash.
     """
     plain = _UNSAFE.sub("_", text).strip(". ").encode()[:MOST_NAME_BYTES].decode(errors="ignore")
     if plain == text and not _DEVICE.fullmatch(text):
@@ -212,6 +205,7 @@ def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
     """
     file = path / COHORT if path.is_dir() and (path / COHORT).is_file() else path
     if file.is_dir():
+        # A bare folder: sub-folders are people, and a spreadsheet may describe them.
         cohort, sheet = find_people(path, out), path / SHEET
         if sheet.is_file():
             rows, notes = read_sheet(sheet)
@@ -232,6 +226,7 @@ def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
                 options=replace(table.options, name=name),
             )
         )
+    # A fault of the common settings is reported once, not by every person.
     require_joint_prior(content.calibration, file)
     settings = content.calibration.resolve_paths(
         lambda named: require_file(folder / named, source=file, field="calibration.priors"), file
@@ -265,6 +260,7 @@ def find_people(folder: Path, out: Path) -> Cohort:
         if not sessions:
             ignored.append(below.name)
         for session in sessions:
+            # Recordings in the person's folder itself are the only session.
             name = "" if session == below else session.name
             options = Options(name=below.name, session=name or None)
             found.append(
@@ -296,6 +292,7 @@ def _describe_shared_folder(people: Sequence[CohortPerson]) -> str:
     """Describe the first two people whose results would share a folder; empty if there are none."""
     subfolders: dict[str, CohortPerson] = {}
     for person in people:
+        # Some file systems do not distinguish capitals: Ann and ann would share a folder.
         other = subfolders.setdefault(person.subfolder.casefold(), person)
         if other is person:
             continue
@@ -388,6 +385,7 @@ def _with_rows(cohort: Cohort, rows: Sequence[PersonTable], source: Path) -> Coh
     for row in sorted(rows, key=lambda row: row.session != ""):
         of_person = [p for p in people.values() if p.name == row.name]
         described = [p for p in of_person if not row.session or p.session == row.session]
+        # A row may name the session of recordings that are not in a folder of one.
         described = described or [p for p in of_person if not p.session]
         if not described:
             described = [_make_person_without_folder(cohort, row, source)]
@@ -418,25 +416,13 @@ def read_sheet(path: Path) -> tuple[list[PersonTable], list[str]]:
 
     Columns are separated by commas, semicolons (with decimal commas) or tabs.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    rows : list of PersonTable
-    notes : list of str
-        On columns that are not used.
-
-    Raises
-    ------
-    InputError
-        No column `person`, a column twice or with a similar name, two rows that contradict each
-        other, or a value that is not allowed, with its row.
+    `path`: the file. Returns: `rows` ; `notes` on columns that are not used. Raises InputError: no
+    column `person`, a column twice or with a similar name, two rows that contradict each other, or
+    a value that is not allowed, with its row.
     """
     text = _read_text(path)
     head = text.split("\n", 1)[0]
+    # Spreadsheets separate columns by comma, semicolon or tab, depending on their language.
     lines = csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count))
     names = [str(name).strip().lower() for name in lines.fieldnames or ()]
     notes = list(_note_unused_columns(names, path))
@@ -452,6 +438,7 @@ def read_sheet(path: Path) -> tuple[list[PersonTable], list[str]]:
                 for name, value in {"group": row.group or None, **vars(row.options)}.items():
                     if value is None:
                         continue
+                    # Two rows may describe one session, but must not contradict each other.
                     first, at = given.setdefault((row.name, row.session, name), (value, number))
                     if first != value:
                         found, before = _format_cell(value), _format_cell(first)
@@ -488,6 +475,7 @@ def _note_unused_columns(names: Sequence[str], path: Path) -> Iterator[str]:
             raise InputError(message, source=path, code=Code.COHORT)
         if name in _COLUMNS:
             continue
+        # A misspelt column would be ignored, and its values with it.
         meant = _SYNONYMS.get(name) or next(iter(find_similar_names(name, _COLUMNS)), None)
         if meant is not None and meant not in names:
             raise InputError(
@@ -503,6 +491,7 @@ def _read_text(path: Path) -> str:
     """Read a spreadsheet as text, up to `MOST_BYTES`."""
     try:
         with path.open("rb") as stream:
+            # One byte more than is allowed, to notice a larger file without reading it.
             raw = stream.read(MOST_BYTES + 1)
         if len(raw) > MOST_BYTES:
             message = f"larger than {MOST_BYTES // 1_000_000} MB, the limit of a table of people"
@@ -530,6 +519,7 @@ def _read_row(cells: Mapping[str | None, object], source: str) -> PersonTable:
     for name in _NUMBERS:
         if text[name]:
             try:
+                # Decimal commas, where columns are separated otherwise.
                 values[name] = float(text[name].replace(",", "."))
             except ValueError:
                 message = f"found {format_value(text[name])}; allowed: a number"

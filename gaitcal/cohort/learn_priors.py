@@ -108,6 +108,7 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
     """
     found, left_out = list[SessionEvidence](), list[str]()
     for person in cohort.people:
+        # Only finished, trustworthy results; the reason for every other one is reported.
         outcome = read_outcome(out, person)
         try:
             if outcome is None or outcome.failed:
@@ -136,35 +137,22 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
 def read_evidence(folder: Path, name: str) -> SessionEvidence:
     """Read the likelihood of joint parameters from a result folder of `gaitcal calibrate`.
 
-    Parameters
-    ----------
-    folder : Path
-        The result.
-    name : str
-        Of the person.
-
-    Returns
-    -------
-    SessionEvidence
-
-    Raises
-    ------
-    NotUsedError
-        Its verdict is not "trustworthy", it was calibrated with priors of a cohort, or its joint
-        parameters were not calibrated by the default protocol.
-    InputError
-        It is damaged.
+    `folder`: the result. `name`: of the person. Raises NotUsedError: its verdict is not
+    "trustworthy", it was calibrated with priors of a cohort, or its joint parameters were not
+    calibrated by the default protocol. Raises InputError: it is damaged.
     """
     summary, manifest = read_json_object(folder / SUMMARY), read_json_object(folder / MANIFEST)
     verdict = summary.get("verdict")
     if verdict != TRUSTED:
         raise NotUsedError(f"its verdict is {verdict}")
+    # A result that leans on a cohort would count that cohort twice.
     if JOINT_PRIOR in summary:
         raise NotUsedError("it was calibrated with priors of a cohort")
     saved = load_result(folder)
     settings, subject, errors = saved.settings, saved.model.subject, saved.uncertainty.joint
     parts = None
     if errors is not None and settings.decided_by is Protocol.EVIDENCE and settings.jp:
+        # m and rad, deviations from the nominal joints.
         deviation = saved.model.parameters.joint - saved.model.nominal.joint
         parts = compute_part_evidence(
             errors, deviation, JP_NAMES, combine_joint_priors(settings.joint_prior)
@@ -189,21 +177,10 @@ def compute_part_evidence(
 ) -> dict[str, PartEvidence] | None:
     """Compute the likelihood of the joint parameters of every part of the body.
 
-    Parameters
-    ----------
-    errors : ErrorSources
-        Of joint parameters; those that no trial moved have no information.
-    deviation : (98,) array
-        m, rad: fitted minus nominal, in the order of `names`.
-    names : tuple of str
-        All joint parameters.
-    prior : JointPrior, optional
-        Of the calibration; the anatomical prior if not given.
-
-    Returns
-    -------
-    dict or None
-        Part -> likelihood; None if the covariance of the errors is singular.
+    `errors`: of joint parameters; those that no trial moved have no information. `deviation`: (98,)
+    m, rad: fitted minus nominal, in the order of `names`. `names`: all joint parameters. `prior`:
+    of the calibration; the anatomical prior if not given. Returns: part -> likelihood; None if the
+    covariance of the errors is singular.
     """
     out, observed = {}, set(list_observed_parameters(errors))
     for part, wanted in PARTS.items():
@@ -211,10 +188,12 @@ def compute_part_evidence(
         information, right = np.zeros((len(wanted),) * 2), np.zeros(len(wanted))
         if free:
             mean, root = select_prior(free, prior)[0], factor_prior(free, prior)
+            # In units of the prior: C_x = R R^T is then at most the identity.
             rows = np.linalg.solve(
                 root, errors.effects[[errors.names.index(name) for name in free]]
             )
             values, vectors = np.linalg.eigh(rows @ rows.T)
+            # A singular covariance has no likelihood.
             if values[0] <= RANK * values[-1]:
                 return None
             estimate = vectors.T @ np.linalg.solve(
@@ -237,20 +216,9 @@ def select_sessions(
 ) -> tuple[list[PersonEvidence], Rules | None, list[str]]:
     """Select one session of each person, with the rules that most people have.
 
-    Parameters
-    ----------
-    found : sequence of SessionEvidence
-        All usable sessions.
-
-    Returns
-    -------
-    people : list of PersonEvidence
-        Each person's session with the most information; with the recordings of all sessions, by
-        which a person is recognised.
-    rules : Rules or None
-        None without sessions.
-    others : list of str
-        People who have other rules, a line each.
+    Returns: `people` each person's session with the most information; with the recordings of all
+    sessions, by which a person is recognised; `rules` None without sessions; `others` people who
+    have other rules, a line each.
     """
     by_rules: dict[Rules, list[PersonEvidence]] = {}
     for one in found:
@@ -261,10 +229,13 @@ def select_sessions(
     def count_people(rules: Rules) -> int:
         return len({person.name for person in by_rules[rules]})
 
+    # Deviations by different rules have different zeros: one set of rules only. The second key
+    # makes ties reproducible.
     rules = max(by_rules, key=lambda r: (count_people(r), astuple(r)))
     used = {p.name for p in by_rules[rules]}
     people = []
     for name in sorted(used):
+        # Sessions of one person are not independent: the one with the most information counts.
         best = max((p for p in by_rules[rules] if p.name == name), key=lambda p: p.information_gain)
         sessions = (one.evidence.recordings for one in found if one.evidence.name == name)
         people.append(replace(best, recordings=frozenset().union(*sessions)))
@@ -285,32 +256,15 @@ def learn_cohort(
 ) -> cohort_prior.CohortPriors:
     """Learn the priors of all parts of the body.
 
-    Parameters
-    ----------
-    cohort : str
-        Its name.
-    people : sequence of PersonEvidence
-        Each person once; their order makes no difference.
-    rules : Rules
-        Of their calibrations.
-    left_out : sequence of str
-        Reasons for which results were not used, one for each.
-    progress : callable
-        Called with a line of text at the beginning of each step.
-
-    Returns
-    -------
-    CohortPriors
-
-    Raises
-    ------
-    InputError
-        Too few people.
+    `cohort`: its name. `people`: each person once; their order makes no difference. `left_out`:
+    reasons for which results were not used, one for each. `progress`: called with a line of text at
+    the beginning of each step. Raises InputError: too few people.
     """
     if len(people) < FEWEST:
         others = f" (not used: {_count_reasons(left_out)})" if left_out else ""
         message = f"found {len(people)} people to learn from; allowed: {FEWEST} or more{others}"
         raise InputError(message, code=Code.PRIORS)
+    # The order of people must not change the result.
     people = sorted(people, key=lambda p: p.name)
     folds = assign_folds([p.name for p in people])
     parts = []
@@ -382,15 +336,8 @@ def format_priors(priors: cohort_prior.CohortPriors) -> str:
 def list_prior_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]]:
     """List the rows of `priors.csv`, for readers.
 
-    Parameters
-    ----------
-    priors : CohortPriors
-        From `learn_cohort`.
-
-    Yields
-    ------
-    dict
-        Columns `COLUMNS`: mean and standard deviation of a person of middle height, mm and deg.
+    `priors`: from `learn_cohort`. Yields: columns `COLUMNS`: mean and standard deviation of a
+    person of middle height, mm and deg.
     """
     low, high = priors.heights_m
     person = cohort_prior.Person(height=0.5 * (low + high), sex="")

@@ -96,16 +96,8 @@ class Structure:
     def update_spread(self, moment: Array, people: int) -> Array:
         """Compute the most likely Sigma.
 
-        Parameters
-        ----------
-        moment : (n, n) array
-            sum_i E[u u^T], averaged with its mirror image.
-        people : int
-            Number of people in the sum.
-
-        Returns
-        -------
-        (n, n) array
+        `moment`: (n, n) sum_i E[u u^T], averaged with its mirror image. `people`: number of people
+        in the sum. Returns: (n, n).
         """
         spread: Array = (self.weight * self.first + moment) / (self.weight + people)
         if self.directions is not None:
@@ -197,6 +189,8 @@ def learn(evidence: Evidence, effects: Array, reflected: Array, structure: Struc
         likelihood += gradient @ found - np.linalg.slogdet(normal * effects)[1]
         likelihoods.append(float(likelihood) + structure.compute_log_prior(spread))
         ended = len(likelihoods) > 1 and likelihoods[-1] - likelihoods[-2] < RISE * people
+        # A fixed spread needs one step only. Otherwise expectation maximisation ends when the
+        # likelihood rises no further.
         if np.isinf(structure.weight) or not people or ended or len(likelihoods) > MOST_STEPS:
             population = Population(effects=found, effect_covariance=covariance, spread=spread)
             return Learnt(population, tuple(likelihoods))
@@ -370,6 +364,8 @@ def learn_part(
     -------
     PartPrior
     """
+    # Candidates of growing freedom; a richer one must predict people better that it has not learnt
+    # from.
     heights, parts = get_height_range(people), [person.parts[part] for person in people]
 
     def make_candidate(learning: Learning, *, by_size: bool = False) -> _Candidate:
@@ -396,6 +392,7 @@ def learn_part(
         best = best.choose_better(make_candidate(Learning.WHOLE))
         progress(f"{part}: size and sex")
         best = best.choose_better(make_candidate(best.learning, by_size=True))
+    # A prior that is too narrow for new people is widened by the factor that predicts them best.
     factors = WIDER if best is not nothing else (1.0,)
     widened = {wider: best.compute_log_densities(wider) for wider in factors}
     wider = max(widened, key=lambda factor: widened[factor].sum())
@@ -432,6 +429,7 @@ def _learn_population(evidence: Evidence, names: tuple[str, ...], learning: Lear
         """Learn with a variance that is the same in all people; `spread` is kept if given."""
         effects = np.full(count, BY_SIZE)
         effects[: alike.shape[1]] = common
+        # What people have in common is no longer a difference between them.
         individual = np.eye(len(names)) - common * alike @ alike.T
         if spread is not None or learning is Learning.OFFSET:
             fixed = Structure(individual if spread is None else spread)
@@ -448,6 +446,7 @@ def _learn_population(evidence: Evidence, names: tuple[str, ...], learning: Lear
     def compute_likelihood(common: float) -> float:
         return learn_with_common(common, first.population.spread).likelihoods[-1]
 
+    # Empirical Bayes: the common variance under which the recordings are most likely.
     likeliest = max(COMMON, key=compute_likelihood)
     if likeliest == COMMON[0]:
         return first.population

@@ -105,6 +105,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     )
     # Frees the recordings of all files, also of those that are not used.
     del folder
+    # The study is run as `gaitcal calibrate` does it, so that both give the same result.
     settings = RunSettings(
         normal=common.normal, priors=common.priors, calibration=common.calibration
     )
@@ -115,6 +116,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     try:
         run_found_study(source, out, settings, notes_on=note_contradictions)
     except FaultyStudyError as refused:
+        # The table of failures has one line for each person: the first error, and how many more.
         first, more = refused.errors[0], len(refused.errors) - 1
         where = "" if first.where == STUDY else f"trial '{first.where}': "
         others = f" (and {more} more errors)" if more else ""
@@ -152,6 +154,7 @@ def _describe_contradictions(
         for field, other, value in subject
         if other is not None and abs(other / value - 1) > CONTRADICTION
     ]
+    # Priors are compared by content, not by name.
     prior, priors = study.joint_prior, common.priors
     if prior is not None and priors is not None and prior.sha256 != compute_sha256(priors):
         found.append(
@@ -289,6 +292,7 @@ def _make_gait_columns() -> list[Column]:
         Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg")
         for side, leg in _LEGS
     ]
+    # Moments and powers per kg, so that people can be compared.
     for peak in PEAKS.values():
         unit = PER_KG[get_curve_kind(peak.variable)]
         for side, leg in _LEGS:
@@ -416,6 +420,7 @@ def pack_mean_curves(ensemble: Path, mass: float) -> str:
             for name in ("percent", "mean")
         )
         mean = _choose_factor(variable, mass) * mean
+        # Integers of a step are a quarter of the size of floats; extreme values are cut off.
         is_kept = np.isfinite(mean) & (percent % EVERY == 0)
         whole = np.clip(np.rint(mean[is_kept] / STEPS[get_curve_kind(variable)]), GAP + 1, -GAP - 1)
         points = (percent[is_kept] / EVERY).astype(int)
@@ -452,6 +457,7 @@ def make_row(folder: Path) -> dict[str, Cell]:
         raise InputError("is no result of 'gaitcal calibrate'", source=folder, code=Code.NO_RESULT)
     subject, reasons = manifest["subject"], summary.get("reasons") or [{}]
     trials: dict[str, dict[str, Any]] = summary["trials"]
+    # Other activities are in another table: their peaks are not those of walking.
     walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
     activities = [name for name, trial in trials.items() if trial.get("role") == "motion"]
     row: dict[str, Cell] = {
@@ -478,6 +484,7 @@ def make_row(folder: Path) -> dict[str, Cell]:
         "inputs_sha256": _compute_digest(manifest.get("inputs_sha256")),
     }
     for name, value in row.items():
+        # JSON and Parquet have no common notation for NaN: unknown values are empty.
         if isinstance(value, float):
             row[name] = round(value, DIGITS) if math.isfinite(value) else None
     return {name: row[name] for name in NAMES if name in row}
@@ -551,6 +558,7 @@ def _pool_residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, C
         ("calibrated", [(frames, of_stage[-1]) for frames, of_stage in stages]),
         ("limit", limits),
     ):
+        # RMS values are pooled by their numbers of frames.
         forces = [(frames, residual["force_N"]) for frames, residual in found]
         moments = [(frames, residual["torque_Nm"]) for frames, residual in found]
         yield f"residual_force_{stage}_N", _pool(forces)

@@ -236,6 +236,7 @@ def _find_files(folder: Path) -> Iterator[Path]:
     """Find the files of a person's folder, the marker sets above it, and what studies name."""
     if not is_folder(folder):
         return
+    # One level below, as in a person's folder with a folder for each session.
     below = [
         path for path in sorted(folder.iterdir()) if path.is_dir() and path.name[0] not in ".~"
     ]
@@ -274,6 +275,7 @@ def _find_named_files(study: Path) -> Iterator[Path]:
                 yield study.parent / named
                 yield from _find_companions(study.parent / named)
     if file.truth is not None:
+        # Paths in a study file are relative to it.
         absolute = {
             key: study.parent / path
             for key, path in vars(file.truth).items()
@@ -315,6 +317,7 @@ def compute_fingerprint(person: CohortPerson, common: CommonSettings) -> str:
     files = {
         name: compute_sha256(path) for name, path in sorted(list_input_files(person.folder).items())
     }
+    # All that changes a result: an unchanged person is not computed again.
     content = {
         "format": FORMAT,
         "gaitcal": get_package_version("gaitcal"),
@@ -420,6 +423,7 @@ def _store(task: Task, outcome: Outcome) -> Outcome:
 def _compute_outcome(task: Task) -> Outcome:
     """Calibrate a person, or return the stored outcome if it is still valid."""
     version = get_package_version("gaitcal")
+    # A worker of another version would mix two programs in one cohort.
     if version != task.version:
         raise _PassingError(f"the worker has gaitcal {version}, not {task.version}")
     person, result = task.person, task.out / task.person.subfolder
@@ -427,6 +431,7 @@ def _compute_outcome(task: Task) -> Outcome:
     before = read_outcome(task.out, person)
     if before is not None and before.fingerprint == inputs and _is_valid(before, task):
         return replace(before, computed=False)
+    # Many people in one process: returning memory to the system after each costs time.
     keep_freed_memory()
     calibrate_person(person, result, task.common)
     strides = cycle_tables.read_cycles(result).assign(person=person.name, session=person.session)
@@ -438,6 +443,7 @@ def _compute_outcome(task: Task) -> Outcome:
         "session": person.session,
         "folder": person.subfolder,
     }
+    # Paths of the table are relative to the folder of the cohort.
     row |= {"page": f"{person.subfolder}/{row['page']}" if row["page"] else ""}
     return Outcome(
         name=person.name,
@@ -473,6 +479,7 @@ class _PassingError(GaitcalError):
 def _convert_error(task: Task, error: Exception) -> Outcome:
     """Convert an exception to a failure: of the input, of the machine, or an internal error."""
     person, cause = task.person, str(error)
+    # Absolute paths differ between machines and may name people.
     for known in (f"{person.folder}: ", f"{person.folder}/", f"{task.out}/"):
         cause = cause.replace(known, "")
     code, default = Code.INTERNAL, "please report it"
@@ -482,6 +489,7 @@ def _convert_error(task: Task, error: Exception) -> Outcome:
         cause = f"internal error: {type(error).__name__}: {cause}"
         if isinstance(error, (MemoryError, OSError)):
             code = Code.WORKER
+    # Errors of the machine may pass: such a person is tried again in the next run.
     passing = isinstance(error, (_PassingError, MemoryError, OSError)) or isinstance(
         error.__cause__, OSError
     )

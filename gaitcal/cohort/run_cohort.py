@@ -86,7 +86,7 @@ def run_cohort(
     """
     out, common = atomic.resolve_path(out), common or CommonSettings()
     engine = engine or make_processes()
-    require_cohort(out)
+    _require_cohort(out)
     with lock_folder(out, "cohort", WAIT_S):
         mark_as_cohort(out)
         # Workers that were killed leave unfinished files.
@@ -107,6 +107,7 @@ def run_cohort(
                 if outcome.failed:
                     failed[outcome.key] = outcome
                 waiting = len(cohort.people) - done
+                # s, from the people that were computed, as stored ones take no time.
                 remaining = waiting * (time.monotonic() - began) / computed if computed else None
                 report(outcome, done, remaining)
         outcomes_of_all = outcome_files.Outcomes(out, failed)
@@ -138,7 +139,7 @@ def _count_tasks(outcome: outcome_files.Outcome) -> int:
     return EACH if outcome.mebibytes > MOST_MIB else 1
 
 
-def require_cohort(out: Path) -> None:
+def _require_cohort(out: Path) -> None:
     """Raise InputError if a folder has other content than the results of a cohort."""
     if not out.exists():
         return
@@ -168,6 +169,7 @@ def _format_manifest(content: Mapping[str, object]) -> str:
 
 def _describe_cohort(people: Sequence[CohortPerson], common: CommonSettings, stage: Path) -> str:
     """Format the manifest of a cohort: people, settings, files and hashes."""
+    # Times differ from run to run, so they have no hash.
     names = sorted(path.name for path in stage.iterdir() if path.name != TIMES)
     settings: dict[str, object] = json.loads(common.calibration.model_dump_json(exclude_unset=True))
     if common.normal is not None:
@@ -222,6 +224,7 @@ def write_tables(
     with result_folder.amend_result(ended.out) as stage:
         with ExitStack() as stack:
             tables = _Tables(stack, stage)
+            # In the order of the list, whatever the order in which they ended.
             for person in people:
                 outcome = ended.get_outcome(person)
                 verdicts[outcome.verdict] += 1

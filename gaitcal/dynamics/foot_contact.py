@@ -173,7 +173,7 @@ def detect_floor_contact(
     -------
     (nf, 2) array of bool
     """
-    used = events if match_events_to_plates(events, loaded, time) else ()
+    used = events if _match_events_to_plates(events, loaded, time) else ()
     out = np.zeros_like(resting)
     for foot, side in enumerate(SIDES):
         strikes, offs = (
@@ -211,7 +211,7 @@ def _find_event_near(times: Array, earliest: float, latest: float, contact: floa
     return float(close[np.abs(close - contact).argmin()]) if len(close) else None
 
 
-def match_events_to_plates(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
+def _match_events_to_plates(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
     """Check that events are those of this walk.
 
     Some are those of plate loadings (nf, 2), and none is far from its loading.
@@ -418,36 +418,26 @@ def find_steps(
     for stretch in find_runs(wrench[:, 1] > LOADED_N):
         if measure_duration(time, stretch) < MIN_LOADING_S:
             continue
-        foot = SIDES.index(side) if side else find_foot_under(wrench, stretch, feet)
-        alone = [] if side else find_single_stances(wrench, stretch, time, feet)
-        if alone:
-            # Each foot carries the plate until the other one stands alone.
-            ends = [*(frames.start for frames, _ in alone[1:]), stretch.stop]
-            begins = [stretch.start, *ends[:-1]]
-            parts = [(slice(a, b), k) for a, b, (_, k) in zip(begins, ends, alone, strict=True)]
-        elif foot is None:
-            lowest = float(np.nanmin(feet.heel[stretch][..., 1]))
-            seat = height > lowest + SEAT_ABOVE_M
-            findings.append(
-                _report_under_no_foot(
-                    plate, f"plate {plate.name}, {format_spans(time, [stretch])}", seat
-                )
-            )
-            continue
+        if side:
+            parts = [AssignedPart(frames=stretch, alone=stretch, foot=SIDES.index(side))]
         else:
-            parts = (
-                [(stretch, foot)] if side else _divide_loading(wrench, stretch, foot, time, feet)
-            )
-        for frames, side_index in parts:
+            parts = assign_feet(wrench, stretch, time, feet, height)
+        for part in parts:
+            if part.foot is None:
+                lowest = float(np.nanmin(feet.heel[stretch][..., 1]))
+                seat = height > lowest + SEAT_ABOVE_M
+                span = f"plate {plate.name}, {format_spans(time, [stretch])}"
+                findings.append(_report_under_no_foot(plate, span, seat))
+                continue
             steps.append(
                 FootContact(
-                    foot=side_index,
-                    frames=frames,
+                    foot=part.foot,
+                    frames=part.frames,
                     plate=plate,
                     wrench=wrench,
-                    point=compute_centre_on_ground(wrench[frames], height),
-                    load=wrench[frames, 1],
-                    label=f"plate {plate.name}, {format_spans(time, [frames])}",
+                    point=compute_centre_on_ground(wrench[part.frames], height),
+                    load=wrench[part.frames, 1],
+                    label=f"plate {plate.name}, {format_spans(time, [part.frames])}",
                 )
             )
     return steps, findings
@@ -461,47 +451,106 @@ def get_surface_height(plate: ForcePlate) -> float:
     return float(np.nanmedian(height)) if np.isfinite(height).any() else 0.0
 
 
-def find_foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
-    """Find the foot whose heel-toe line is nearest to the centre of pressure, weighted by the load.
+@dataclass(frozen=True, kw_only=True)
+class AssignedPart:
+    """Part of a loading that one foot carries."""
 
-    None if the centre is far from both.
-    """
-    distances = [
-        np.average(_compute_distance_to_foot(wrench, stretch, feet, k), weights=wrench[stretch, 1])
-        for k in range(len(SIDES))
-    ]
-    best = int(np.argmin(distances))
-    return best if distances[best] < UNDER_FOOT_M else None
+    frames: slice
+    alone: slice
+    """Frames in which this foot alone stands on the plate: all, unless both feet are on a belt."""
+    foot: int | None  # 0 right, 1 left; None: neither foot is near
 
 
-def find_single_stances(
-    wrench: Array, stretch: slice, time: Array, feet: FootPoints
-) -> list[tuple[slice, int]]:
-    """Find the frames of a loading in which one foot alone stands on the plate.
+def assign_feet(
+    wrench: Array, stretch: slice, time: Array, feet: FootPoints, height: float
+) -> list[AssignedPart]:
+    """Assign a loading of a plate to feet by its centre of pressure.
 
-    On a belt under both feet a loading lasts for many steps, and its sum is the force of one foot
-    only there.
+    Torques and checks use this assignment; the feet are those of the tracked model or of the
+    markers.
 
     Parameters
     ----------
     wrench
-        (nf, 6) of the plate, not filtered.
+        (nf, 6) of the plate at the marker frames, not filtered.
     stretch
         Frames of the loading.
     time
         (nf,) s.
     feet
-        Heels and toes of both feet.
+        Heels and toes of both feet; NaN where not visible.
+    height
+        m, of the plate's surface.
 
     Returns
     -------
-    list of (slice, int)
-        Frames and foot. Empty for an ordinary step, or two feet so near to each other that one is
-        under the whole loading.
+    list of AssignedPart
+        In time. Several where two feet loaded the plate in succession, or a belt carries both.
+    """
+    away = _compute_distances_to_feet(wrench, stretch, feet, height)
+    distances = _average_distances(away, wrench[stretch, 1])
+    nearest = int(np.argmin(distances))
+    foot = nearest if distances[nearest] < UNDER_FOOT_M else None
+    stances = _find_single_stances(stretch, time, feet, away, foot)
+    if stances:
+        # Each foot carries the plate until the other one stands alone.
+        begins = [stretch.start, *(alone.start for alone, _ in stances[1:])]
+        ends = [*begins[1:], stretch.stop]
+        return [
+            AssignedPart(frames=slice(begin, end), alone=alone, foot=k)
+            for begin, end, (alone, k) in zip(begins, ends, stances, strict=True)
+        ]
+    parts: Sequence[tuple[slice, int | None]] = [(stretch, foot)]
+    if foot is not None:
+        parts = _divide_loading(stretch, foot, time, feet, away)
+    return [AssignedPart(frames=frames, alone=frames, foot=k) for frames, k in parts]
+
+
+def measure_distances(wrench: Array, stretch: slice, feet: FootPoints, height: float) -> Array:
+    """Measure how far the centre of pressure of a loading is from both feet, seen from above.
+
+    Parameters
+    ----------
+    wrench
+        (nf, 6) of the plate at the marker frames, not filtered.
+    stretch
+        Frames of the loading.
+    feet
+        Heels and toes of both feet; NaN where not visible.
+    height
+        m, of the plate's surface.
+
+    Returns
+    -------
+    (2,) array
+        m, mean distance from the heel-toe line, weighted by the load; infinite for a foot that is
+        not visible in any of the frames.
+    """
+    away = _compute_distances_to_feet(wrench, stretch, feet, height)
+    return _average_distances(away, wrench[stretch, 1])
+
+
+def _average_distances(away: Array, load: Array) -> Array:
+    """Average distances (n, 2) m by the load (n,) N; infinite for a foot that is never visible."""
+    out = np.full(len(SIDES), np.inf)
+    for foot, column in enumerate(away.T):
+        visible = np.isfinite(column)
+        if visible.any():
+            out[foot] = np.average(column[visible], weights=load[visible])
+    return out
+
+
+def _find_single_stances(
+    stretch: slice, time: Array, feet: FootPoints, away: Array, foot: int | None
+) -> list[tuple[slice, int]]:
+    """Find the frames of a loading in which one foot alone stands on the plate.
+
+    On a belt under both feet a loading lasts for many steps, and its sum is the force of one foot
+    only there. `away` (n, 2) m: distances of the centre of pressure from the feet; `foot`: the one
+    that is near to the whole loading, if any. Empty for an ordinary step, or two feet so near to
+    each other that one is under the whole loading.
     """
     resting = feet.resting
-    distances = [_compute_distance_to_foot(wrench, stretch, feet, k) for k in range(len(SIDES))]
-    away = np.stack(distances, axis=1)
     # Alone: the foot rests, the other one does not, and the centre of pressure is under it.
     alone = (
         resting[stretch]
@@ -509,27 +558,29 @@ def find_single_stances(
         & (away < np.fmin(UNDER_FOOT_M, away[:, ::-1]))
     )
     # Stances of both feet in their order; successive ones of the same foot are one.
-    stands = [(run, foot) for foot in range(len(SIDES)) for run in find_runs(alone[:, foot])]
+    stands = [(run, k) for k in range(len(SIDES)) for run in find_runs(alone[:, k])]
     out = list[tuple[slice, int]]()
-    for run, foot in sorted(stands, key=lambda found: found[0].start):
+    for run, k in sorted(stands, key=lambda found: found[0].start):
         frames = slice(stretch.start + run.start, stretch.start + run.stop)
-        if out and out[-1][1] == foot:
-            out[-1] = slice(out[-1][0].start, frames.stop), foot
+        if out and out[-1][1] == k:
+            out[-1] = slice(out[-1][0].start, frames.stop), k
         elif measure_duration(time, frames) >= MIN_LOADING_S:
-            out.append((frames, foot))
-    fewest = 2 if find_foot_under(wrench, stretch, feet) is None else MIN_ALTERNATIONS
+            out.append((frames, k))
+    fewest = 2 if foot is None else MIN_ALTERNATIONS
     return out if len(out) >= fewest else []
 
 
 def _divide_loading(
-    wrench: Array, stretch: slice, foot: int, time: Array, feet: FootPoints
+    stretch: slice, foot: int, time: Array, feet: FootPoints, away: Array
 ) -> list[tuple[slice, int]]:
-    """Divide a loading into the parts of both feet, if two feet made it."""
+    """Divide a loading into the parts of both feet, if two feet made it.
+
+    `away` (n, 2) m: distances of the centre of pressure from the feet.
+    """
     other, resting = 1 - foot, feet.resting
     # Frames in which the assigned foot has left and the other one rests under the pressure.
     gone = ~mark_near(resting[:, foot], time)[stretch] & resting[stretch, other]
-    away, mine = (_compute_distance_to_foot(wrench, stretch, feet, k) for k in (other, foot))
-    nearer = find_runs(gone & (away < np.minimum(mine, UNDER_FOOT_M)))
+    nearer = find_runs(gone & (away[:, other] < np.minimum(away[:, foot], UNDER_FOOT_M)))
     taken = [run for run in nearer if measure_duration(time[stretch], run) >= MIN_LOADING_S]
     if not taken:
         return [(stretch, foot)]
@@ -540,12 +591,13 @@ def _divide_loading(
     return [(slice(stretch.start, first), foot), (slice(first, stretch.stop), other)]
 
 
-def _compute_distance_to_foot(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
-    """Compute the distance (n,) m of the centre of pressure from the heel-toe line of a foot."""
-    centre = compute_centre_on_ground(wrench[stretch])[:, [0, 2]]
-    return compute_distance_to_line(
-        centre, feet.heel[stretch, foot][:, [0, 2]], feet.toe[stretch, foot][:, [0, 2]]
-    )
+def _compute_distances_to_feet(
+    wrench: Array, stretch: slice, feet: FootPoints, height: float
+) -> Array:
+    """Compute distances (n, 2) m of the centre of pressure from the heel-toe lines of the feet."""
+    centre = compute_centre_on_ground(wrench[stretch], height)[:, None, [0, 2]]
+    heel, toe = (points[stretch][..., [0, 2]] for points in (feet.heel, feet.toe))
+    return compute_distance_to_line(centre, heel, toe)
 
 
 def compute_distance_to_line(point: Array, a: Array, b: Array) -> Array:

@@ -408,7 +408,7 @@ def compute_motion_reactions(
     # Vertical forces that contradict the motion: of a seat, or a fault.
     missing = _compute_missing_force(measured.wrench, parameters, motion)
     seated = mark_near(
-        _detect_seated(missing, detect_lying_thighs(motion, parameters)), motion.time
+        _detect_seated(missing, _detect_lying_thighs(motion, parameters)), motion.time
     )
     valid, legs = valid & ~seated, legs & ~seated[:, None]
     contradictions = [
@@ -447,7 +447,7 @@ def _compute_missing_force(wrench: Array, parameters: Parameters, motion: Motion
     return out
 
 
-def detect_lying_thighs(motion: Motion, parameters: Parameters) -> BoolArray:
+def _detect_lying_thighs(motion: Motion, parameters: Parameters) -> BoolArray:
     """Detect frames (nf,) in which both thighs lean further than in standing or walking."""
     axes, _ = kinematics.compute_body_poses(parameters, motion.q)
     upright = [axes[f"thigh_{side}"][1, 1] for side in SIDES]

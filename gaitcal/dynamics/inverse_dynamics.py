@@ -12,7 +12,7 @@ The rows of A are the axes of the pelvis rotations in the laboratory, so that T 
 the pelvis origin in laboratory axes. Without ground reactions tau is linear in the dynamic
 parameters of the segments (m, m c, I about the segment origin). Their matrix is the regressor
 (`pin.computeJointTorqueRegressor`). Pinocchio gives its columns for bodies in the frames of their
-joints; those of segments follow by a constant matrix (`build_parameter_transform`).
+joints; those of segments follow by a constant matrix (`_build_parameter_transform`).
 """
 
 import math
@@ -301,7 +301,7 @@ class Dynamics:
                 "regressors are of the whole body: a part of it has no place for the other segments"
             )
         at = [chain.segments.index(s) for s in MASSIVE_SEGMENTS]
-        moves = np.array([build_parameter_transform(self.body.segment_placement[k]) for k in at])
+        moves = np.array([_build_parameter_transform(self.body.segment_placement[k]) for k in at])
         return self.body.chain.segment_joint[at] - 1, moves
 
     def compute_regressor(self, q: Array, v: Array, a: Array) -> Array:
@@ -354,7 +354,7 @@ class Dynamics:
         )
 
 
-def build_parameter_transform(placement: pin.SE3) -> Array:
+def _build_parameter_transform(placement: pin.SE3) -> Array:
     """Build the matrix (10, 10) that transforms dynamic parameters of a body to another frame.
 
     Parameters

@@ -380,21 +380,9 @@ def compute_kinetic_values(
 ) -> tuple[Array, Array]:
     """Compute powers and moments.
 
-    Parameters
-    ----------
-    parameters
-        Joint and inertial parameters.
-    q, v, a
-        (nf, 27) coordinates and their derivatives, m and rad.
-    wrenches
-        (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
-
-    Returns
-    -------
-    (nf, 28) array
-        W, in the order of `POWERS`.
-    (nf, 3, 21) array
-        N·m, by `VECTOR_FRAMES` and `COMPONENTS`.
+    `q`, `v`, `a`: (nf, 27) coordinates and their derivatives, m and rad. `wrenches`: (nf, 2, 6)
+    ground on the feet, N and N·m about the laboratory origin. Returns: (nf, 28) W, in the order of
+    `POWERS`; (nf, 3, 21) N·m, by `VECTOR_FRAMES` and `COMPONENTS`.
     """
     dynamics = Dynamics(parameters, HELD)
     forces = dynamics.compute_forces(q, v, a, wrenches)
@@ -465,18 +453,9 @@ def differentiate_moments(
 ) -> MomentJacobian:
     """Differentiate the moments of all joints.
 
-    Parameters
-    ----------
-    placed
-        Linkage in nf frames, with the joint parameters `HELD` and `free` free.
-    forces
-        (nf, 35) generalised forces, in the order of `ALL_FORCES`.
-    free
-        Joint parameters to differentiate by.
-
-    Returns
-    -------
-    MomentJacobian
+    `placed`: linkage in nf frames, with the joint parameters `HELD` and `free` free. `forces`: (nf,
+    35) generalised forces, in the order of `ALL_FORCES`. `free`: joint parameters to differentiate
+    by.
     """
     nf, width = len(forces), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)

@@ -174,15 +174,7 @@ class AxisErrors:
     def compute_coordinate_sensitivities(self, q: Array) -> Array:
         """Compute the changes of coordinates by one standard deviation of each rotation.
 
-        Parameters
-        ----------
-        q
-            (nf, nq) coordinates, m and rad.
-
-        Returns
-        -------
-        (nf, nq, k) array
-            m, rad.
+        `q`: (nf, nq) coordinates, m and rad. Returns: (nf, nq, k) m, rad.
         """
         placed, out = self._place(q), np.zeros((*q.shape, len(self.columns)))
         for _, _, columns, _, compensation in self._iterate_compensations(placed):

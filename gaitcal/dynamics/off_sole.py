@@ -106,19 +106,8 @@ def compute_sole_edge(feet: foot_contact.FootPoints, foot: int, frames: slice) -
     Toes stay on the ground after the heel has left it: the part before the toe marker keeps its
     length.
 
-    Parameters
-    ----------
-    feet
-        Heels, toes and tips of both feet.
-    foot
-        0 right, 1 left.
-    frames
-        Frames to compute.
-
-    Returns
-    -------
-    (n, m, 2) array
-        m, x and z of the laboratory.
+    `feet`: heels, toes and tips of both feet. `foot`: 0 right, 1 left. `frames`: frames to compute.
+    Returns: (n, m, 2) m, x and z of the laboratory.
     """
     heel, toe, tip = (path[frames, foot] for path in (feet.heel, feet.toe, feet.tip))
     line = (toe - heel)[:, [0, 2]]

@@ -1,7 +1,7 @@
 """Explanations of all codes: one Markdown page each, part of the package.
 
-A page has a title, a severity and the sections `PARTS`. The program, the page of a result and the
-documentation show the same text.
+A page has a title, a severity and the sections `PARTS`; *Detection* is missing if there is nothing
+to add. The program, the page of a result and the documentation show the same text.
 """
 
 import functools
@@ -12,15 +12,8 @@ from typing import Final, TypeAlias
 
 from gaitcal.errors import Code
 
-PARTS: Final = (
-    "What it means",
-    "What it looks like",
-    "Why it matters",
-    "How it is found",
-    "What to do",
-    "What it cannot see",
-)
-"""Headings of the sections of every page, in order."""
+PARTS: Final = ("Meaning", "Detection", "Remedy")
+"""Headings of the sections of a page, in order."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -138,22 +138,13 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
     osim_writer.write_xml(document, path)
 
 
-def convert_to_body_joints(
+def _convert_to_body_joints(
     chain: tuple[osim_writer.JointFrames, ...],
 ) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
     """Convert a chain of joints to joints of the last child's body.
 
-    Parameters
-    ----------
-    chain : tuple of JointFrames
-        Joints from top to bottom.
-
-    Returns
-    -------
-    pin.SE3
-        Pose of the last child in the first parent at q = 0.
-    tuple of BodyJoint
-        Coordinates in between, in order.
+    `chain`: joints from top to bottom. Returns: pose of the last child in the first parent at q =
+    0; coordinates in between, in order.
     """
     # S_k of the module: all constants after the coordinate.
     to_end = pin.SE3.Identity()
@@ -173,7 +164,7 @@ def _add_body(
 ) -> ET.Element:
     """Add a body with inertia, joints and sites of its markers."""
     segment = chain[-1].child
-    place, joints = convert_to_body_joints(chain)
+    place, joints = _convert_to_body_joints(chain)
     quaternion = pin.Quaternion(place.rotation)
     wxyz = (quaternion.w, quaternion.x, quaternion.y, quaternion.z)
     body = osim_writer.add_child(

@@ -428,6 +428,7 @@ def validate_stride_table(table: "pd.DataFrame", source: object = None) -> "pd.D
         without = f"found the columns {found}, without {', '.join(missing)}"
         allowed = "those of cycles.csv, separated by commas"
         raise _make_error(f"is not a table of strides: {without}; allowed: {allowed}", source)
+    # Columns that a table may lack are NaN; columns with a stride's number must be complete.
     numbers = {
         name: _convert_column(table, name, source) for name in ("value", *_LACKING) if name in table
     }

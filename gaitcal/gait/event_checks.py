@@ -438,18 +438,11 @@ def _make_note(cause: str, found: str) -> Finding:
     return _make_warning(cause, found, "", Severity.INFO)
 
 
-def is_down(before: bool | None, after: bool | None) -> bool | None:
+def _is_down(before: bool | None, after: bool | None) -> bool | None:
     """Check whether a foot is on the ground between two of its consecutive events.
 
-    Parameters
-    ----------
-    before, after : bool or None
-        Whether the event is a strike (an off otherwise); None where the recording has none.
-
-    Returns
-    -------
-    bool or None
-        None where it is not known.
+    `before`, `after`: whether the event is a strike (an off otherwise); None where the recording
+    has none. Returns: None where it is not known.
     """
     if before == after:
         return None
@@ -516,8 +509,8 @@ def compute_double_support(other: FootEvents, strike: float, off: float) -> dict
     after = [down for t, down in changes if t >= off]
     downs = [down for _, down in inside]
     # Contact of the other foot around the strike and around the off.
-    first = is_down(before[-1] if before else None, [*downs, *after, None][0])
-    last = is_down([None, *before, *downs][-1], after[0] if after else None)
+    first = _is_down(before[-1] if before else None, [*downs, *after, None][0])
+    last = _is_down([None, *before, *downs][-1], after[0] if after else None)
     left, struck = [t for t, down in inside if not down], [t for t, down in inside if down]
     if first is False or (first and left):
         out["first_double_support"] = left[0] - strike if first else 0.0

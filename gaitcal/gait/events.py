@@ -178,18 +178,7 @@ def use_corrected_events(
 ) -> GaitEvents:
     """Use the events that a person corrected, inside the trial, and report differences.
 
-    Parameters
-    ----------
-    time : (nf,) Array
-        s, frames of the trial.
-    events : sequence of FootEvent
-        Corrected events.
-    shown : sequence of FootEvent
-        Events of plates and motion, to compare with.
-
-    Returns
-    -------
-    GaitEvents
+    `time`: (nf,) s, frames of the trial. `shown`: events of plates and motion, to compare with.
     """
     inside = [e for e in events if time[0] - 1e-3 <= e.time <= time[-1] + 1e-3]
     found = GaitEvents(
@@ -204,17 +193,8 @@ def combine_events(
 ) -> GaitEvents:
     """Combine the events of file, plates and motion, each from the best source.
 
-    Parameters
-    ----------
-    time : (nf,) Array
-        s, frames of the trial.
-    file, plates, motion : sequence of FootEvent
-        Events of the three sources.
-
-    Returns
-    -------
-    GaitEvents
-        In order of time, with findings on the file's events and on missing ones.
+    `time`: (nf,) s, frames of the trial. Returns: in order of time, with findings on the file's
+    events and on missing ones.
     """
     plates = _select_confirmed_plate_events(plates, motion, time)
     used, findings = check_file_events(file, plates, motion, time)
@@ -285,16 +265,8 @@ def _compute_median_difference(known: Sequence[float], other: Sequence[float]) -
 def find_motion_events(time: Array, slower: Array) -> list[FootEvent]:
     """Find strikes and offs of both feet by motion alone.
 
-    Parameters
-    ----------
-    time : (nf,) Array
-        s.
-    slower : (nf, 2) Array
-        m/s, speed of the slower end of each foot against the ground; right, left.
-
-    Returns
-    -------
-    list of FootEvent
+    `time`: (nf,) s. `slower`: (nf, 2) m/s, speed of the slower end of each foot against the ground;
+    right, left.
     """
     events = []
     for foot, side in enumerate(SIDES):
@@ -309,18 +281,8 @@ def find_plate_events(
 ) -> list[FootEvent]:
     """Find the times at which the plates under each foot become loaded and unloaded.
 
-    Parameters
-    ----------
-    time : (nf,) Array
-        s, frames of the trial.
-    loaded : (nf, 2) BoolArray
-        Whether a foot loads plates; right, left.
-    plates : sequence of ForcePlate
-        Plates, whose samples give the time between two frames.
-
-    Returns
-    -------
-    list of FootEvent
+    `time`: (nf,) s, frames of the trial. `loaded`: (nf, 2) whether a foot loads plates; right,
+    left. `plates`: plates, whose samples give the time between two frames.
     """
     events = []
     inner = find_covered_frames(plates, time) if plates else slice(0, len(time))
@@ -356,17 +318,8 @@ def _find_threshold_time(
 def find_swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
     """Find strikes and offs of one foot, interpolated between frames.
 
-    Parameters
-    ----------
-    time : (nf,) Array
-        s.
-    slower : (nf,) Array
-        m/s, speed of heel or toe against the ground, whichever is slower.
-
-    Returns
-    -------
-    tuple of Array
-        s, strikes and offs, increasing.
+    `time`: (nf,) s. `slower`: (nf,) m/s, speed of heel or toe against the ground, whichever is
+    slower. Returns: s, strikes and offs, increasing.
     """
     if len(time) < 3 or not np.isfinite(slower).all():
         return np.array([]), np.array([])
@@ -460,15 +413,6 @@ def is_alternating(right: FootEvents, left: FootEvents) -> bool:
 
     In a jump both feet strike and leave together; one strike may be late in sliding markers, so the
     median difference counts.
-
-    Parameters
-    ----------
-    right, left : FootEvents
-        Events of both feet.
-
-    Returns
-    -------
-    bool
     """
     if not len(right.strikes) or not len(left.strikes):
         return False
@@ -486,16 +430,8 @@ def find_repetitions(
 ) -> tuple[GaitCycle, ...]:
     """Find the repetitions of a trial with their phases, in order of time.
 
-    Parameters
-    ----------
-    time, height : (nf,) Array
-        s; m, height of the pelvis.
-    feet : sequence of FootEvents
-        Events of both feet, which limit flights.
-
-    Returns
-    -------
-    tuple of GaitCycle
+    `time`, `height`: (nf,) s; m, height of the pelvis. `feet`: events of both feet, which limit
+    flights.
     """
     reach = float(np.ptp(height))
     if reach < LEAST_RANGE_M:

@@ -226,7 +226,7 @@ _INERTIAL = {
 }
 
 
-def describe_parameter_location(name: str) -> str:
+def _describe_parameter_location(name: str) -> str:
     """Describe what a parameter belongs to: `hip_r.pelvis.ant` -> `hip centre in the pelvis`.
 
     `thigh_r.com.sup` gives `mass centre`; a mass gives an empty text.
@@ -238,7 +238,7 @@ def describe_parameter_location(name: str) -> str:
     return f"{JOINT_TABLE[split_side(parameter.joint)[0]].feature} in the {segment}"
 
 
-def describe_parameter_direction(name: str) -> str:
+def _describe_parameter_direction(name: str) -> str:
     """Describe the direction of a parameter: `hip_r.pelvis.ant` -> `forward`."""
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][1]
@@ -250,9 +250,8 @@ def describe_parameter_direction(name: str) -> str:
 def describe_parameter(name: str) -> str:
     """Describe a parameter: `hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`."""
     between = " " if name in IP_INDEX else ", "
-    return (
-        f"{describe_parameter_location(name)}{between}{describe_parameter_direction(name)}".strip()
-    )
+    location, direction = _describe_parameter_location(name), _describe_parameter_direction(name)
+    return f"{location}{between}{direction}".strip()
 
 
 def explain_parameters(text: str) -> str:

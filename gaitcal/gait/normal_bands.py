@@ -393,15 +393,8 @@ class Norm:
 def estimate_leg_length(subject: Subject) -> tuple[float, str]:
     """Estimate the length of the legs.
 
-    Parameters
-    ----------
-    subject : Subject
-        Person with or without measured legs.
-
-    Returns
-    -------
-    tuple of float and str
-        m; and the length in words, with its source.
+    `subject`: person with or without measured legs. Returns: m; and the length in words, with its
+    source.
     """
     measured = list(subject.leg_length.values())
     if measured:
@@ -451,7 +444,7 @@ def select_norm(subject: Subject, speed: float | None) -> Norm:
     return Norm(
         bands=bands,
         steps=steps,
-        label=list_sources(bands),
+        label=_list_sources(bands),
         remark=f"{walk}: {chosen.label} speed. {MODEL_REMARK}",
     )
 
@@ -480,7 +473,7 @@ def make_user_norm(bands: Bands, name: str, subject: Subject) -> Norm:
         if subject.age is not None:
             age = f"this person is {_format_age(subject.age)} years old"
         remark = f"Bands of children of {low:.0f} to {high - 1:.0f} years, as requested: {age}."
-    return Norm(bands=bands, label=list_sources(bands), remark=remark)
+    return Norm(bands=bands, label=_list_sources(bands), remark=remark)
 
 
 def _format_age(age: float) -> str:
@@ -488,7 +481,7 @@ def _format_age(age: float) -> str:
     return f"{np.floor(10.0 * age) / 10.0:g}"
 
 
-def list_sources(bands: Bands) -> str:
+def _list_sources(bands: Bands) -> str:
     """List the sources of the bands, each once."""
     return "; ".join(dict.fromkeys(band.source for band in bands.values() if band.source))
 
@@ -496,15 +489,8 @@ def list_sources(bands: Bands) -> str:
 def compute_free_steps(length: float) -> dict[str, tuple[float, float]]:
     """Compute norms of steps at free speed.
 
-    Parameters
-    ----------
-    length : float
-        m, of the leg.
-
-    Returns
-    -------
-    dict
-        `speed` (m/s), `cadence` (steps/min), `step_length` and `stride_length` (m) -> mean and SD.
+    `length`: m, of the leg. Returns: `speed` (m/s), `cadence` (steps/min), `step_length` and
+    `stride_length` (m) -> mean and SD.
     """
     units = {
         "speed": np.sqrt(GRAVITY * length),

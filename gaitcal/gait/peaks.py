@@ -380,6 +380,7 @@ def average_peaks(
         trials = np.array([trial for trial, _ in rows])
         values = np.array([value for _, value in rows], dtype=np.float64)
         value, error, individual, percent = values.T
+        # Strides of one trial share errors, which do not average out.
         statistics = ensemble.compute_statistics(
             value[:, None], trials, individual[:, None], error[:, None]
         )

@@ -81,14 +81,7 @@ class Layout:
     def count_complete(self, side: str) -> int:
         """Count the strides of a leg in which all frames have valid torques.
 
-        Parameters
-        ----------
-        side : {"r", "l", ""}
-            Leg, or the whole body.
-
-        Returns
-        -------
-        int
+        `side`: leg, or the whole body.
         """
         valid = self.get_valid_frames(side)
         inside = (

@@ -123,7 +123,9 @@ def measure_label_coverage(
     )
 
 
-def list_candidate_sets(local_sets: Sequence[tuple[str, MarkerSet]]) -> list[tuple[str, MarkerSet]]:
+def _list_candidate_sets(
+    local_sets: Sequence[tuple[str, MarkerSet]],
+) -> list[tuple[str, MarkerSet]]:
     """List entry in the study file and set: those of the folder first, then all built-in ones."""
     return [*local_sets, *_load_built_in_sets()]
 
@@ -141,23 +143,13 @@ def rank_marker_sets(
 ) -> list[SetChoice]:
     """Rank the marker sets that may explain recordings, best first.
 
-    Parameters
-    ----------
-    recordings
-        Labels of each recording.
-    local_sets
-        Entry of the study file and set, of sets that are not built in.
-    computed
-        Labels of the computed points of each recording.
-
-    Returns
-    -------
-    list of SetChoice
-        Empty if no set explains enough labels.
+    `recordings`: labels of each recording. `local_sets`: entry of the study file and set, of sets
+    that are not built in. `computed`: labels of the computed points of each recording. Returns:
+    empty if no set explains enough labels.
     """
     points = computed or [()] * len(recordings)
-    sets = list_candidate_sets(local_sets)
-    spellings = [find_respellings(marker_set, recordings) for _, marker_set in sets]
+    sets = _list_candidate_sets(local_sets)
+    spellings = [_find_respellings(marker_set, recordings) for _, marker_set in sets]
     # labels of each recording as each set spells them, and their markers of pelvis and legs
     spelt, legs = [], []
     for (_, marker_set), (rename, _) in zip(sets, spellings, strict=True):
@@ -258,7 +250,7 @@ def apply_renames(labels: Iterable[str], rename: Mapping[str, str]) -> tuple[str
     return tuple(rename.get(label, label) for label in labels)
 
 
-def find_respellings(
+def _find_respellings(
     marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]]
 ) -> tuple[dict[str, str], tuple[str, ...]]:
     """Find labels that differ from a label of the set only in case, separators or a prefix.
@@ -266,19 +258,8 @@ def find_respellings(
     Of several spellings of one label the most frequent one is renamed. Of several prefixes in one
     recording only the one with most labels of the set is renamed: others are of another person.
 
-    Parameters
-    ----------
-    marker_set
-        The set.
-    recordings
-        Labels of each recording.
-
-    Returns
-    -------
-    rename : dict
-        Label in the files -> label in the set.
-    clashes : tuple of str
-        Labels that are not renamed because the name is taken.
+    `recordings`: labels of each recording. Returns: `rename` label in the files -> label in the
+    set; `clashes` labels that are not renamed because the name is taken.
     """
     accepted = _list_accepted_spellings(marker_set)
     by_key: dict[str, list[str]] = {}
@@ -322,17 +303,7 @@ def _list_other_people(marker_set: MarkerSet, labels: Sequence[str]) -> set[str]
 def find_person_prefixes(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:
     """Find prefixes under which labels of the set occur that occur under another prefix, too.
 
-    Parameters
-    ----------
-    marker_set
-        The set.
-    labels
-        Of one recording.
-
-    Returns
-    -------
-    tuple of str
-        Empty for one person.
+    `labels`: of one recording. Returns: empty for one person.
     """
     groups = _group_by_prefix(marker_set, labels)
     count = Counter(key for _, keys in groups for key in keys)
@@ -404,7 +375,7 @@ def describe_unknown_labels(
     nearest, found = max(
         (
             (entry, measure_label_coverage(s, labels))
-            for entry, s in list_candidate_sets(local_sets)
+            for entry, s in _list_candidate_sets(local_sets)
         ),
         key=lambda pair: (pair[1].leg_markers, -len(pair[1].missing)),
     )

@@ -296,7 +296,7 @@ def _format_markers(draft: Draft, folder: Path | None) -> list[str]:
         f"contains {found.known} of {found.known + len(found.left_over)} labels of "
         f"{len(choice.members)} files"
     )
-    reason += describe_left_over(choice)
+    reason += _describe_left_over(choice)
     if choice.clashes:
         reason += f"; not renamed because the name is taken: {', '.join(choice.clashes[:4])}"
     built_in = choice.entry in list_built_in_sets()
@@ -369,18 +369,10 @@ def _format_followers(proposal: "LabelProposal") -> list[str]:
     ]
 
 
-def describe_left_over(choice: choose_marker_set.SetChoice) -> str:
+def _describe_left_over(choice: choose_marker_set.SetChoice) -> str:
     """Describe labels that the set does not contain, and similar labels of the set.
 
-    Parameters
-    ----------
-    choice
-        A marker set and its recordings.
-
-    Returns
-    -------
-    str
-        `; unknown: ...`; empty if the set contains all labels.
+    Returns: `; unknown: ...`; empty if the set contains all labels.
     """
     left = choice.coverage.left_over
     if not left:
@@ -489,18 +481,10 @@ def list_missing_options(draft: Draft) -> str:
     return " ".join(NEEDED[field] for field in draft.missing)
 
 
-def describe_unconfirmed_labels(draft: Draft) -> str:
+def _describe_unconfirmed_labels(draft: Draft) -> str:
     """Describe that the meaning of labels is only proposed, and what to do.
 
-    Parameters
-    ----------
-    draft
-        Of a folder.
-
-    Returns
-    -------
-    str
-        Empty if a marker set explains the labels.
+    Returns: empty if a marker set explains the labels.
     """
     if draft.choice is None or draft.choice.proposal is None:
         return ""
@@ -534,7 +518,7 @@ def build_study(draft: Draft, *, proposed: bool = False) -> Study:
     path = draft.folder.path / STUDY
     if draft.fault:
         raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
-    unconfirmed = "" if proposed else describe_unconfirmed_labels(draft)
+    unconfirmed = "" if proposed else _describe_unconfirmed_labels(draft)
     if unconfirmed:
         raise InputError(unconfirmed, source=draft.folder.path, code=Code.UNKNOWN_LABEL)
     if draft.missing:
@@ -593,7 +577,7 @@ def describe_marker_set(draft: Draft) -> str:
         known += f"; joint centres, not markers: {', '.join(choice.centres)}"
     return (
         f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, "
-        f"{known}{describe_left_over(choice)}"
+        f"{known}{_describe_left_over(choice)}"
     )
 
 
@@ -795,7 +779,7 @@ def require_runnable(draft: Draft, source: Path) -> None:
     """
     if draft.fault:
         raise InputError(draft.fault, source=source, code=Code.FOLDER)
-    if message := describe_unconfirmed_labels(draft):
+    if message := _describe_unconfirmed_labels(draft):
         raise InputError(message, source=source, code=Code.UNKNOWN_LABEL)
     if draft.problem:
         raise InputError(draft.problem, source=source, code=Code.FOLDER)

@@ -48,24 +48,13 @@ from gaitcal.quality.named_joint_centres import CENTRE, find_measured_markers
 from gaitcal.study.study import Study
 
 
-def describe_several_people(
+def _describe_several_people(
     files: Sequence[folders.FolderFile], people: Mapping[int, tuple[str, ...]]
 ) -> tuple[str, dict[str, str]]:
     """Describe that files contain the markers of several people.
 
-    Parameters
-    ----------
-    files
-        The recordings of the folder.
-    people
-        Recording -> prefixes of its people.
-
-    Returns
-    -------
-    message : str
-        In one line.
-    reasons : dict
-        File -> its people.
+    `people`: recording -> prefixes of its people. Returns: `message` in one line; `reasons` file ->
+    its people.
     """
     reasons = {
         files[i].name: f"markers of {len(found)} people ({', '.join(found)})"
@@ -79,21 +68,10 @@ def describe_several_people(
     return message, reasons
 
 
-def refuse_folder(folder: folders.Folder, fault: str, reasons: Mapping[str, str]) -> Draft:
+def _refuse_folder(folder: folders.Folder, fault: str, reasons: Mapping[str, str]) -> Draft:
     """Make the draft of a folder from which no study follows.
 
-    Parameters
-    ----------
-    folder
-        As it was read.
-    fault
-        Why no study follows.
-    reasons
-        File -> why it is not used.
-
-    Returns
-    -------
-    Draft
+    `fault`: why no study follows. `reasons`: file -> why it is not used.
     """
     rows = tuple(build_row(file, reason=reasons.get(file.name, "")) for file in folder.files)
     return Draft(folder=folder, choice=None, person={}, trials=(), rows=rows, fault=fault)
@@ -144,7 +122,7 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
     files = folder.select_kind(folders.FileKind.RECORDING)
     recordings = [file.recording for file in files if file.recording is not None]
     if not recordings:
-        return refuse_folder(folder, folders.describe_empty_folder(folder), {})
+        return _refuse_folder(folder, folders.describe_empty_folder(folder), {})
     set_files = folder.select_kind(folders.FileKind.MARKER_SET)
     local_sets = [
         (str(file.path), file.marker_set)
@@ -158,9 +136,9 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
         except InputError as fault:
             unknown = describe_unknown_labels(recordings, local_sets)
             message = f"{unknown}; positions and movement do not identify the markers: {fault}"
-            return refuse_folder(folder, message, {})
+            return _refuse_folder(folder, message, {})
     if choices[0].people_prefixes:
-        return refuse_folder(folder, *describe_several_people(files, choices[0].people_prefixes))
+        return _refuse_folder(folder, *_describe_several_people(files, choices[0].people_prefixes))
     for choice in choices:
         found = _find_session_of_set(files, recordings, choice)
         if found is not None:
@@ -231,7 +209,7 @@ def _refuse_without_static(
             f"; the person stands in a part of {parts[0]}: name the file static, or write "
             'role = "static" for it'
         )
-    return refuse_folder(folder, f"{message} (marker set {choice.entry})", reasons)
+    return _refuse_folder(folder, f"{message} (marker set {choice.entry})", reasons)
 
 
 def _propose_set(recordings: Sequence[Recording], options: Options) -> SetChoice:

@@ -83,24 +83,12 @@ class Distances:
 
 
 def measure_pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
-    """Measure the distances between markers of pelvis and legs, within segments and across them.
-
-    Parameters
-    ----------
-    recording
-        With the labels of the set.
-    marker_set
-        The set.
-
-    Returns
-    -------
-    Distances
-    """
+    """Measure the distances between markers of pelvis and legs, within segments and across them."""
     column = {label: i for i, label in enumerate(recording.labels)}
     worn = sorted(
         {
             label
-            for group in list_tracked_labels(marker_set, recording.labels).values()
+            for group in _list_tracked_labels(marker_set, recording.labels).values()
             for label in group
         }
     )
@@ -142,19 +130,10 @@ def _find_straight_legs(
     return out
 
 
-def list_tracked_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
+def _list_tracked_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
     """List the labels that determine the pose of each segment of pelvis and legs.
 
-    Parameters
-    ----------
-    marker_set
-        The set.
-    labels
-        Of a recording.
-
-    Returns
-    -------
-    dict
+    `labels`: of a recording.
     """
     available = set(labels)
     out: dict[str, list[str]] = {}
@@ -185,23 +164,16 @@ def _list_bone_ends(segment: str) -> tuple[str, ...]:
     return tuple(f"{end}_{side}" for end in ends.get(kind, ()))
 
 
-def compare_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) -> dict[str, float]:
+def _compare_by_segment(
+    one: Distances, other: Distances, marker_set: MarkerSet
+) -> dict[str, float]:
     """Compare the distances of two recordings within each segment.
 
-    Parameters
-    ----------
-    one, other
-        Of `measure_pair_distances`.
-    marker_set
-        Of both.
-
-    Returns
-    -------
-    dict
-        Segment -> d_s (m); segments without a common pair are left out.
+    `one`, `other`: of `measure_pair_distances`. Returns: segment -> d_s (m); segments without a
+    common pair are left out.
     """
     common = set(one.medians) & set(other.medians)
-    worn = list_tracked_labels(marker_set, {label for pair in common for label in pair})
+    worn = _list_tracked_labels(marker_set, {label for pair in common for label in pair})
     out: dict[str, float] = {}
     for segment, labels in worn.items():
         pairs = [pair for pair in map(frozenset, combinations(labels, 2)) if pair in common]
@@ -213,19 +185,9 @@ def compare_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) 
 def describe_placement_difference(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
     """Describe by how much the marker positions of two recordings differ.
 
-    Parameters
-    ----------
-    one, other
-        Of `measure_pair_distances`.
-    marker_set
-        Of both.
-
-    Returns
-    -------
-    str
-        Empty if they may be the same.
+    `one`, `other`: of `measure_pair_distances`. Returns: empty if they may be the same.
     """
-    by_segment = compare_by_segment(one, other, marker_set)
+    by_segment = _compare_by_segment(one, other, marker_set)
     # segments with the largest difference first
     ranked = sorted(by_segment, key=lambda segment: (-by_segment[segment], segment))
     if len(ranked) < 2:
@@ -254,15 +216,6 @@ def is_same_recording(one: Recording, other: Recording) -> bool:
     """Return whether the shorter of two recordings is the other one or a part of it.
 
     Their axes and the order of their labels may differ.
-
-    Parameters
-    ----------
-    one, other
-        Recordings.
-
-    Returns
-    -------
-    bool
     """
     common = sorted(set(one.labels) & set(other.labels))
     if len(common) < FEWEST_COMMON:
@@ -314,24 +267,15 @@ SIDES_EXCHANGED = "left and right"
 def find_explaining_swap(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
     """Find the swap of labels in one of two recordings after which their marker positions agree.
 
-    Parameters
-    ----------
-    one, other
-        Of `measure_pair_distances`.
-    marker_set
-        Of both.
-
-    Returns
-    -------
-    str
-        The swapped labels; empty if no swap explains the difference.
+    `one`, `other`: of `measure_pair_distances`. Returns: the swapped labels; empty if no swap
+    explains the difference.
     """
-    present = compare_by_segment(one, other, marker_set)
+    present = _compare_by_segment(one, other, marker_set)
     if len(present) < 2:
         return ""
     fits: list[tuple[float, str]] = []
     for name, swap in _list_swaps(marker_set, other):
-        by_segment = compare_by_segment(one, _swap_distances(other, swap), marker_set)
+        by_segment = _compare_by_segment(one, _swap_distances(other, swap), marker_set)
         left = sorted(by_segment.values(), reverse=True)
         median = sorted(left)[len(left) // 2]
         tight = left[0] <= min(APART_M, REMAINS * max(present.values())) and left[1] <= WITHIN_M
@@ -351,7 +295,7 @@ def _list_swaps(
         for a, b in of_sides:
             swap |= {a: b, b: a}
         yield SIDES_EXCHANGED, swap
-    worn = {label for group in list_tracked_labels(marker_set, labels).values() for label in group}
+    worn = {label for group in _list_tracked_labels(marker_set, labels).values() for label in group}
     for a, b in combinations([label for label in labels if label in worn], 2):
         yield f"{a} and {b}", {a: b, b: a}
 

@@ -467,19 +467,7 @@ def _choose_forces(
 
 
 def find_partner(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
-    """Find the recording after which a table of forces is named (`gait.csv`: `gait_forces.csv`).
-
-    Parameters
-    ----------
-    table
-        Of forces.
-    files
-        Of the folder.
-
-    Returns
-    -------
-    FolderFile or None
-    """
+    """Find the recording after which a table of forces is named (`gait.csv`: `gait_forces.csv`)."""
     recordings = (
         f for f in files if f.kind is FileKind.RECORDING and compare_names(f.path.stem, "") < 1.0
     )
@@ -590,17 +578,7 @@ def compare_names(stem: str, table: str) -> float:
 
 
 def describe_empty_folder(folder: Folder) -> str:
-    """Describe that a folder has no recording, and which subfolders have some.
-
-    Parameters
-    ----------
-    folder
-        As it was read.
-
-    Returns
-    -------
-    str
-    """
+    """Describe that a folder has no recording, and which subfolders have some."""
     if folder.subfolders:
         below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
         return (

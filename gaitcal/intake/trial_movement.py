@@ -55,7 +55,7 @@ class StandingPosture:
     speed: float
     """m/s, in the still window."""
     sway: float
-    """m, over the whole recording, see `measure_sway`."""
+    """m, over the whole recording, see `_measure_sway`."""
     start: float
     """s, of the still window."""
     stop: float
@@ -104,12 +104,12 @@ def detect_standing(
         return None, reason
     return StandingPosture(
         speed=window.speed,
-        sway=measure_sway(moving, marker_set),
+        sway=_measure_sway(moving, marker_set),
         start=window.start,
         stop=window.stop,
         marker_set=marker_set,
         landmarks=landmarks,
-        stance=estimate_stance(points, landmarks, marker_set),
+        stance=_estimate_stance(points, landmarks, marker_set),
     ), ""
 
 
@@ -220,7 +220,7 @@ def check_units(recording: Recording, marker_set: MarkerSet) -> str:
     return ""
 
 
-def measure_sway(recording: Recording, marker_set: MarkerSet) -> float:
+def _measure_sway(recording: Recording, marker_set: MarkerSet) -> float:
     """Measure the RMS distance of markers from their mean positions.
 
     Parameters
@@ -246,24 +246,12 @@ def measure_sway(recording: Recording, marker_set: MarkerSet) -> float:
     return max((float(np.median(found)) for found in out.values()), default=np.inf)
 
 
-def estimate_stance(
+def _estimate_stance(
     points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet
 ) -> Stance | None:
     """Estimate the static posture, with joint centres accurate to some centimetres.
 
-    Parameters
-    ----------
-    points
-        Marker -> (3,) m.
-    landmarks
-        Name -> (3,) m.
-    marker_set
-        Of the markers.
-
-    Returns
-    -------
-    Stance or None
-        None without both ASIS.
+    `points`: marker -> (3,) m. `landmarks`: name -> (3,) m. Returns: None without both ASIS.
     """
     if not {"asis_r", "asis_l"} <= set(landmarks):
         return None
@@ -396,7 +384,7 @@ def classify_movement(
             joint: link.rms
             for joint, link in compute_joint_links(clusters, reference.centres).items()
         }
-    return _classify_joint_motion(pelvis, rotations, measure_sway(recording, marker_set))
+    return _classify_joint_motion(pelvis, rotations, _measure_sway(recording, marker_set))
 
 
 def compute_segment_middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:

@@ -231,17 +231,8 @@ def rotate_plate(plate: ForcePlate, rotation: AxisPermutation) -> ForcePlate:
 def rotate_recording(recording: Recording, rotation: AxisPermutation) -> Recording:
     """Rotate markers, computed points and plates of a recording into new axes.
 
-    Parameters
-    ----------
-    recording
-        Recording in the old axes.
-    rotation
-        Rotation from the old axes to the new ones.
-
-    Returns
-    -------
-    Recording
-        The recording in the new axes.
+    `recording`: recording in the old axes. `rotation`: rotation from the old axes to the new ones.
+    Returns: the recording in the new axes.
     """
     if rotation.is_identity:
         return recording

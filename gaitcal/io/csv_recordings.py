@@ -246,7 +246,7 @@ def write_markers_csv(path: Path, recording: Recording) -> None:
         values = np.concatenate([values, computed.points[:, at]], axis=1)
     names = [f"{label}_{axis}" for label in labels for axis in "xyz"]
     _write_table(path, names, recording.time, values.reshape(len(recording.time), -1))
-    write_facts_csv(locate_facts_file(path), recording)
+    _write_facts_csv(locate_facts_file(path), recording)
 
 
 @text_file.name_file_in_faults
@@ -438,18 +438,13 @@ def locate_facts_file(markers: Path) -> Path:
     return markers.with_name(f"{markers.stem}_facts.csv")
 
 
-def write_facts_csv(path: Path, recording: Recording) -> None:
+def _write_facts_csv(path: Path, recording: Recording) -> None:
     """Write the facts and events of a recording as `read_facts_csv` reads them.
 
     Nothing is written if there are none. A table that already exists belongs to another recording
     and is then emptied.
 
-    Parameters
-    ----------
-    path
-        File to write.
-    recording
-        Its facts are in kg, m and rad, its events in s.
+    `path`: file to write. `recording`: its facts are in kg, m and rad, its events in s.
     """
     facts = {name: getattr(recording.facts, name) for name in _FACT_NAMES}
     rows: list[tuple[str, Any]] = [
@@ -470,20 +465,8 @@ def write_facts_csv(path: Path, recording: Recording) -> None:
 def read_facts_csv(path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
     """Read the table of facts and events, if it exists.
 
-    Parameters
-    ----------
-    path
-        The file `NAME_facts.csv`.
-
-    Returns
-    -------
-    facts, events
-        kg, m, rad; events in order of time. Both are empty without the file.
-
-    Raises
-    ------
-    InputError
-        A row is neither a fact nor an event.
+    `path`: the file `NAME_facts.csv`. Returns: kg, m, rad; events in order of time. Both are empty
+    without the file. Raises InputError: a row is neither a fact nor an event.
     """
     facts: dict[str, Any] = {}
     events: list[FootEvent] = []

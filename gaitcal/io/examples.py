@@ -361,7 +361,7 @@ def fetch_example(
             shutil.copy2(folder / STUDY, content / STUDY)
         elif example.study:
             (content / STUDY).write_text(example.study.lstrip("\n"), encoding="utf-8")
-        (content / SOURCE).write_text(format_source(example), encoding="utf-8")
+        (content / SOURCE).write_text(_format_source(example), encoding="utf-8")
         manifest = {"gaitcal": get_package_version("gaitcal"), "example": example.name}
         (content / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
     if fault is None:
@@ -390,18 +390,10 @@ def _fetch_rest(
         done += file.bytes
 
 
-def format_source(example: Example) -> str:
+def _format_source(example: Example) -> str:
     """Format the origin and licence of the recordings as the text of SOURCE.txt.
 
-    Parameters
-    ----------
-    example
-        Example of the registry.
-
-    Returns
-    -------
-    str
-        Lines of at most 100 characters.
+    Returns: lines of at most 100 characters.
     """
     paragraphs = (
         f"{example.title}. Fetched by 'gaitcal example {example.name}'; the recordings are no part "

@@ -223,20 +223,11 @@ def find_points_over_plate(points: Array, frame: PlateFrame) -> tuple[BoolArray,
     )
 
 
-def compute_centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
+def _compute_centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
     """Compute the centre of pressure from the point about which `moment` is given.
 
-    Parameters
-    ----------
-    force, moment : (..., 3)
-        N and N·m.
-    normal : (3,)
-        Unit normal of the plane.
-
-    Returns
-    -------
-    Array
-        (..., 3) m, in the plane through that point.
+    `force`, `moment`: N and N·m. `normal`: unit normal of the plane. Returns: (..., 3) m, in the
+    plane through that point.
     """
     return cross(normal, moment) / (force @ normal)[..., None]
 
@@ -258,7 +249,7 @@ def compute_centre_on_ground(wrench: Array, height: float = 0.0) -> Array:
     """
     origin = np.array([0.0, height, 0.0])
     force, moment = wrench[..., :3], wrench[..., 3:]
-    return origin + compute_centre_of_pressure(force, moment - cross(origin, force), UP)
+    return origin + _compute_centre_of_pressure(force, moment - cross(origin, force), UP)
 
 
 def split_wrench(wrench: Array) -> tuple[Array, Array]:
@@ -308,7 +299,7 @@ def compute_outside_share(force: Array, moment: Array, frame: PlateFrame) -> flo
     loaded = np.abs(force[:, 2]) > BODY_N
     if not loaded.any():
         return float("nan")
-    point = compute_centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
+    point = _compute_centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
     return float(np.mean(np.any(np.abs(point[:, :2]) > frame.half_sides + OUTSIDE_M, axis=1)))
 
 
@@ -326,7 +317,7 @@ def measure_cop_travel(force: Array, moment: Array) -> float:
         m, from the 5th to the 95th percentile along the longer axis; NaN if never loaded.
     """
     loaded = np.abs(force[:, 2]) > BODY_N
-    point = compute_centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
+    point = _compute_centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
     return (
         float(np.ptp(np.percentile(point, (5.0, 95.0), axis=0), axis=0).max())
         if loaded.any()
@@ -370,7 +361,7 @@ def build_plate_from_moment(
     moment = moment.copy()
     with np.errstate(invalid="ignore"):
         loaded = force @ normal > LOADED_N
-    lever = compute_centre_of_pressure(force[loaded], moment[loaded], normal)
+    lever = _compute_centre_of_pressure(force[loaded], moment[loaded], normal)
     point[loaded] += lever
     moment[loaded] -= cross(lever, force[loaded])
     return ForcePlate(

@@ -144,7 +144,7 @@ class Recording(Displayed):
             if self.markers.size
             else ""
         )
-        plates = [f"{plate.name} ({compute_plate_rate(plate):.0f} Hz)" for plate in self.plates]
+        plates = [f"{plate.name} ({_compute_plate_rate(plate):.0f} Hz)" for plate in self.plates]
         rows = [
             ("time", extent),
             ("markers", f"{len(self.labels)}{visible}: {shorten(self.labels)}"),
@@ -184,7 +184,7 @@ class Recording(Displayed):
 AXES = tuple(enumerate("xyz"))
 
 
-def compute_plate_rate(plate: ForcePlate) -> float:
+def _compute_plate_rate(plate: ForcePlate) -> float:
     """Return the samples per second of a force plate (median step); NaN for fewer than two."""
     return float(1.0 / np.median(np.diff(plate.time))) if len(plate.time) > 1 else float("nan")
 

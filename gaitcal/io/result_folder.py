@@ -213,25 +213,9 @@ def check_replaceable(
 ) -> tuple[str, ...]:
     """Check that `target` may become a result of this kind.
 
-    Parameters
-    ----------
-    target
-        Output folder.
-    kind
-        Kind of the new result.
-    inputs
-        Files that the run reads.
-
-    Returns
-    -------
-    tuple of str
-        Folders in it that are kept.
-
-    Raises
-    ------
-    InputError
-        It is a file, or holds an input, another kind of result, or a file that gaitcal did not
-        write.
+    `target`: output folder. `inputs`: files that the run reads. Returns: folders in it that are
+    kept. Raises InputError: it is a file, or holds an input, another kind of result, or a file that
+    gaitcal did not write.
     """
 
     def refuse(message: str) -> InputError:

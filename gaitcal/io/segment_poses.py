@@ -376,7 +376,7 @@ def add_landmarks(recording: Recording) -> Recording:
     """
     if has_poses(recording.labels) or not has_key_points(recording.labels):
         return recording
-    rotation, origin = build_segments(_collect_paths(recording))
+    rotation, origin = _build_segments(_collect_paths(recording))
     made = {
         k: path
         for k, path in _compute_points(rotation, origin).items()
@@ -430,7 +430,7 @@ def make_upright_posture(recording: Recording) -> Recording:
     if not has_poses(recording.labels):
         return recording
     at = _collect_paths(recording)
-    rotation, origin = build_segments(at) if has_key_points(at) else _recover_poses(at)
+    rotation, origin = _build_segments(at) if has_key_points(at) else _recover_poses(at)
     offset = _compute_offsets(rotation, origin)
     place = {"pelvis": np.zeros(3)}
     for name, parent in PARENT.items():
@@ -476,18 +476,11 @@ def has_key_points(labels: Collection[str]) -> bool:
     )
 
 
-def build_segments(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+def _build_segments(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
     """Build the segments of key points.
 
-    Parameters
-    ----------
-    at
-        Key point -> (nf, 3) m.
-
-    Returns
-    -------
-    rotation, origin
-        Segment, named as those of poses -> axes (nf, 3, 3), and origin (nf, 3) m.
+    `at`: key point -> (nf, 3) m. Returns: segment, named as those of poses -> axes (nf, 3, 3), and
+    origin (nf, 3) m.
     """
     joints = {
         f"{s}_{segment}": f"{side}{name}" for side, s in _BOTH for segment, name in _JOINTS.items()

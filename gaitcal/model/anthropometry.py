@@ -78,15 +78,8 @@ def compute_jensen_share(part: str, age: float) -> float:
 def compute_growth_ratios(age: float) -> dict[str, float]:
     """Compute the mass shares of a child relative to those of an adult.
 
-    Parameters
-    ----------
-    age : float
-        Years; 1 is returned from 18 years on.
-
-    Returns
-    -------
-    dict
-        de Leva's segment -> its share of body mass at this age over that of an adult.
+    `age`: years; 1 is returned from 18 years on. Returns: de Leva's segment -> its share of body
+    mass at this age over that of an adult.
     """
     youngest, adult = get_growth_ages()
     at = float(np.clip(age, youngest, adult))
@@ -104,7 +97,7 @@ def is_probably_child(subject: Subject) -> bool:
     return subject.age is None and (subject.height < CHILD_HEIGHT or youth)
 
 
-def estimate_child_age(subject: Subject) -> float:
+def _estimate_child_age(subject: Subject) -> float:
     """Estimate the age (years) of a person that `is_probably_child`."""
     return UNKNOWN_AGE if subject.height < CHILD_HEIGHT else UNKNOWN_AGE_OF_YOUTH
 
@@ -157,17 +150,8 @@ def _get_table_row(name: str, sex: str) -> dict[str, float]:
 def compute_mass_shares(sex: str, age: float | None) -> dict[str, float]:
     """Compute the share of body mass of each of de Leva's segments.
 
-    Parameters
-    ----------
-    sex : str
-        `male`, `female`, or empty for the mean of both.
-    age : float or None
-        Years; None for an adult.
-
-    Returns
-    -------
-    dict
-        Segment -> share; limbs of one side. The sum over the whole body is 1.
+    `sex`: `male`, `female`, or empty for the mean of both. `age`: years; None for an adult.
+    Returns: segment -> share; limbs of one side. The sum over the whole body is 1.
     """
     percent = {name: _get_table_row(name, sex)["mass_pct"] for name in _BODY_PARTS}
     total = sum(percent[name] for name in _BODY_PARTS)
@@ -203,8 +187,8 @@ def describe_mass_table(subject: Subject) -> str:
             f"{subject.mass:.0f} kg, and the age is not given: its masses count as less certain, "
             f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for "
             "head and trunk, as "
-            f"those of children of {estimate_child_age(subject):g} differ (Jensen 1989); age_years "
-            "selects the table"
+            f"those of children of {_estimate_child_age(subject):g} differ (Jensen 1989); "
+            "age_years selects the table"
         )
     elif subject.age is None:
         source += "; a table of adults: the age is not given"
@@ -214,17 +198,14 @@ def describe_mass_table(subject: Subject) -> str:
 def estimate_child_table_error(subject: Subject) -> dict[str, float]:
     """Estimate how far the adults' table may be from the masses of a child of unknown age.
 
-    Returns
-    -------
-    dict
-        Segment without its side -> standard deviation of the logarithm of its mass: the change of
-        Jensen's shares from `estimate_child_age` to adults. Empty if the person is no probable
-        child.
+    Returns: segment without its side -> standard deviation of the logarithm of its mass: the change
+    of Jensen's shares from `_estimate_child_age` to adults. Empty if the person is no probable
+    child.
     """
     if not is_probably_child(subject):
         return {}
     adult, child = (
-        compute_mass_shares(subject.sex, age) for age in (None, estimate_child_age(subject))
+        compute_mass_shares(subject.sex, age) for age in (None, _estimate_child_age(subject))
     )
     errors: dict[str, float] = {}
     for row in SEGMENT_TABLE.values():

@@ -402,10 +402,7 @@ def compute_build_cost(p: Landmarks, height: float, *, even: bool = True) -> flo
 def move_joints(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
     """Move the landmarks by a small rotation or shift of each joint.
 
-    Yields
-    ------
-    tuple of dict and float
-        Moved landmarks (m), and how many such steps are one standard deviation.
+    Yields: moved landmarks (m), and how many such steps are one standard deviation.
     """
     axes = compute_body_axes(p)
     if axes is None:

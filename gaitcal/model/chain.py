@@ -357,7 +357,7 @@ class LinkageModel:
                 self.model.inertias[int(joint)] = placement.act(bodies[segment])
 
 
-def make_inertias(inertial: Array) -> dict[str, pin.Inertia]:
+def _make_inertias(inertial: Array) -> dict[str, pin.Inertia]:
     """Make the Pinocchio inertias of inertial parameters.
 
     Parameters
@@ -441,7 +441,7 @@ def build_linkage(
         parameters
     )
     body = replace(kept, model=kept.model.copy())
-    body.set_inertias(make_inertias(parameters.inertial))
+    body.set_inertias(_make_inertias(parameters.inertial))
     return body
 
 

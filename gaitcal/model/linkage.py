@@ -318,17 +318,8 @@ def list_joint_coordinates(segments: Iterable[str]) -> tuple[str, ...]:
 def list_coordinates(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
     """List the coordinates of a part of the linkage.
 
-    Parameters
-    ----------
-    root : str
-        Base segment, free in the laboratory.
-    segments : tuple of str
-        Segments of the part.
-
-    Returns
-    -------
-    tuple of str
-        The six coordinates of the base, then those of the joints in the part.
+    `root`: base segment, free in the laboratory. `segments`: segments of the part. Returns: the six
+    coordinates of the base, then those of the joints in the part.
     """
     moved = [joint.child for joint in JOINTS if joint.child in segments and joint.child != root]
     return (*(e.name for e in make_root_elements(root)), *list_joint_coordinates(moved))

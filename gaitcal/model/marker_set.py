@@ -99,7 +99,7 @@ built-in sets.
 _FOLLOWER_TABLES = ("tracking", "static_only", "optional")  # tables segment -> markers
 
 
-def find_missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
+def _find_missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
     """Find required landmarks that are not given; of a foot, heel or toe is enough."""
     there = set(given)
     return tuple(name for name in REQUIRED if name not in there and PARTNER.get(name) not in there)
@@ -338,7 +338,7 @@ class MarkerSet(Displayed):
         bare = [segment for segment in LEG_SEGMENTS if segment not in tracked]
         if len(tracked.get("pelvis", ())) < PELVIS_NEEDS:
             bare.insert(0, "pelvis")
-        missing = find_missing_landmarks(landmarks)
+        missing = _find_missing_landmarks(landmarks)
         share = sum(label in known for label in given) / len(given) if given else 0.0
         return Coverage(
             required_missing=missing,
@@ -597,7 +597,7 @@ def _expand_options(file: _File, path: Path) -> dict[str, list[tuple[str, ...]]]
 
 def _check_markers(made: MarkerSet, path: Path) -> None:
     """Check that no landmark is missing and that each marker is on one segment."""
-    for landmark in find_missing_landmarks(made.landmarks):
+    for landmark in _find_missing_landmarks(made.landmarks):
         raise _fault(
             path, f"'{landmark}' is missing: give {describe_substitute(landmark)}", "landmarks"
         )

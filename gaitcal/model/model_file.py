@@ -169,15 +169,7 @@ def save_model(model: SubjectModel, path: Path | str) -> None:
 def format_model(model: SubjectModel) -> str:
     """Format a model as the text of a model file.
 
-    Parameters
-    ----------
-    model : SubjectModel
-        The model, SI units.
-
-    Returns
-    -------
-    str
-        TOML in mm, deg, kg and kg*mm^2.
+    `model`: the model, SI units. Returns: TOML in mm, deg, kg and kg*mm^2.
     """
     s = model.subject
     measured = {name: (getattr(s, field), unit) for field, (name, unit) in _MEASURED.items()}

@@ -131,7 +131,7 @@ def nominal_model(
     standing = measure_standing_ankles(
         posture, legs, static.facts.static_plantarflexion, ankle_zero
     )
-    joint, zero = compute_joint_parameters(frames, centres, body, standing.dorsiflexion)
+    joint, zero = _compute_joint_parameters(frames, centres, body, standing.dorsiflexion)
     inertial = anthropometry.compute_inertial_parameters(
         subject, _measure_lengths(frames["pelvis"], centres)
     )
@@ -220,19 +220,8 @@ def _compute_posture(
 def compute_knee_flexion(shank: Array, joint: Array, side: str) -> float:
     """Compute the flexion of a knee from the orientation of its segments.
 
-    Parameters
-    ----------
-    shank : (3, 3) array
-        Orientation of the shank in the thigh.
-    joint : (np,) array
-        Joint parameters, m and rad.
-    side : str
-        `r` or `l`.
-
-    Returns
-    -------
-    float
-        Flexion, rad.
+    `shank`: (3, 3) orientation of the shank in the thigh. `joint`: (np,) joint parameters, m and
+    rad. `side`: `r` or `l`. Returns: flexion, rad.
     """
     front, trans = (
         float(joint[JP_INDEX[f"knee_{side}.shank.{name}"]]) for name in ("front", "trans")
@@ -318,7 +307,7 @@ def _place_markers(
     ), notes
 
 
-def compute_joint_parameters(
+def _compute_joint_parameters(
     frames: dict[str, Frame],
     centres: dict[str, Array],
     body: trunk.UpperBody,
@@ -326,21 +315,10 @@ def compute_joint_parameters(
 ) -> tuple[Array, Array]:
     """Compute nominal joint parameters and zero angles from the static posture.
 
-    Parameters
-    ----------
-    frames : dict
-        Frames of all segments but the tali, laboratory.
-    centres : dict
-        `lumbar`, and for each side `hjc kjc ajc sjc ejc`: (3,) m, laboratory.
-    body : UpperBody
-        Rotation of the shoulders and axes of the elbows.
-    dorsiflexion : mapping of str to float
-        Side -> ankle angle of the static posture, rad.
-
-    Returns
-    -------
-    tuple of array
-        (np,) joint parameters and (nz,) zero angles, m and rad.
+    `frames`: frames of all segments but the tali, laboratory. `centres`: `lumbar`, and for each
+    side `hjc kjc ajc sjc ejc`: (3,) m, laboratory. `body`: rotation of the shoulders and axes of
+    the elbows. `dorsiflexion`: side -> ankle angle of the static posture, rad. Returns: (np,) joint
+    parameters and (nz,) zero angles, m and rad.
     """
     values = {
         p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])

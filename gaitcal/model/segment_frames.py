@@ -462,7 +462,7 @@ class JointWidths:
         return compute_half_width(joint, self.height)
 
 
-def locate_joint_centre(
+def _locate_joint_centre(
     posture: StaticPosture,
     joint: str,
     side: str,
@@ -473,25 +473,10 @@ def locate_joint_centre(
 ) -> tuple[Array, Array]:
     """Locate the centre of a knee or an ankle and the direction of its axis.
 
-    Parameters
-    ----------
-    posture : StaticPosture
-        Landmarks of the static posture.
-    joint, side : str
-        `knee` or `ankle`; `r` or `l`.
-    above : (3,) array
-        Centre of the proximal joint, m.
-    z_above : (3,) array
-        z axis of the proximal segment, used without a medial marker or device.
-    turn : float
-        Rotation of the axis about y against `z_above`, rad.
-    widths : JointWidths
-        Distances from the lateral markers.
-
-    Returns
-    -------
-    tuple of (3,) array
-        Centre (m) and direction of z, laboratory.
+    `joint`, `side`: `knee` or `ankle`; `r` or `l`. `above`: (3,) centre of the proximal joint, m.
+    `z_above`: (3,) z axis of the proximal segment, used without a medial marker or device. `turn`:
+    rotation of the axis about y against `z_above`, rad. `widths`: distances from the lateral
+    markers. Returns: centre (m) and direction of z, laboratory.
     """
     lateral = posture.landmarks[f"{joint}_lat_{side}"]
     s = sign(side)
@@ -534,7 +519,7 @@ def _describe_axis(posture: StaticPosture, joint: str, side: str) -> str:
     return f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
 
 
-def describe_centres(posture: StaticPosture, widths: JointWidths) -> list[str]:
+def _describe_centres(posture: StaticPosture, widths: JointWidths) -> list[str]:
     """Describe centres and axes without a medial marker, and implausible measured widths."""
     notes: list[str] = []
     for joint in ("knee", "ankle"):
@@ -614,12 +599,12 @@ def measure_lower_body(
     notes.append("lumbar joint as in the nominal subject, scaled by the distance between the ASIS")
     for side in SIDES:
         hip, heel = hips[side], p[f"heel_{side}"]
-        knee, towards_z = locate_joint_centre(
+        knee, towards_z = _locate_joint_centre(
             posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, widths
         )
         thigh = build_frame(hip, normalise(hip - knee), towards_z)
         torsion = -sign(side) * TIBIAL_TORSION
-        ankle, towards_z = locate_joint_centre(
+        ankle, towards_z = _locate_joint_centre(
             posture, "ankle", side, knee, thigh.rotation[:, 2], torsion, widths
         )
         shank = build_frame(knee, normalise(knee - ankle), towards_z)
@@ -628,4 +613,4 @@ def measure_lower_body(
         foot = Frame(np.column_stack([x, cross(z, x), z]), heel)
         frames |= {f"thigh_{side}": thigh, f"shank_{side}": shank, f"foot_{side}": foot}
         centres |= {f"hjc_{side}": hip, f"kjc_{side}": knee, f"ajc_{side}": ankle}
-    return LowerBody(frames, centres, (*notes, *describe_centres(posture, widths)))
+    return LowerBody(frames, centres, (*notes, *_describe_centres(posture, widths)))

@@ -100,23 +100,9 @@ def measure_trunk(
 ) -> Trunk:
     """Measure the trunk from its landmarks, or assume it upright on the pelvis.
 
-    Parameters
-    ----------
-    posture : StaticPosture
-        Landmarks of the static posture, m.
-    marker_set : MarkerSet
-        Meaning of the markers.
-    pelvis : Frame
-        Frame of the pelvis in the static posture.
-    lumbar : (3,) array
-        Lumbar joint, m.
-    subject : Subject
-        Height and sex give the proportions if no acromion is known.
-
-    Returns
-    -------
-    Trunk
-        Frame, shoulder centres (m), and notes.
+    `posture`: landmarks of the static posture, m. `pelvis`: frame of the pelvis in the static
+    posture. `lumbar`: (3,) lumbar joint, m. `subject`: height and sex give the proportions if no
+    acromion is known. Returns: frame, shoulder centres (m), and notes.
     """
     shown = any(
         m in posture.markers and marker_set.weight(m) > 0
@@ -348,23 +334,9 @@ def measure_arm(
 ) -> Arm:
     """Measure one arm from `elbow_lat` and, if known, `elbow_med` and `wrist`.
 
-    Parameters
-    ----------
-    posture : StaticPosture
-        Landmarks of the static posture, m.
-    side : str
-        `r` or `l`.
-    trunk : Frame
-        Frame of the trunk.
-    shoulder : (3,) array
-        Shoulder centre, m.
-    height : float
-        Body height, m.
-
-    Returns
-    -------
-    Arm
-        Frames, centres (m) and the elbow's axis, laboratory.
+    `posture`: landmarks of the static posture, m. `side`: `r` or `l`. `shoulder`: (3,) shoulder
+    centre, m. `height`: body height, m. Returns: frames, centres (m) and the elbow's axis,
+    laboratory.
     """
     p = posture.landmarks
     lateral, wrist = p[f"elbow_lat_{side}"], p.get(f"wrist_{side}")

@@ -132,7 +132,8 @@ def make_case(calibration: Calibration, trial: str | None = None) -> MonteCarloC
         if t.loads and t.loads.reactions.valid.any()
     }
     name = _choose_trial(tuple(reactions), trial, calibration.study.source)
-    model, motion = calibration.model, calibration.trial(name).body
+    model, motion = calibration.model, calibration.trial(name).motion
+    # Markers that the trial does not show cannot be disturbed.
     observed = np.array(motion.errors.labels)[motion.errors.select_observed()].tolist()
     return MonteCarloCase(
         name=name,
@@ -220,6 +221,7 @@ def read_case(
     folder = Path(folder)
     require_person(folder)
     if (folder / MODEL).exists():
+        # The name of the trial decides which file of marker errors belongs to the case.
         name, _ = read_whole(folder, (SPLINES,), lambda: _choose_stored_trial(folder, trial))
         files = (MODEL, SPLINES, _name_marker_errors(name))
         return read_whole(folder, files, lambda: _read_result(folder, name), (MODEL,))
@@ -279,6 +281,7 @@ def _read_result(folder: Path, name: str) -> MonteCarloCase:
         raise InputError(
             f"cannot be read: {error}", source=errors, code=Code.DAMAGED_RESULT
         ) from None
+    # A column without any distance belongs to a marker that was never visible.
     observed = [label for label in table.columns if table[label].notna().any()]
     return MonteCarloCase(
         name=name,

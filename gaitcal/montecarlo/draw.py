@@ -76,32 +76,15 @@ FootPose = tuple[Array, Array]
 _LEG_FORCES = np.array([FORCES.index(name) for name in LEG_TORQUES])
 
 
-def build_leg_dynamics(parameters: Parameters) -> Dynamics:
-    """Build the dynamics of pelvis and legs; segments above do not change torques of the legs.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Parameters of the linkage.
-
-    Returns
-    -------
-    Dynamics
-    """
+def _build_leg_dynamics(parameters: Parameters) -> Dynamics:
+    """Build the dynamics of pelvis and legs; segments above do not change torques of the legs."""
     return Dynamics(parameters, segments=LOWER_BODY)
 
 
-def compute_foot_poses(placed: Kinematics) -> FootPose:
+def _compute_foot_poses(placed: Kinematics) -> FootPose:
     """Compute the poses of both feet.
 
-    Parameters
-    ----------
-    placed : Kinematics
-        Poses of a chain with both feet over all frames.
-
-    Returns
-    -------
-    FootPose
+    `placed`: poses of a chain with both feet over all frames.
     """
     feet = [placed.chain.segments.index(foot) for foot in FEET]
     both = placed.segments_by_frame[:, feet]
@@ -117,29 +100,17 @@ def compute_leg_torques(
 ) -> tuple[Array, Array]:
     """Compute the torques of both legs with the ground reactions in either frame.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        Parameters of the linkage.
-    basis : SplineBasis
-        Of the motion.
-    coefficients : (nn, 27) array
-        The motion, m and rad.
-    wrench : (nf, 2, 6) array
-        Ground reactions on the feet in the undisturbed case, N and N·m about the laboratory origin.
-    undisturbed : FootPose
-        Poses of the feet in the undisturbed case.
-
-    Returns
-    -------
-    laboratory, foot : (nf, 14) array
-        N·m, with the wrenches constant in the laboratory, and carried with the feet.
+    `coefficients`: (nn, 27) the motion, m and rad. `wrench`: (nf, 2, 6) ground reactions on the
+    feet in the undisturbed case, N and N·m about the laboratory origin. `undisturbed`: poses of the
+    feet in the undisturbed case. Returns: `laboratory, foot` (nf, 14) N·m, with the wrenches
+    constant in the laboratory, and carried with the feet.
     """
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
-    dynamics = build_leg_dynamics(parameters)
+    dynamics = _build_leg_dynamics(parameters)
     placed = dynamics.place(q)
     forces = [dynamics.forces_of.index(name) for name in LEG_TORQUES]
     variables = [placed.chain.variables.index(name) for name in LEG_TORQUES]
+    # Inertia, gravity and velocity terms once; ground reactions differ by frame of reference.
     without_load = dynamics.compute_forces(q, v, a)[:, forces]
     columns = placed.columns_by_frame[:, variables]
 
@@ -149,24 +120,16 @@ def compute_leg_torques(
             tau[:, joints] -= (columns[:, joints] @ wrenches[:, foot, :, None])[..., 0]
         return tau
 
-    with_feet = move_wrenches(wrench, undisturbed, compute_foot_poses(placed))
+    # In the frame of the foot, the measured wrench follows the disturbed foot: the insole measures.
+    with_feet = move_wrenches(wrench, undisturbed, _compute_foot_poses(placed))
     return subtract_loads(wrench), subtract_loads(with_feet)
 
 
 def move_wrenches(wrench: Array, before: FootPose, after: FootPose) -> Array:
     """Move wrenches with the feet from one pose to another.
 
-    Parameters
-    ----------
-    wrench : (nf, 2, 6) array
-        N and N·m about the laboratory origin.
-    before, after : FootPose
-        Poses of the feet.
-
-    Returns
-    -------
-    (nf, 2, 6) array
-        N and N·m about the laboratory origin.
+    `wrench`: (nf, 2, 6) N and N·m about the laboratory origin. Returns: (nf, 2, 6) N and N·m about
+    the laboratory origin.
     """
     force = wrench[..., :3]
     local = before[0] @ np.stack([force, wrench[..., 3:] - np.cross(before[1], force)], axis=3)
@@ -206,18 +169,21 @@ class MonteCarloContext:
         """(nn, nq, np) derivative of the control points by the joint parameters that vary; zero for
         those that move no marker.
         """
+        # Implicit function theorem at the undisturbed minimum: dc/dp = -H_cc^-1 H_cp.
         opened = self.problem.with_free(self.names)
         equations = opened.assemble_equations(case.coefficients, opened.build_body(case.parameters))
         solved = -banded.BandFactor(equations.band).solve(equations.mixed)
         moving = [self.names.index(name) for name in opened.chain.free]
         self.sensitivity[:, :, moving] = solved.reshape(*case.coefficients.shape, len(moving))
         states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
+        # Torques are linear in the dynamic parameters, so one regressor serves all draws of masses.
         rows = Dynamics(case.parameters).compute_regressor(*states)[:, _LEG_FORCES]
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in the frames of
         the segments.
         """
-        self.feet = compute_foot_poses(build_leg_dynamics(case.parameters).place(states[0]))
+        # Poses that the feet have without any disturbance, to which wrenches in foot frames refer.
+        self.feet = _compute_foot_poses(_build_leg_dynamics(case.parameters).place(states[0]))
         self.torques, _ = compute_leg_torques(
             case.parameters, self.basis, case.coefficients, case.wrench, self.feet
         )
@@ -284,18 +250,21 @@ def draw_disturbance(
         The same for the same arguments.
     """
     settings, part = context.settings, level / 100.0
+    # Each draw has a separate random stream: results depend neither on order nor on workers.
     rng = np.random.default_rng(
         np.random.SeedSequence(settings.seed, spawn_key=(varied.key, level, number))
     )
     joint = inertial = noise = None
     if varied.joint:
         bounds = settings.joint_bounds
+        # m and rad, uniform within the bounds of the settings times the level.
         joint = part * bounds * rng.uniform(-1.0, 1.0, len(bounds))
     if varied.inertial:
         names = context.inertial_set.names
         inertial = part * settings.inertial_percent / 100.0 * rng.uniform(-1.0, 1.0, len(names))
     if varied is Varied.NOISE:
         time, markers = context.case.time, len(context.data.segment)
+        # Amplitudes in m; sine waves as in the published noise model.
         waves = draw_marker_noise(
             time - time[0], markers, rng, amplitude=part * 1e-3 * settings.noise_mm
         )
@@ -389,7 +358,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
     """
     change = draw_disturbance(context, varied, level, number)
     try:
-        model = build_disturbed_model(context, change)
+        model = _build_disturbed_model(context, change)
         if varied is Varied.IP:
             # Inertial parameters move no marker: the motion stays, and torques are linear in them.
             phi = compute_dynamic_parameters(model.parameters.inertial)
@@ -397,6 +366,8 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
             errors = (context.regressor @ change_of_phi.ravel()).reshape(-1, len(LEG_TORQUES))
             no_distance = np.zeros(context.data.weight.shape)
             return DrawResult(_record(context, (errors, errors), no_distance), 0, "")
+        # Joints and noise change the motion that fits the markers best: track anew, then compute
+        # torques.
         fitted = refit(model.problem, model.body, model.start, context.settings, model.factor)
         values = compute_errors(context, model, fitted.coefficients)
         return DrawResult(values, fitted.evaluations, fitted.failure)
@@ -449,6 +420,7 @@ def refit(
     Newton's steps when they no longer shrink tenfold. It ends by the size of the step, so that all
     draws are solved to the same accuracy.
     """
+    # The start is near: one factor is kept throughout, and the size of the steps ends the search.
     rule = descent.DescentSettings(
         gain=0.0,
         shortest_step=settings.refit_tolerance,
@@ -477,30 +449,24 @@ class DisturbedModel:
     """Of the Gauss-Newton matrix at the start; None if it must be formed."""
 
 
-def build_disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
+def _build_disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
     """Apply a disturbance to the case.
 
-    Parameters
-    ----------
-    context : MonteCarloContext
-        The case.
-    change : Disturbance
-        From `draw_disturbance`.
-
-    Returns
-    -------
-    DisturbedModel
+    `change`: from `draw_disturbance`.
     """
     case = context.case
     parameters, start, problem = case.parameters, case.coefficients, context.problem
     if change.joint is not None:
         parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
+        # First-order change of the motion, which saves most of the iterations.
         start = start + context.sensitivity @ change.joint
     if change.inertial is not None:
+        # Relative changes, alike for right and left.
         factors = 1.0 + context.inertial_set.selection @ change.inertial
         parameters = parameters.with_inertial(case.parameters.inertial * factors)
     if change.noise is not None:
         problem = problem.with_measured(problem.data.measured + change.noise)
+    # Noise leaves the matrix of the equations nearly as it is: its factor is reused.
     known = None if change.joint is not None else context.undisturbed_factor
     return DisturbedModel(parameters, problem, problem.build_body(parameters), start, known)
 

@@ -62,22 +62,17 @@ _ROWS = [(*linkage.COORDINATES, *linkage.REACTIONS).index(name) for name in draw
 def measure_settling(values: Array) -> tuple[float, float]:
     """Measure how far running mean and CV are from their final values over the last tenth.
 
-    Parameters
-    ----------
-    values : (n,) array
-        In the order of the draws.
-
-    Returns
-    -------
-    mean, cv : float
-        Largest deviation, per cent; NaN for fewer than `FEWEST` draws.
+    `values`: (n,) in the order of the draws. Returns: `mean, cv` largest deviation, per cent; NaN
+    for fewer than `FEWEST` draws.
     """
     n = len(values)
     if n < FEWEST:
         return np.nan, np.nan
+    # Scaled to one, so that squares neither overflow nor vanish.
     scale = float(np.abs(values).max()) or 1.0
     x, count = values / scale, np.arange(1, n + 1)
     mean = np.cumsum(x) / count
+    # Running standard deviation: var = E[x^2] - E[x]^2.
     spread = np.sqrt(np.maximum(np.cumsum(x * x) / count - mean**2, 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         cv = np.where(mean != 0.0, spread / mean, 0.0)
@@ -115,6 +110,7 @@ def compute_statistics(draws: pd.DataFrame) -> pd.DataFrame:
 
 def _summarise_cell(cell: pd.DataFrame) -> list[dict[str, object]]:
     """Summarise the draws of one set at one level, in rows of `compute_statistics`."""
+    # Failed draws are counted, but have no values.
     good = cell[cell["failure"] == ""]
     failed = len(cell) - len(good)
     rows = []
@@ -270,6 +266,7 @@ def _estimate_cause(
     """Interpolate level and torque errors of one set at a marker RMS."""
     markers = select_levels(table, varied, f"markers_{side}")
     levels = np.concatenate([[0.0], markers["level"].to_numpy(dtype=float)])
+    # Level 0 has no error. Interpolation needs a distance that does not fall with the level.
     distance = np.maximum.accumulate(np.concatenate([[0.0], markers["average"].to_numpy()]))
     beyond = bool(rms_mm > distance[-1])
     level = float(np.interp(rms_mm, distance, levels))
@@ -282,20 +279,12 @@ def _estimate_cause(
     return CauseOfMarkerError(varied, level, beyond, pd.DataFrame(rows))
 
 
-def linearise_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
+def _linearise_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
     """Compute the derivatives of the 14 torques at the undisturbed case.
 
-    Parameters
-    ----------
-    context : MonteCarloContext
-        The case.
-
-    Returns
-    -------
-    by_joint : dict
-        Ground-reaction frame -> (nf, 14, np) N·m per m or rad of each joint parameter that varies.
-    by_inertial : (nf, 14, 36) array
-        N·m per relative change of each symmetric inertial parameter.
+    Returns: `by_joint` ground-reaction frame -> (nf, 14, np) N·m per m or rad of each joint
+    parameter that varies; `by_inertial` (nf, 14, 36) N·m per relative change of each symmetric
+    inertial parameter.
     """
     case, basis = context.case, context.basis
     q, v, a = (basis.evaluate(case.coefficients, k) for k in range(3))
@@ -303,13 +292,16 @@ def linearise_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFra
     nf, nq, n_free = len(q), q.shape[1], len(context.names)
     moved = context.sensitivity.reshape(len(case.coefficients), -1)
     motion = [(basis.matrices[k] @ moved).reshape(nf, nq, n_free) for k in range(3)]
+    # Change of the torques at a fixed motion.
     laboratory = derivatives.by_parameter[:, _ROWS]
     # The motion follows the joint parameters: chain rule over position, velocity, acceleration.
     by_motion = (derivatives.by_position, derivatives.by_velocity, derivatives.by_acceleration)
     for derivative, change in zip(by_motion, motion, strict=True):
         laboratory = laboratory + derivative[:, _ROWS] @ change
+    # In foot frames the wrenches move with the feet as well.
     foot = laboratory - _compute_load_changes(context, q, motion[0])
     inertial = case.parameters.inertial
+    # Chain rule: dynamic parameters by inertial ones, and these by relative changes.
     relative = block_diag(*parameters.compute_dynamic_jacobian(inertial)) @ (
         inertial[:, None] * context.inertial_set.selection
     )
@@ -345,11 +337,12 @@ def compute_linear_agreement(
     varied, level = cell
     is_used = (draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")
     used = draws[is_used].head(AGREEMENT_DRAWS)
-    by_joint, by_inertial = linearise_torques(context)
+    by_joint, by_inertial = _linearise_torques(context)
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     predicted = np.empty((len(used), len(draw.LEG_TORQUES)))
     for row, number in enumerate(used["draw"]):
         change = draw.draw_disturbance(context, varied, level, int(number))
+        # The same random numbers as the draw, so that both errors belong to one disturbance.
         error = np.zeros(context.torques.shape)
         if change.joint is not None:
             error += by_joint[frame] @ change.joint
@@ -376,9 +369,11 @@ def _compute_load_changes(context: draw.MonteCarloContext, q: Array, change: Arr
     out = np.zeros((len(q), len(draw.LEG_TORQUES), len(context.names)))
     for foot, segment in enumerate(FEET):
         moves = placed.moves(segment)
+        # Twist of the foot per unit of each joint parameter: through the motion, and directly.
         twist = (columns[:, :, :nq] * moves[:nq]) @ change + columns[:, :, first:] * moves[first:]
         velocity, rotation = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
+        # A wrench that is rotated and moved with the foot, about the laboratory origin.
         force_change = np.cross(rotation, force)
         moment_change = np.cross(rotation, moment) + np.cross(velocity, force)
         wrench_change = np.concatenate([force_change, moment_change], axis=2)
@@ -407,7 +402,7 @@ def compute_variance_contributions(context: draw.MonteCarloContext) -> pd.DataFr
         parameter alone causes), `share` (per cent of the variance of the torque when joint and
         inertial parameters vary together).
     """
-    (by_joint, by_inertial), settings = linearise_torques(context), context.settings
+    (by_joint, by_inertial), settings = _linearise_torques(context), context.settings
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     inertial_bound = np.full(len(context.inertial_set.names), settings.inertial_percent / 100.0)
     bounds = np.concatenate([settings.joint_bounds, inertial_bound])
@@ -416,6 +411,7 @@ def compute_variance_contributions(context: draw.MonteCarloContext) -> pd.DataFr
     parts = []
     for frame in ReactionFrame:
         derivatives = np.concatenate([by_joint[frame], by_inertial], axis=2)[valid]
+        # A uniform distribution within +-b has the variance b^2 / 3.
         variance = (bounds**2 / 3.0) * ((to_percent * derivatives) ** 2).mean(axis=0)
         for k, torque in enumerate(draw.LEG_TORQUES):
             # A torque that no parameter changes has no shares.
@@ -451,6 +447,7 @@ def compute_variance_shares(
         columns: the torques of the leg, `TORQUES` with the side.
     """
     rows = contributions[contributions["grf"] == frame.value]
+    # One row for each parameter, one column for each torque of this leg.
     wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
     wide = wide[[f"{torque}_{side}" for torque in draw.TORQUES]]
     inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])

@@ -114,6 +114,7 @@ class Store:
         InputError
             It was made with other settings or another model; the message names the differences.
         """
+        # Draws with other settings, or of another model, cannot be pooled.
         wanted = {
             "format": FORMAT,
             "settings": dict(settings.convert_to_json()),
@@ -236,6 +237,7 @@ class Store:
         pq.write_table(draws.replace_schema_metadata({_MADE_WITH: self._made_with}), buffer)
         content: bytes = buffer.getvalue().to_pybytes()
         cell = f"{chunk.varied.value}_{chunk.level:04d}_{chunk.first:08d}_{chunk.stop:08d}"
+        # The name holds the hash of the content, so that damage is noticed.
         target = self.draws / f"{cell}_{_hash_beginning(content)}.parquet"
         # Under the lock of the result, which another result may replace together with this folder.
         with (
@@ -248,16 +250,7 @@ class Store:
     def list_missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
         """List the chunks of a plan that are not stored.
 
-        Parameters
-        ----------
-        plan : Plan
-            What is to be computed.
-        size : int
-            Draws at whose multiples chunks are cut.
-
-        Yields
-        ------
-        Chunk
+        `size`: draws at whose multiples chunks are cut.
         """
         stored = [chunk for path, chunk in self._list_chunks() if _read_intact(path) is not None]
         for varied, level in plan.cells:
@@ -297,13 +290,14 @@ class Store:
             tables.append(pq.read_table(pa.BufferReader(content)).replace_schema_metadata())
         if not tables:
             return pd.DataFrame(columns=list(FIELDS))
+        # Chunks may overlap after an interruption; a draw counts once.
         draws = pa.concat_tables(tables).to_pandas()
         if plan is not None:
             sets, levels = [varied.value for varied in plan.sets], list(plan.levels)
             draws = draws[
                 (draws["draw"] < plan.draws) & draws["set"].isin(sets) & draws["level"].isin(levels)
             ]
-        return sort_draws(draws.drop_duplicates(list(KEYS)), KEYS)
+        return _sort_draws(draws.drop_duplicates(list(KEYS)), KEYS)
 
     def _list_chunks(self) -> list[tuple[Path, Chunk]]:
         """List every file with the name of a chunk, in the order of names."""
@@ -360,19 +354,10 @@ def _note_other_versions(versions: object) -> tuple[str, ...]:
     return (note,) if changed else ()
 
 
-def sort_draws(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+def _sort_draws(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """Sort rows by columns, with sets in the order of `Varied`.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With a column `set`.
-    keys : sequence of str
-        Columns to sort by.
-
-    Returns
-    -------
-    DataFrame
+    `frame`: with a column `set`. `keys`: columns to sort by.
     """
     order = {varied.value: varied.key for varied in Varied}
     return frame.sort_values(
@@ -459,6 +444,7 @@ def monte_carlo(
     settings, plan = settings or MonteCarloSettings(), plan or Plan()
     workers = workers or LocalProcesses()
     progress = progress or (lambda done, todo: None)
+    # Workers get the case with each chunk; `run_chunk` keeps what it prepared of it.
     work = partial(run_chunk, case, settings)
     with ExitStack() as stack:
         if folder is None:
@@ -472,6 +458,7 @@ def monte_carlo(
             table = compute_statistics(draws)
             if not until_converged or plan.draws >= MOST_DRAWS or select_unconverged(table).empty:
                 break
+            # More draws of the same streams: earlier ones are kept.
             plan = replace(plan, draws=min(int(STEP * plan.draws) + 1, MOST_DRAWS))
         with atomic.write_atomically(store.folder / "montecarlo.csv") as path:
             table.to_csv(path, index=False, lineterminator="\n")
@@ -497,6 +484,7 @@ def _compute_missing(
     """Compute the draws of a plan that are not stored, and return their number."""
     computed = 0
     for _ in range(TRIES):
+        # What is missing is listed anew, as another run may have written meanwhile.
         chunks = list(store.list_missing(plan, size))
         if not chunks:
             return computed
@@ -524,21 +512,10 @@ def run_chunk(
 
     BLAS uses one thread, wherever this runs: more would change the last bits.
 
-    Parameters
-    ----------
-    case : MonteCarloCase
-        The undisturbed case.
-    settings : MonteCarloSettings
-        Seed and bounds.
-    chunk : Chunk
-        Which draws.
-
-    Returns
-    -------
-    Chunk, pyarrow.Table
-        The chunk, and its draws in order, columns `FIELDS`.
+    Returns: the chunk, and its draws in order, columns `FIELDS`.
     """
     key = (case.compute_fingerprint(), settings)
+    # Preparing a case costs as much as many draws: once for each worker and case.
     if getattr(_of_thread, "key", None) != key:
         _of_thread.key, _of_thread.context = key, MonteCarloContext(case, settings)
     results: list[DrawResult] = [

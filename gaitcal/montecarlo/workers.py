@@ -111,6 +111,7 @@ class _Executing(Workers, ABC):
             again: list[tuple[Task, int]] = []
             running: dict[Future[Result], tuple[Task, int]] = {}
             while True:
+                # Few tasks wait at the workers, so that an interruption loses little.
                 for _ in range(crew.room() - len(running)):
                     following = again.pop() if again else next(waiting, None)
                     if following is None:
@@ -118,6 +119,7 @@ class _Executing(Workers, ABC):
                     running[crew.executor.submit(function, following[0])] = following
                 if not running:
                     return
+                # Results in the order in which they are ready.
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, tries = running.pop(future)
                     error = (
@@ -177,6 +179,7 @@ class _Processes(Executor):
         """Submit a task to a process that has ended its last one, or to a new process."""
         pool, count = None, 0
         for idle, (last, before) in list(self._last.items()):
+            # A process that has ended its task is used again, up to its number of tasks.
             if last.done():
                 del self._last[idle]
                 if last.exception() is not None:
@@ -235,10 +238,7 @@ class DaskCluster(_Executing):
     def start_crew(self) -> Iterator[_Crew]:
         """Connect to all workers that the scheduler has at the time.
 
-        Raises
-        ------
-        InputError
-            No scheduler at the address, or one without workers.
+        Raises InputError: no scheduler at the address, or one without workers.
         """
         try:
             library = import_module("distributed")

@@ -161,6 +161,7 @@ def analyse_trials(
         progress(f"{table.file.name}: reading and checking")
         evidence.append(_preprocess(read_trial(table, saved.rename, saved.marker_set), saved))
     findings = list(saved.doubts)
+    # Doubts about the calibration are doubts about everything computed with it.
     for trial in evidence:
         findings += check_further(trial)
     errors = select_stopping_errors(findings, [trial.name for trial in evidence])
@@ -181,6 +182,7 @@ def analyse_trials(
     findings += map(_report_untracked, not_converged)
     for result in results:
         findings += result.findings
+    # One verdict for all further trials, by the same rules as for a calibration.
     verdict = judge(remove_consequences(findings), [trial.name for trial in results])
     return FurtherTrials(
         trials=tuple(

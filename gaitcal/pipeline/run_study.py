@@ -85,21 +85,9 @@ class StudyRun:
 def find_study(path: Path, person: Options) -> Path | Draft:
     """Find the study file of a path, or draft a study from a folder.
 
-    Parameters
-    ----------
-    path
-        Study file, or folder of recordings.
-    person
-        Data of the person that the files do not contain; for a folder without a study file only.
-
-    Returns
-    -------
-    Path or Draft
-
-    Raises
-    ------
-    InputError
-        No study can be drafted from the folder, or data of the person are missing.
+    `path`: study file, or folder of recordings. `person`: data of the person that the files do not
+    contain; for a folder without a study file only. Raises InputError: no study can be drafted from
+    the folder, or data of the person are missing.
     """
     found = drafts.find_study_source(path, person)
     if isinstance(found, Path):
@@ -214,6 +202,7 @@ def run_found_study(
         if isinstance(source, Draft)
         else list_input_files(load_study_file(source), source)
     )
+    # An invalid file ends the run before anything is computed.
     bands = None if settings.normal is None else normal_bands.read_normal_bands(settings.normal)
     further = [file for file in (settings.normal, settings.priors) if file is not None]
     kept = check_output_folder(out, ResultKind.CALIBRATION, [*read, *further])

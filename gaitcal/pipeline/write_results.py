@@ -74,10 +74,11 @@ def write_results(
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / saved_result.MARKER_SET).write_text(format_marker_set(marker_set), encoding="utf-8")
+        # Page and CSV files are made of the same tables, so that they cannot differ.
         tables = build_result_tables(
             calibration,
             _choose_norm(calibration, normal, settings),
-            build_manifest(calibration, settings),
+            _build_manifest(calibration, settings),
         )
         write_result_tables(tables, out)
         write_page(out, build_scene(calibration), build_calibration_page_data(calibration, tables))
@@ -102,22 +103,12 @@ def _choose_norm(
     return select_norm(subject, compute_mean_speed(summarise_means(calibration.trials)))
 
 
-def build_manifest(
+def _build_manifest(
     calibration: Calibration, settings: Mapping[str, Json] | None = None
 ) -> dict[str, Json]:
     """Build the manifest of a result: versions, settings and input hashes.
 
-    Parameters
-    ----------
-    calibration
-        The result.
-    settings
-        Further entries of `settings`.
-
-    Returns
-    -------
-    dict
-        Content of `manifest.json`.
+    `settings`: further entries of `settings`. Returns: content of `manifest.json`.
     """
     subject, prior = calibration.model.subject, calibration.study.joint_prior
     prior_entry = {} if prior is None else {"priors_sha256": prior.sha256}
@@ -172,7 +163,7 @@ def write_trial(
     """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, format_refused_lines(trial)
+    body, refused = trial.motion, format_refused_lines(trial)
     other_formats.write_mot(
         out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q
     )
@@ -198,7 +189,7 @@ def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Pat
     """Write moments, forces and joint kinetics of a trial."""
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.body, format_refused_lines(trial)
+    body, refused = trial.motion, format_refused_lines(trial)
     write_csv(
         trial_tables.build_moment_table(loads),
         out / "moments" / f"{trial.name}.csv",
@@ -225,9 +216,9 @@ def _save_splines(trials: Sequence[TrialResult], path: Path) -> None:
     arrays: dict[str, np.ndarray] = {"trials": np.array([t.name for t in trials], dtype=str)}
     for k, t in enumerate(trials):
         arrays |= {
-            f"time_{k}": t.body.time,
-            f"knots_{k}": t.body.basis.knots,
-            f"nodes_{k}": t.body.coefficients,
+            f"time_{k}": t.motion.time,
+            f"knots_{k}": t.motion.basis.knots,
+            f"nodes_{k}": t.motion.coefficients,
         }
         if t.loads is not None:
             arrays |= {

@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array, BoolArray, compute_rms
 from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.io.recording import Recording, find_still_window, find_visible
 from gaitcal.model import kinematics, linkage, rotations, segment_frames
@@ -268,8 +268,7 @@ class MarkerCluster:
     @cached_property
     def scatter(self) -> Array:
         """RMS distance (n,) m from the mean position."""
-        out: Array = np.sqrt(np.nanmean(self.strayed**2, axis=0))
-        return out
+        return compute_rms(self.strayed, axis=0)
 
     @property
     def static_size(self) -> float:

@@ -83,36 +83,6 @@ class Feet:
             width=foot_contact.FOOT_BREADTH * height,
         )
 
-    def measure_distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
-        """Measure the load-weighted mean distance of points from the line heel-toe, from above.
-
-        Parameters
-        ----------
-        foot
-            0: right, 1: left.
-        point
-            (n, 3) m, in `frames`.
-        frames
-            Of the trial.
-        load
-            (n,) N, weights.
-
-        Returns
-        -------
-        float
-            m; infinite if the foot is not visible in any of the frames.
-        """
-        known = self.visible[frames, foot]
-        if not known.any():
-            return float("inf")
-        a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
-        return float(
-            np.average(
-                foot_contact.compute_distance_to_line(point[known][:, [0, 2]], a, b),
-                weights=load[known],
-            )
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlateContact(foot_contact.Loading):
@@ -147,10 +117,11 @@ class PlateContact(foot_contact.Loading):
 def find_plate_contacts(
     feet: Feet, plates: Sequence[ForcePlate], height: float
 ) -> tuple[PlateContact, ...]:
-    """Find all loadings of all plates that last longer than a knock.
+    """Find the contacts of the feet with all plates that last longer than a knock.
 
-    A loading during which the other foot takes over is split into single stances, if no other plate
-    is loaded meanwhile.
+    Feet are assigned as for torques (`foot_contact.assign_feet`), from the markers alone and
+    without the study's assignment. Where one belt carries both feet, a contact is the time in which
+    one foot stands alone, as centre and force are that foot's only there.
 
     Parameters
     ----------
@@ -166,33 +137,30 @@ def find_plate_contacts(
     tuple of PlateContact
         In the order of the plates and in time.
     """
-    found, points = [], feet.build_points(height)
+    found, points = list[PlateContact](), feet.build_points(height)
     wrenches = [np.nan_to_num(resample_wrench(plate, feet.time)) for plate in plates]
     one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
     for plate, wrench in zip(plates, wrenches, strict=True):
-        loadings = list[slice]()
-        for whole in find_runs(wrench[:, 1] > LOADED_N, 2):
-            stances = []
-            if one_loaded[whole].all():
-                stances = foot_contact.find_single_stances(wrench, whole, feet.time, points)
-            loadings += [part for part, _ in stances] or [whole]
-        for run in loadings:
-            is_knock = measure_duration(feet.time, run) < foot_contact.MIN_LOADING_S
-            if is_knock or wrench[run, 1].max() < BODY_N:
+        level = foot_contact.get_surface_height(plate)
+        for stretch in find_runs(wrench[:, 1] > LOADED_N):
+            # A knock is no step, nor is a foot that merely touches the edge of a plate.
+            if measure_duration(feet.time, stretch) < foot_contact.MIN_LOADING_S:
                 continue
-            heights = plate.point[:, 1]
-            level = float(np.nanmedian(heights)) if np.isfinite(heights).any() else 0.0
-            point, load = compute_centre_on_ground(wrench[run], level), wrench[run, 1]
-            away = [feet.measure_distance(k, point, run, load) for k in range(len(SIDES))]
-            foot = int(np.argmin(away))
-            step = PlateContact(
-                plate=plate,
-                frames=run,
-                foot=foot,
-                distance=away[foot],
-                other_distance=away[1 - foot],
-                point=point,
-                load=load,
-            )
-            found.append(step)
+            for part in foot_contact.assign_feet(wrench, stretch, feet.time, points, level):
+                # If another plate is loaded meanwhile, it may carry a part of the same force.
+                run = part.alone if one_loaded[stretch].all() else part.frames
+                if wrench[run, 1].max() < BODY_N:
+                    continue
+                away = foot_contact.measure_distances(wrench, run, points, level)
+                foot = int(np.argmin(away)) if part.foot is None else part.foot
+                step = PlateContact(
+                    plate=plate,
+                    frames=run,
+                    foot=foot,
+                    distance=away[foot],
+                    other_distance=away[1 - foot],
+                    point=compute_centre_on_ground(wrench[run], level),
+                    load=wrench[run, 1],
+                )
+                found.append(step)
     return tuple(found)

@@ -418,12 +418,12 @@ def _check_torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_E
 
 def _check_markers(errors: MarkerErrors, side: str) -> Iterator[_Excess]:
     """Yield markers of full weight whose RMS distance from the model exceeds `FARTHEST_M`."""
+    by_marker = errors.compute_rms_by_marker()
     for k in np.flatnonzero(errors.select_observed() & (errors.weight >= FULL_WEIGHT)).tolist():
         segment = errors.segments[k]
         if not (segment.endswith(f"_{side}") and segment in linkage.LOWER_BODY):
             continue
-        distance = errors.distance[:, k]
-        rms = float(np.sqrt(np.nanmean(distance**2)))
+        distance, rms = errors.distance[:, k], float(by_marker[k])
         if rms > FARTHEST_M:
             message = (
                 f"marker '{errors.labels[k]}' {1e3 * rms:.0f} mm RMS from the model marker "

@@ -117,19 +117,8 @@ class ForceFit:
 def fit_causes(residual: ForceResidual, only: object = None) -> tuple[float, list[ForceFit]]:
     """Fit every cause to the residual of some trials.
 
-    Parameters
-    ----------
-    residual
-        The trials.
-    only
-        Key of the causes to fit (`Cause.key`); None: all.
-
-    Returns
-    -------
-    float
-        |y|^2 a row without any cause; 1 is usual.
-    list of ForceFit
-        The best fit of each key, the largest gain first.
+    `only`: key of the causes to fit (`Cause.key`); None: all. Returns: |y|^2 a row without any
+    cause; 1 is usual; the best fit of each key, the largest gain first.
     """
     plain = _whiten(residual, None, np.zeros(0))
     before = residual.sum_squares(plain)
@@ -143,26 +132,14 @@ def fit_causes(residual: ForceResidual, only: object = None) -> tuple[float, lis
     return float(before.sum() / residual.rows.sum()), sorted(found.values(), key=lambda f: -f.gain)
 
 
-def compute_gains(
+def _compute_gains(
     before: Array, after: Array, rows: Array, parameters: float, choices: int = 1
 ) -> Array:
     """Compute the evidence of a cause in each trial.
 
-    Parameters
-    ----------
-    before, after
-        (trials,) sums of squares without and with the cause.
-    rows
-        (trials,) numbers of rows.
-    parameters
-        Number of coefficients, p.
-    choices
-        Number of plates from which one was chosen.
-
-    Returns
-    -------
-    ndarray
-        (trials,) nats; the cost of the coefficients is shared equally.
+    `before`, `after`: (trials,) sums of squares without and with the cause. `rows`: (trials,)
+    numbers of rows. `parameters`: number of coefficients, p. `choices`: number of plates from which
+    one was chosen. Returns: (trials,) nats; the cost of the coefficients is shared equally.
     """
     floor, count = FLOOR * rows, TEMPER * rows
     cost = (0.5 * parameters * np.log(count.sum()) + np.log(choices)) / len(rows)
@@ -173,17 +150,7 @@ def compute_gains(
 def evaluate_at_size(alone: Sequence[ForceResidual], fit: ForceFit) -> ForceFit:
     """Evaluate a cause of the same size in several trials, each with inertial errors of its own.
 
-    Parameters
-    ----------
-    alone
-        Residuals of single trials.
-    fit
-        The cause and its size.
-
-    Returns
-    -------
-    ForceFit
-        The same cause and size, with the gains of these trials.
+    Returns: the same cause and size, with the gains of these trials.
     """
     rows = np.array([residual.rows.sum() for residual in alone])
     before, after = np.zeros(len(alone)), np.zeros(len(alone))
@@ -219,7 +186,7 @@ def _assemble_fit(
         compute_surprise(t.baseline) - compute_surprise(_compute_side_evidence(t, cause, x))
         for t in trials
     ]
-    of_trials = compute_gains(
+    of_trials = _compute_gains(
         before, after, rows, cause.parameters or COST_WITHOUT_COEFFICIENT, plates
     ) + np.array(of_side)
     explained = float(1.0 - after.sum() / before.sum())
@@ -304,21 +271,14 @@ class Choice(NamedTuple):
     possible: dict[str, PlateErrors]
 
 
-def estimate_plate_errors(found: Sequence[ForceFit]) -> PlateErrors:
+def _estimate_plate_errors(found: Sequence[ForceFit]) -> PlateErrors:
     """Estimate the uncertainty of a trial's plates from all its causes.
 
     A cause is exp(gain - CHOICE_COST) times as likely as no fault. The plates are uncertain by its
     size, weighted by its probability among all. A gain is determined by the subject's mass.
 
-    Parameters
-    ----------
-    found
-        Fits of all causes in one trial.
-
-    Returns
-    -------
-    PlateErrors
-        Standard deviations of position, time offset and rotation.
+    `found`: fits of all causes in one trial. Returns: standard deviations of position, time offset
+    and rotation.
     """
     # the first entry is the hypothesis of no fault
     share = softmax([0.0, *(fit.gain - CHOICE_COST for fit in found)])[1:]
@@ -354,7 +314,7 @@ def choose(trials: Sequence[ForceEvidence]) -> Choice:
     residuals = [ForceResidual([trial]) for trial in trials]
     for trial, residual in zip(trials, residuals, strict=True):
         size, found = fit_causes(residual)
-        possible[trial.name] = estimate_plate_errors(found)
+        possible[trial.name] = _estimate_plate_errors(found)
         best = select_named(found, *_find_doubts([trial]))
         if best:
             alone.append(NamedFault(trials=(trial,), fits=best))
@@ -422,19 +382,8 @@ def select_named(
 ) -> tuple[ForceFit, ...]:
     """Select the cause to report and its rivals.
 
-    Parameters
-    ----------
-    found
-        Fits, the largest gain first.
-    shaken
-        Whether samples of markers are missing.
-    doubtful
-        Whether the motion of a leg is in doubt.
-
-    Returns
-    -------
-    tuple of ForceFit
-        The best one first; empty if no cause has decisive evidence.
+    `shaken`: whether samples of markers are missing. `doubtful`: whether the motion of a leg is in
+    doubt. Returns: the best one first; empty if no cause has decisive evidence.
     """
     reportable = [fit for fit in found if _is_reportable(fit, shaken, doubtful)]
     if not reportable or reportable[0].gain < LEAST_GAIN:

@@ -281,19 +281,8 @@ DESCRIPTIONS: Mapping[ForceFault, tuple[Code, Describer]] = {
 def compute_torque_change(trials: Sequence[ForceEvidence], fit: ForceFit) -> tuple[str, float]:
     """Compute which leg torque a fault changes most.
 
-    Parameters
-    ----------
-    trials
-        Trials with the fault.
-    fit
-        The fault and its size.
-
-    Returns
-    -------
-    str
-        Coordinate of the torque; empty if none changes.
-    float
-        RMS change as a share of body weight times height.
+    `trials`: trials with the fault. Returns: coordinate of the torque; empty if none changes; RMS
+    change as a share of body weight times height.
     """
     worst, most = "", 0.0
     for trial in trials:

@@ -119,7 +119,7 @@ def list_force_units(weight: float) -> dict[str, float]:
     }
 
 
-def normalise_plates(
+def _normalise_plates(
     plates: tuple[ForcePlate, ...], time: Array, weight: float
 ) -> tuple[ForcePlate, ...]:
     """Return the plates in N and without their empty readings; unchanged if they need neither."""
@@ -147,7 +147,7 @@ def normalise_plates(
     )
 
 
-def match_feet_by_time(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
+def _match_feet_by_time(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
     """Return the foot (nf,) in contact while the plate is loaded: 0 right, 1 left, -1 none."""
     out = np.full(len(time), -1)
     for loaded in find_runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
@@ -168,7 +168,7 @@ def _compute_overlap(one: slice, other: slice) -> float:
     return float(max(0, both) / (max(one.stop, other.stop) - min(one.start, other.start)))
 
 
-def is_off_feet(
+def _is_off_feet(
     plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: foot_contact.FootPoints
 ) -> bool:
     """Return whether the load of a plate is not under the foot (plates, nf) that is in contact."""
@@ -319,14 +319,14 @@ def build_force_evidence(
     plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")
     if not plates:
         return None
-    plates_on_ground = normalise_plates(plates, time, weight)
+    plates_on_ground = _normalise_plates(plates, time, weight)
     feet = np.array(
-        [match_feet_by_time(plate, time, reactions.resting) for plate in plates_on_ground]
+        [_match_feet_by_time(plate, time, reactions.resting) for plate in plates_on_ground]
     )
     frames = _select_frames(time, reactions.valid)
     points = compute_foot_points(model, motion, parameters)
     # forces that are far from every foot, or in another unit, leave no valid frames
-    if plates_on_ground is not plates or is_off_feet(plates_on_ground, feet, time, points):
+    if plates_on_ground is not plates or _is_off_feet(plates_on_ground, feet, time, points):
         assigned = {**_assign_plates_by_time(plates_on_ground, feet), **trial.plates}
         frames = _reselect_frames(recording, model, parameters, motion, plates_on_ground, assigned)
     if len(frames) < FEWEST_EVIDENCE_FRAMES:
@@ -346,7 +346,7 @@ def build_force_evidence(
     )
     linkage = build_model(parameters)
     data = linkage.createData()
-    spread, trunk = compute_inertial_spread(
+    spread, trunk = _compute_inertial_spread(
         dynamics.compute_root_regressor(q, v, a), parameters.inertial, model.subject.height
     )
     plate_forces = []
@@ -413,26 +413,14 @@ def _measure_missing_share(recording: Recording, model: SubjectModel) -> float:
     return float(missing.mean()) if missing.size else 0.0
 
 
-def compute_inertial_spread(
+def _compute_inertial_spread(
     regressor: Array, inertial: Array, height: float
 ) -> tuple[Array, Array]:
     """Compute the change of the pelvis wrench with inertial errors, total mass held.
 
-    Parameters
-    ----------
-    regressor
-        (k, 6, 12, 10), from `Dynamics.compute_root_regressor`.
-    inertial
-        (84,) inertial parameters.
-    height
-        Body height, m.
-
-    Returns
-    -------
-    ndarray
-        (k, 6, n) change with one standard deviation of each of n unknowns.
-    ndarray
-        (k, 6, 2) change per m of the trunk's mass centre, forward and to the right.
+    `regressor`: (k, 6, 12, 10), from `Dynamics.compute_root_regressor`. `inertial`: (84,) inertial
+    parameters. `height`: body height, m. Returns: (k, 6, n) change with one standard deviation of
+    each of n unknowns; (k, 6, 2) change per m of the trunk's mass centre, forward and to the right.
     """
     by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, compute_dynamic_jacobian(inertial))
     rows = view_as_table(inertial)

@@ -128,18 +128,9 @@ def _is_landmark_doubt(found: Finding, static: str) -> bool:
 def find_odd_lines(p: Mapping[str, Array], bending: Mapping[str, float]) -> Iterator[OddLine]:
     """Find epicondyle lines that depart from the knee axis: of both knees, or of one.
 
-    Parameters
-    ----------
-    p
-        Landmarks of the static trial, (3,) m each, y up.
-    bending
-        Side -> angle (deg) of the epicondyle line from the flexion axis in walks, positive as k;
-        may be empty.
-
-    Yields
-    ------
-    OddLine
-        One for both knees, or one a knee.
+    `p`: landmarks of the static trial, (3,) m each, y up. `bending`: side -> angle (deg) of the
+    epicondyle line from the flexion axis in walks, positive as k; may be empty. Yields one for both
+    knees, or one a knee.
     """
     legs = {side: _compute_side_evidence(p, side, bending.get(side)) for side in linkage.SIDES}
     mean = {name: 0.5 * (x + legs["l"][name]) for name, x in legs["r"].items() if name in legs["l"]}
@@ -211,39 +202,23 @@ def _judge_line(
 def measure_bending(trials: Sequence[TrialEvidence]) -> dict[str, float]:
     """Measure the angle between epicondyle line and flexion axis in walks.
 
-    Parameters
-    ----------
-    trials
-        All trials; only gait trials are used.
-
-    Returns
-    -------
-    dict of str to float
-        Side -> median over walks, deg, positive as k; sides without an estimate are missing.
+    `trials`: all trials; only gait trials are used. Returns: side -> median over walks, deg,
+    positive as k; sides without an estimate are missing.
     """
     out: dict[str, float] = {}
     for side in linkage.SIDES:
-        found = [measure_axis_angle(trial, f"knee_{side}") for trial in trials if trial.is_gait]
+        found = [_measure_axis_angle(trial, f"knee_{side}") for trial in trials if trial.is_gait]
         angles = [angle for angle in found if angle is not None]
         if angles:
             out[side] = segment_frames.sign(side) * float(np.rad2deg(np.median(angles)))
     return out
 
 
-def measure_axis_angle(trial: TrialEvidence, knee: str) -> float | None:
+def _measure_axis_angle(trial: TrialEvidence, knee: str) -> float | None:
     """Measure the transverse angle from a knee's mean flexion axis to its epicondyle line.
 
-    Parameters
-    ----------
-    trial
-        A moving trial.
-    knee
-        `knee_r` or `knee_l`.
-
-    Returns
-    -------
-    float or None
-        rad; None if the knee moves too little or its markers are missing.
+    `knee`: `knee_r` or `knee_l`. Returns: rad; None if the knee moves too little or its markers are
+    missing.
     """
     epicondyles = None if trial.stance is None else trial.stance.knee_axes.get(knee)
     if knee not in trial.links or epicondyles is None:
@@ -285,7 +260,7 @@ def check_knee_axes(
         At most one warning a knee.
     """
     for side in {"r", "l"} - set(reported):
-        angles = [(trial.name, measure_axis_angle(trial, f"knee_{side}")) for trial in trials]
+        angles = [(trial.name, _measure_axis_angle(trial, f"knee_{side}")) for trial in trials]
         degrees = {name: np.rad2deg(angle) for name, angle in angles if angle is not None}
         odd = {name: angle for name, angle in degrees.items() if abs(angle) > IN_TRIAL_DEG}
         if odd:

@@ -135,21 +135,14 @@ def _pair_namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
             tracking.get(f"{segment}_r", ()), tracking.get(f"{segment}_l", ()), strict=False
         )
     yield from (
-        (a, b) for a, b in pairs if a in trial.column and b in trial.column and is_right_of(a, b)
+        (a, b) for a, b in pairs if a in trial.column and b in trial.column and _is_right_of(a, b)
     )
 
 
-def is_right_of(a: str, b: str) -> bool:
+def _is_right_of(a: str, b: str) -> bool:
     """Return whether two labels differ only by R and L at one position.
 
-    Parameters
-    ----------
-    a, b
-        Labels of a right and a left marker, in any case.
-
-    Returns
-    -------
-    bool
+    `a`, `b`: labels of a right and a left marker, in any case.
     """
     different = [(x, y) for x, y in zip(a.lower(), b.lower(), strict=False) if x != y]
     return len(a) == len(b) and different == [("r", "l")]
@@ -169,5 +162,5 @@ def swap_sides(recording: Recording) -> Recording:
         With the label of its namesake for every marker that has one.
     """
     labels = recording.labels
-    other = {a: b for a in labels for b in labels if is_right_of(a, b) or is_right_of(b, a)}
+    other = {a: b for a in labels for b in labels if _is_right_of(a, b) or _is_right_of(b, a)}
     return replace(recording, labels=tuple(other.get(label, label) for label in labels))

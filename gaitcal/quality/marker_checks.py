@@ -120,7 +120,7 @@ def check_missing(trial: TrialEvidence) -> Iterator[Finding]:
     """
     absent = [label for label in trial.expected if label not in trial.column]
     needed = [] if trial.is_isolated else [label for label in absent if _is_needed(trial, label)]
-    strangers = list_unknown_labels(trial)
+    strangers = _list_unknown_labels(trial)
     cure = (
         'correct the labels in the file, or set rename = { "label in file" = "label in set" } '
         "under [markers]"
@@ -288,7 +288,7 @@ def check_unknown_labels(trial: TrialEvidence) -> Iterator[Finding]:
     Finding
         One note, or nothing.
     """
-    strangers = list_unknown_labels(trial)
+    strangers = _list_unknown_labels(trial)
     if strangers:
         found = f"{len(strangers)} labels unknown to the set: {join_names(strangers)}"
         yield trial.info(
@@ -296,18 +296,8 @@ def check_unknown_labels(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def list_unknown_labels(trial: TrialEvidence) -> list[str]:
-    """List labels of the file that are neither in the marker set nor those of devices.
-
-    Parameters
-    ----------
-    trial
-        The trial.
-
-    Returns
-    -------
-    list of str
-    """
+def _list_unknown_labels(trial: TrialEvidence) -> list[str]:
+    """List labels of the file that are neither in the marker set nor those of devices."""
     known = {*trial.marker_set.labels, *trial.marker_set.devices}
     return [label for label in trial.recording.labels if label not in known]
 
@@ -651,7 +641,7 @@ def _report_single_marker(
         "label its other markers, here and in the static trial, or add them to this segment in "
         "the marker set"
     )
-    along = join_names([f"'{label}'" for label in find_markers_moving_along(trial, segment)])
+    along = join_names([f"'{label}'" for label in _find_markers_moving_along(trial, segment)])
     if along:
         cure = (
             f"{along} of the file moves with it: add it to this segment in the marker set, or "
@@ -737,29 +727,19 @@ def _estimate_uncertainty(trial: TrialEvidence, model: SubjectModel) -> dict[str
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 
 
-def find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
+def _find_markers_moving_along(trial: TrialEvidence, segment: str) -> list[str]:
     """Find unknown labels whose distances to the markers of a leg segment are constant.
 
     A shank or foot marker must also keep its distance from the lateral marker of the joint above:
     near that joint's axis a marker keeps its distance from both segments.
 
-    Parameters
-    ----------
-    trial
-        A moving trial.
-    segment
-        A leg segment, such as `shank_r`.
-
-    Returns
-    -------
-    list of str
-        Labels of the file.
+    `segment`: a leg segment, such as `shank_r`. Returns: labels of the file.
     """
     part, _, side = segment.partition("_")
     below = {"thigh": f"shank_{side}", "shank": f"foot_{side}"}.get(part)
     return [
         label
-        for label in list_unknown_labels(trial)
+        for label in _list_unknown_labels(trial)
         if not is_unlabelled(label)
         and _has_fixed_distances(trial, label, segment)
         and not (

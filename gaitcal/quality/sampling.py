@@ -247,7 +247,7 @@ def _compute_bandwidth(settings: CalibrationSettings, time: Array) -> tuple[floa
     if settings.nodes is not None or settings.nodes_per_second is not None:
         nodes = ControlPointRule(
             settings.nodes_per_second or NODES_PER_SECOND, settings.nodes
-        ).count_nodes(time)
+        ).count_control_points(time)
         return compute_cutoff(time, nodes), f"{nodes} spline nodes"
     if settings.bandwidth_hz == AUTOMATIC:
         return None, ""
@@ -419,15 +419,7 @@ def check_seams(trial: TrialEvidence) -> Iterator[Finding]:
 def find_seams(x: Array) -> list[Seam]:
     """Find seams in the paths of markers.
 
-    Parameters
-    ----------
-    x
-        (nf, nm, 3) m; NaN where not visible.
-
-    Returns
-    -------
-    list of Seam
-        In the order of frames.
+    `x`: (nf, nm, 3) m; NaN where not visible. Returns: in the order of frames.
     """
     if len(x) < 2 * HALF_WINDOW:
         return []

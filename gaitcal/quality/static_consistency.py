@@ -72,8 +72,8 @@ def check_static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Findin
     Finding
         One a cause: size of the body, whole trials, single markers and clusters, knee axes, walks.
     """
-    yield from check_body_scale(trials)
-    sized = [rescale_trial(t) for t in trials if not t.is_static]
+    yield from _check_body_scale(trials)
+    sized = [_rescale_trial(t) for t in trials if not t.is_static]
     found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[TrialEvidence, Contradiction]]] = {}
     spoilt: set[str] = set()
     for trial in sized:
@@ -242,7 +242,7 @@ def _explain_whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) 
     found = []
     for change, cause in (
         (label_checks.swap_sides, "right and left labels are swapped"),
-        (mirror_axis, "one axis of the laboratory is mirrored"),
+        (_mirror_axis, "one axis of the laboratory is mirrored"),
     ):
         # a correction that removes all contradictions explains them
         changed = trial.with_recording(change(trial.recording))
@@ -265,18 +265,8 @@ def _explain_whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) 
     )
 
 
-def mirror_axis(recording: Recording) -> Recording:
-    """Mirror a recording along z.
-
-    Parameters
-    ----------
-    recording
-        Any recording.
-
-    Returns
-    -------
-    Recording
-    """
+def _mirror_axis(recording: Recording) -> Recording:
+    """Mirror a recording along z."""
     return replace(recording, markers=recording.markers * [1.0, 1.0, -1.0])
 
 
@@ -310,24 +300,16 @@ def _check_between_walks(walks: Sequence[TrialEvidence], reported: set[str]) -> 
             )
 
 
-def measure_scale(trial: TrialEvidence) -> float | None:
+def _measure_scale(trial: TrialEvidence) -> float | None:
     """Measure the scale of a trial relative to the static trial.
 
-    Parameters
-    ----------
-    trial
-        A moving trial.
-
-    Returns
-    -------
-    float or None
-        Median size of its clusters; None with too few.
+    Returns: median size of its clusters; None with too few.
     """
     ratios = [cluster.size_ratio for cluster in trial.clusters.values()]
     return float(np.median(ratios)) if len(ratios) >= FEWEST_CLUSTERS else None
 
 
-def detect_odd_scale(trial: TrialEvidence) -> float | None:
+def _detect_odd_scale(trial: TrialEvidence) -> float | None:
     """Return the scale of a trial if it differs from that of the static trial, else None.
 
     Parameters
@@ -345,7 +327,7 @@ def detect_odd_scale(trial: TrialEvidence) -> float | None:
     standard error of a median of n sizes r, and by soft tissue if no posture is like that of the
     static trial, which acts on all segments alike. Scatter alone enlarges a cluster a little.
     """
-    scale = measure_scale(trial)
+    scale = _measure_scale(trial)
     if scale is None:
         return None
     ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
@@ -359,7 +341,7 @@ def detect_odd_scale(trial: TrialEvidence) -> float | None:
     return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 
 
-def rescale_trial(trial: TrialEvidence) -> TrialEvidence:
+def _rescale_trial(trial: TrialEvidence) -> TrialEvidence:
     """Scale a trial to the size of the static one if it differs, so that other faults can be found.
 
     Parameters
@@ -371,26 +353,19 @@ def rescale_trial(trial: TrialEvidence) -> TrialEvidence:
     -------
     TrialEvidence
     """
-    scale = detect_odd_scale(trial)
+    scale = _detect_odd_scale(trial)
     return trial if scale is None else trial.with_markers(trial.recording.markers / scale)
 
 
-def check_body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def _check_body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Report trials that show a body of another size than the static trial.
 
-    Parameters
-    ----------
-    trials
-        Static and moving trials.
-
-    Yields
-    ------
-    Finding
-        An error or warning for each such trial, or one for the static trial if all moving differ.
+    Yields an error or warning for each such trial, or one for the static trial if all moving
+    differ.
     """
-    measured = [(t, measure_scale(t)) for t in trials if not t.is_static]
+    measured = [(t, _measure_scale(t)) for t in trials if not t.is_static]
     scales = {t.name: (t, scale) for t, scale in measured if scale is not None}
-    odd = [(t, scale) for t, scale in scales.values() if detect_odd_scale(t) is not None]
+    odd = [(t, scale) for t, scale in scales.values() if _detect_odd_scale(t) is not None]
     if not odd:
         return
     away = {t.name: max(SCALE[0] - scale, scale - SCALE[1]) for t, scale in odd}

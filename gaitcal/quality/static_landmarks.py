@@ -90,19 +90,8 @@ class DisplacedLandmark:
 def estimate_height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
     """Estimate the factor of body height that all lengths together require.
 
-    Parameters
-    ----------
-    p
-        Landmarks, (3,) m each, y up.
-    height
-        Given body height, m.
-    even
-        Whether the person stands on both straight legs.
-
-    Returns
-    -------
-    float
-        1 if the lengths agree with the given height.
+    `p`: landmarks, (3,) m each, y up. `height`: given body height, m. `even`: whether the person
+    stands on both straight legs. Returns: 1 if the lengths agree with the given height.
     """
     lengths = [
         (m.value, m.mean, m.sd) for m in measure_landmarks(p, height, even=even) if m.absolute
@@ -121,19 +110,9 @@ def find_faults(
 ) -> Iterator[SwappedLandmarks | DisplacedLandmark]:
     """Find faults of landmarks, one after another.
 
-    Parameters
-    ----------
-    p
-        Landmarks, (3,) m each, y up.
-    height
-        Body height, m.
-    even
-        Whether the person stands on both straight legs: then posture is the same on both sides.
-
-    Yields
-    ------
-    SwappedLandmarks or DisplacedLandmark
-        At most `MOST_FAULTS`; a displacement is the last one.
+    `p`: landmarks, (3,) m each, y up. `height`: body height, m. `even`: whether the person stands
+    on both straight legs: then posture is the same on both sides. Yields: at most `MOST_FAULTS`; a
+    displacement is the last one.
     """
     p = dict(p)
     for _ in range(MOST_FAULTS):
@@ -149,16 +128,7 @@ def find_faults(
 def swap_landmarks(p: Landmarks, pairs: tuple[tuple[str, str], ...]) -> dict[str, Array]:
     """Swap the positions of pairs of landmarks.
 
-    Parameters
-    ----------
-    p
-        Landmarks, (3,) m each.
-    pairs
-        Names of landmarks.
-
-    Returns
-    -------
-    dict of str to ndarray
+    `p`: landmarks, (3,) m each. `pairs`: names of landmarks.
     """
     out = dict(p)
     for a, b in pairs:
@@ -331,15 +301,7 @@ def _find_faults_in_posture(
 def measure_hip_height(trial: TrialEvidence) -> float | None:
     """Measure the median height of the ASIS above the lateral malleoli.
 
-    Parameters
-    ----------
-    trial
-        Any trial.
-
-    Returns
-    -------
-    float or None
-        m; None if a landmark is missing.
+    Returns: m; None if a landmark is missing.
     """
     paths = [
         trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES
@@ -371,7 +333,7 @@ def collect_landmarks(trial: TrialEvidence) -> dict[str, Array]:
 
 def _report_swap(trial: TrialEvidence, fault: SwappedLandmarks) -> Finding:
     """Build the error on swapped landmarks."""
-    pairs = list_label_pairs(trial, fault.pairs)
+    pairs = _list_label_pairs(trial, fault.pairs)
     names = join_names([f"'{a}' and '{b}'" for a, b in pairs], 4)
     cause = f"the labels of {names} are swapped in the static trial"
     if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
@@ -485,22 +447,12 @@ def describe_labels(trial: TrialEvidence, landmark: str) -> str:
     return " and ".join(f"'{label}'" for label in labels)
 
 
-def list_label_pairs(
+def _list_label_pairs(
     trial: TrialEvidence, pairs: tuple[tuple[str, str], ...]
 ) -> list[tuple[str, str]]:
     """List the labels of swapped landmarks.
 
-    Parameters
-    ----------
-    trial
-        The static trial.
-    pairs
-        Names of landmarks.
-
-    Returns
-    -------
-    list of tuple of str
-        Pairs of labels.
+    `pairs`: names of landmarks. Returns: pairs of labels.
     """
     markers = trial.marker_set.landmarks
     out: list[tuple[str, str]] = []

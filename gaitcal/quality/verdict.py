@@ -333,15 +333,7 @@ def _judge_overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVer
 def collect_reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
     """Collect one reason for each cause of errors and warnings.
 
-    Parameters
-    ----------
-    findings
-        Of the checks and of the fit.
-
-    Returns
-    -------
-    tuple of Reason
-        The worst first.
+    `findings`: of the checks and of the fit. Returns: the worst first.
     """
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:

@@ -32,8 +32,9 @@ from gaitcal.io.toml import read_toml
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 from gaitcal.quality.verdict import SENTENCES, Judgement
+from gaitcal.report.figures.curve_panel import LEAST, CurvePanel
 from gaitcal.report.figures.document import COMMENT_SECTIONS, ReportContent
-from gaitcal.report.figures.report_sheets import LEAST, CurvePanel, Sheet
+from gaitcal.report.figures.report_sheets import Sheet
 from gaitcal.report.page.key_figures import WIDE_LIMITS
 from gaitcal.results import cycles_export
 from gaitcal.results.normal_curves import NormalCurve, NormTables, build_norm_tables
@@ -346,13 +347,13 @@ def _build_sheets(
                         variables,
                         norm.curves if a.walks else {},
                         subject,
+                        average_toe_offs(a.uses),
                     )
                 ),
                 note=f"{text} {remark}" if a.walks and remark else text,
                 without=_explain_missing_curves(a.trials, a.uses, of_moments=variables is KINETICS),
                 comment=title.lower() if k == 0 else "",
                 thin="thin: repetitions" if a.repeats else "thin: strides, vertical: toe-off",
-                toe_off=average_toe_offs(a.uses),
             )
 
 
@@ -473,6 +474,7 @@ def _build_panels(
     variables: Sequence[str],
     normal: Mapping[str, NormalCurve],
     subject: Subject,
+    toe_off: Mapping[str, float],
 ) -> Iterator[CurvePanel | str]:
     straight = strides[~(strides["turn"].abs() > TURNING)]
     means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
@@ -506,13 +508,13 @@ def _build_panels(
                     if known
                     else np.full(POINTS, np.nan)
                 )
-        norm = None
+        norms = {}
         if variable in normal:
             average, sd = (
                 CLINICAL.values(variable, part, "r", subject)
                 for part in normal[variable].sides["r"]
             )
-            norm = factor * average, factor * np.abs(sd)
+            norms["r"] = factor * average, factor * np.abs(sd)
         yield CurvePanel(
             title=CLINICAL.title(variable),
             unit=PAPER_UNITS[kind],
@@ -520,7 +522,8 @@ def _build_panels(
             strides=curves,
             mean=mean,
             error=error,
-            norm=norm,
+            norms=norms,
+            toe_off=toe_off,
             least=LEAST[kind],
         )
 

@@ -72,11 +72,11 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
     InputError
         The folder cannot be written, or contains something other than an earlier comparison.
     """
-    warnings = tuple(make_one_line(f"warning: {text}") for text in comparison.warnings)
+    warnings = tuple(_make_one_line(f"warning: {text}") for text in comparison.warnings)
     with write_result_folder(
         folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]
     ) as out:
-        names = tuple(map(make_one_line, comparison.names))
+        names = tuple(map(_make_one_line, comparison.names))
         sessions = {f"session_{key}": name for key, name in zip("ab", names, strict=True)}
         hashes = {
             f"manifest_{key}_sha256": compute_sha256(path / MANIFEST)
@@ -98,7 +98,7 @@ def write_comparison(comparison: SessionComparison, folder: Path, results: Seque
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
         (out / PAGE).write_text(render_comparison_html(comparison, results), encoding="utf-8")
         (out / WORDS).write_text(
-            "".join(f"{make_one_line(line)}\n" for line in comparison.lines), encoding="utf-8"
+            "".join(f"{_make_one_line(line)}\n" for line in comparison.lines), encoding="utf-8"
         )
     return folder
 
@@ -247,7 +247,7 @@ def _build_score_rows(
             )
 
 
-def make_one_line(text: str) -> str:
+def _make_one_line(text: str) -> str:
     """Replace line breaks and control characters, as names are data."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
@@ -278,16 +278,13 @@ def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
         One is not a result, is damaged, or is of another subject by the lengths of its legs.
     """
     one, other = (load_session(Path(folder))[0] for folder in (a, b))
-    return compare_sessions(*rename_equal_sessions(one, other))
+    return compare_sessions(*_rename_equal_sessions(one, other))
 
 
 def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snapshot, ...]]:
     """Load one result, or one folder of further trials, and the snapshots of its files.
 
-    Raises
-    ------
-    InputError
-        The folder is not a result, or is damaged.
+    Raises InputError: the folder is not a result, or is damaged.
     """
     manifest = read_json_object(folder / MANIFEST)
     if not manifest:
@@ -348,7 +345,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
     return session, (read, of_model)
 
 
-def rename_equal_sessions(
+def _rename_equal_sessions(
     a: stride_sets.RecordedSession, b: stride_sets.RecordedSession
 ) -> tuple[stride_sets.RecordedSession, stride_sets.RecordedSession]:
     """Rename two sessions to A and B if their folders have the same name."""

@@ -58,7 +58,7 @@ class Claim:
     verdict: ClaimOutcome
 
 
-def make_claim(claim: str, published: str, ours: str, holds: bool | np.bool_) -> Claim:
+def _make_claim(claim: str, published: str, ours: str, holds: bool | np.bool_) -> Claim:
     """Make a claim that our figures decide."""
     return Claim(claim, published, ours, ClaimOutcome.HOLDS if holds else ClaimOutcome.FAILS)
 
@@ -92,21 +92,23 @@ def _check_without_noise(clean: SeedResult) -> list[Claim]:
     joints = clean.joints.values()
     degrees = max(r.orientation_deg or 0.0 for r in joints)
     position, marker = max(r.position_mm for r in joints), max(r.marker_mm for r in joints)
+    # The worst joint decides, in orientation, position and marker distance.
     recovered = degrees < NOISELESS_DEG and position < NOISELESS_MM and marker < NOISELESS_MM
     correct = clean.correct
     exact = (
         max(correct.force, correct.torque) < ZERO_RESIDUAL and correct.errors.inertia < ZERO_INERTIA
     )
+    # N or N·m, over all random seeds.
     worst = max(max(r.force, r.torque) for r in clean.random)
     inertia = [r.errors.inertia for r in clean.random]
     return [
-        make_claim(
+        _make_claim(
             "without noise, phase 1 recovers markers and joint parameters from absolute zero",
             "2.4e-06 mm, 0.0065 deg, 0.014 mm at most",
             f"{marker:.1e} mm, {degrees:.1e} deg, {position:.1e} mm at most",
             recovered,
         ),
-        make_claim(
+        _make_claim(
             "without noise, phase 2 from the correct seed leaves no residual and the exact "
             "inertial parameters",
             "8.0e-10 N, 2.2e-10 N*m, 5.1e-07 kg*mm^2",
@@ -114,7 +116,7 @@ def _check_without_noise(clean: SeedResult) -> list[Claim]:
             "kg*mm^2",
             exact,
         ),
-        make_claim(
+        _make_claim(
             "without noise, phase 2 leaves no residual from random seeds either",
             "not printed",
             f"{worst:.1e} N or N*m at most of {len(clean.random)} seeds, the penalty falling at "
@@ -149,32 +151,32 @@ def _check_joints(draws: Sequence[SeedResult]) -> list[Claim]:
         lower += [r.cost < r.cost_at_truth for r in alone]
         leg_lower.append(leg.cost < leg.cost_at_truth)
     return [
-        make_claim(
+        _make_claim(
             "with noise, joint positions are found to a few millimetres",
             "hip 0.55, knee 0.59, ankle 1.21, full leg 3.65 mm",
             f"{mm} mm (medians)",
             max(position.values()) < FEW_MM,
         ),
-        make_claim(
+        _make_claim(
             "with noise, hip and knee positions are found to less than a millimetre",
             "0.55 and 0.59 mm",
             f"{position['hip']:.2f} and {position['knee']:.2f} mm (medians)",
             max(position["hip"], position["knee"]) < SUBMILLIMETRE,
         ),
-        make_claim(
+        _make_claim(
             "with noise, the knee's axis is found far better than the ankle's",
             "0.09 and 3.37 deg",
             f"{orientation['knee']:.2f} and {orientation['ankle']:.2f} deg (medians); knee better "
             f"in {sum(better)} of {len(better)} draws",
             orientation["knee"] < FAR_BETTER * orientation["ankle"],
         ),
-        make_claim(
+        _make_claim(
             "with noise, the RMS marker distance is at most about 7 mm",
             "5.43 to 6.62 mm; the noise itself is 7.07 mm",
             f"{min(marker.values()):.2f} to {max(marker.values()):.2f} mm (medians)",
             max(marker.values()) <= MARKER_MM,
         ),
-        make_claim(
+        _make_claim(
             "with noise, the full leg is found worse than the isolated joints",
             "3.65 mm against 0.55 to 1.21 mm",
             f"{position['full leg']:.2f} mm against {position['hip']:.2f}, {position['knee']:.2f} "
@@ -182,7 +184,7 @@ def _check_joints(draws: Sequence[SeedResult]) -> list[Claim]:
             f"{len(worse)} draws",
             position["full leg"] > max(position[p] for p in PROBLEMS[:3]),
         ),
-        make_claim(
+        _make_claim(
             "with noise, the parameters found cost less than the true ones",
             "stated",
             f"isolated joints: in {sum(lower)} of {len(lower)} problems; full leg, with the other "
@@ -206,17 +208,18 @@ def _check_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
     force, torque = compute_medians(lambda r: r.force), compute_medians(lambda r: r.torque)
     inertia = compute_medians(lambda r: r.errors.inertia)
     centre = compute_medians(lambda r: r.errors.centre)
+    # Random seeds against the correct one, force and torque.
     near = all(abs(b - a) <= NEARLY * a for a, b in (force, torque))
     masses = summarise_draws(d.correct.total_mass for d in draws)
     return [
-        make_claim(
+        _make_claim(
             "with noise, random seeds reach nearly the residual of the correct seed",
             "16.96 against 16.92 N, 5.24 against 4.93 N*m",
             f"{force[1]:.2f} against {force[0]:.2f} N, {torque[1]:.2f} against {torque[0]:.2f} N*m "
             "(medians)",
             near,
         ),
-        make_claim(
+        _make_claim(
             "with noise, random seeds give much larger errors of inertial parameters than the "
             "correct seed",
             "inertia 74500 against 5670 kg*mm^2, mass centres 21.6 against 6.64 mm",
@@ -224,7 +227,7 @@ def _check_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
             f"{centre[1]:.1f} against {centre[0]:.1f} mm (medians)",
             inertia[1] > MUCH_LARGER * inertia[0] and centre[1] > centre[0],
         ),
-        make_claim(
+        _make_claim(
             "with noise, the whole body's mass is found almost exactly",
             "-0.006 kg",
             f"{masses.median:+.3f} kg (median, range {masses.low:+.3f} to {masses.high:+.3f})",
@@ -236,11 +239,12 @@ def _check_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
 def _check_third_step(draws: Sequence[SeedResult]) -> list[Claim]:
     """Test the claim on joint and inertial parameters together."""
     third = [d.third for d in draws if d.third is not None]
+    # Relative change of the marker distance, which must not pay for the fall of the residual.
     rises = [t.marker_mm[1] / t.marker_mm[0] - 1.0 for t in third]
     force = summarise_draws(1.0 - t.force[1] / t.force[0] for t in third)
     torque = summarise_draws(1.0 - t.torque[1] / t.torque[0] for t in third)
     return [
-        make_claim(
+        _make_claim(
             "joint and inertial parameters together lower both residuals strongly at slightly "
             "worse markers",
             "28 to 15 N, 13 to 5 N*m (experimental)",
@@ -256,7 +260,7 @@ def _check_speed(results: Sequence[SeedResult]) -> Claim:
     """Test the claim on computing time."""
     factor = compute_speed_factor(results)
     power = max(int(np.floor(np.log10(factor))), 0)
-    return make_claim(
+    return _make_claim(
         f"every problem is solved at least {ORDERS_FASTER} orders of magnitude faster",
         "108 to 380 s, 70 to 100 s, 11 to 48 s",
         f"our slowest problem against their fastest of each phase: {factor:.3g} times faster, "

@@ -131,6 +131,7 @@ def _list_marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]
     for trial in calibration.trials:
         if trial.joint is not None and not trial.joint.endswith(protocol.SIDE):
             continue
+        # Columns of Table I are the three joints and the whole leg.
         column = "full leg" if trial.joint is None else trial.joint.split("_")[0]
         nominal, calibrated = (
             motion.errors.rms(*LOWER_BODY) for motion in (trial.nominal, trial.calibrated)

@@ -146,18 +146,8 @@ class TableRow:
     ) -> "TableRow":
         """Return the cell with the median over draws, and their range in the note.
 
-        Parameters
-        ----------
-        published : float or None
-            The printed figure, whose position relative to the range is noted.
-        values : iterable of float
-            Our figure for each draw of the noise.
-        note : str
-            A further note.
-
-        Returns
-        -------
-        TableRow
+        `published`: the printed figure, whose position relative to the range is noted. `values`:
+        our figure for each draw of the noise. `note`: a further note.
         """
         ours = summarise_draws(values)
         summary = f"median of {ours.draws} noise draws, range {ours.low:.3g} to {ours.high:.3g}"
@@ -186,6 +176,7 @@ def make_table_one(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Table
     """
     rows: list[TableRow] = []
     for key, title, unit, figure in JOINT_FIGURES:
+        # Without noise there is one result; with noise there is a distribution over draws.
         for problem, published in get_table_one("synthetic_without_noise", key).items():
             cell = TableRow("I", f"synthetic without noise: {title}", problem, unit)
             recovery = clean.joints[problem]
@@ -204,6 +195,7 @@ def make_table_one(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Table
     peaks = []
     for draw in draws:
         peaks.append(max(r.largest_mm for r in draw.joints.values()))
+    # The paper gives one largest distance for all problems.
     largest = float(get_figure("largest_marker_distance_mm")["single"])
     rows.append(cell.fill_with_draws(largest, peaks))
     return [*rows, *_list_experimental_distances(), *_compare_minima(draws)]
@@ -268,6 +260,7 @@ def make_table_two(draws: Sequence[SeedResult]) -> list[TableRow]:
             ("full leg", "full leg", printed.full_leg),
         ):
             recovered = [draw.joints[problem] for draw in draws]
+            # Signed errors over the draws, mm or deg.
             values = np.array([r.errors[r.names.index(printed.name)] for r in recovered])
             size = f"median size {np.median(np.abs(values)):.3g}"
             cell = TableRow("II", printed.title, f"{column}, synthetic", printed.unit)
@@ -465,6 +458,7 @@ def make_time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
     """
     rows: list[TableRow] = []
     for row, key, times in PHASES:
+        # Processor time: independent of other programs of the machine.
         seconds = np.array([s for result in results for s in times(result)])
         shortest, longest = get_cpu_seconds(key)
         for column, published, ours in (

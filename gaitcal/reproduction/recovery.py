@@ -67,17 +67,7 @@ def compute_joint_errors(
 ) -> Array:
     """Compute the errors of joint parameters.
 
-    Parameters
-    ----------
-    estimate, truth : Parameters
-        Parameters of the linkage.
-    names : sequence of str
-        Joint parameters.
-
-    Returns
-    -------
-    (n,) array
-        Estimate minus truth, mm and deg.
+    `names`: joint parameters. Returns: (n,) estimate minus truth, mm and deg.
     """
     index = _find_indices(names)
     out: Array = (estimate.joint[index] - truth.joint[index]) / params.JP_TO_SI[index]
@@ -87,17 +77,8 @@ def compute_joint_errors(
 def compute_joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
     """Compute the RMS errors of positions and orientations.
 
-    Parameters
-    ----------
-    errors : (n,) array
-        mm and deg.
-    names : sequence of str
-        Joint parameters.
-
-    Returns
-    -------
-    position, orientation : float or None
-        mm and deg; None if there are none.
+    `errors`: (n,) mm and deg. `names`: joint parameters. Returns: `position, orientation` mm and
+    deg; None if there are none.
     """
     kinds = [params.JOINT_PARAMETERS[k].kind for k in _find_indices(names)]
     position = np.array([kind is params.ParameterKind.POSITION for kind in kinds], dtype=bool)
@@ -171,17 +152,8 @@ def list_free_parameters(problem: str) -> tuple[str, ...]:
 def build_synthetic_problem(problem: str, noise: np.random.Generator | None) -> MotionProblem:
     """Build one of the four problems.
 
-    Parameters
-    ----------
-    problem : str
-        One of `PROBLEMS`.
-    noise : Generator, optional
-        Of the marker noise; no noise if None.
-
-    Returns
-    -------
-    MotionProblem
-        Synthetic markers on the whole linkage, without priors.
+    `problem`: one of `PROBLEMS`. `noise`: of the marker noise; no noise if None. Returns: synthetic
+    markers on the whole linkage, without priors.
     """
     model, motion = build_true_model(), build_true_motion(problem)
     markers = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)
@@ -197,18 +169,10 @@ def build_synthetic_problem(problem: str, noise: np.random.Generator | None) -> 
     return replace(build_trial_problem(problem, model, recording, rule), priors=())
 
 
-def recover_joints(problems: Mapping[str, MotionProblem]) -> dict[str, JointRecovery]:
+def _recover_joints(problems: Mapping[str, MotionProblem]) -> dict[str, JointRecovery]:
     """Solve all problems; gait holds its other parameters at the values of functional trials.
 
-    Parameters
-    ----------
-    problems : mapping
-        Name -> problem, gait last.
-
-    Returns
-    -------
-    dict
-        Name -> solution.
+    `problems`: name -> problem, gait last. Returns: name -> solution.
     """
     out: dict[str, JointRecovery] = {}
     for problem, markers in problems.items():
@@ -237,12 +201,14 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     """
     free, truth = list_free_parameters(problem), build_true_model().parameters
     began = time.process_time()
+    # Absolute zero: all coordinates and all errors of joint parameters.
     zero = np.zeros((markers.basis.control_points, len(markers.chain.coordinates)))
     p, coefficients, near = descend_together([markers], held, free, [zero], np.zeros(len(free)))
     fit = joint_estimate.JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = build_motion(markers, fit.parameters, fit.coefficients[0]).errors.distance
+    # The cost at the true parameters, with the motion that is best for them.
     at_truth = track_coefficients(
         markers, markers.build_body(truth), build_true_motion(problem).coefficients
     )
@@ -274,25 +240,10 @@ def descend_together(
 ) -> tuple[Array, list[Array], Descent[Evaluation, banded.ArrowFactor]]:
     """Minimise over motions and joint parameters together, with damped steps.
 
-    Parameters
-    ----------
-    problems : sequence of MotionProblem
-        The trials.
-    parameters : Parameters
-        With the joint parameters that are not free.
-    free : tuple of str
-        Joint parameters to solve for.
-    starts : sequence of (nn, nq) array
-        Control points of each motion to start from, m and rad.
-    p : (np,) array
-        Free joint parameters to start from, m and rad.
-
-    Returns
-    -------
-    p : (np,) array
-    coefficients : list of (nn, nq) array
-    descent : Descent
-        With steps and convergence.
+    `parameters`: with the joint parameters that are not free. `free`: joint parameters to solve
+    for. `starts`: control points of each motion to start from, m and rad. `p`: (np,) free joint
+    parameters to start from, m and rad. Returns: `p` (np,); `coefficients` ; `descent` with steps
+    and convergence.
     """
     shared = SharedMotions(problems, parameters, free)
     end = descend(shared, shared.join_unknowns(p, starts), DAMPED)
@@ -324,15 +275,8 @@ def compute_inertial_rms(estimate: Array, truth: Array) -> InertialErrors:
 def compute_symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
     """Compute errors of the 36 symmetric parameters, and of `foot.com.sup`.
 
-    Parameters
-    ----------
-    estimate, truth : (84,) array
-        Inertial parameters, SI.
-
-    Returns
-    -------
-    dict
-        Parameter -> mean error of both sides, kg, mm, kg mm^2.
+    `estimate`, `truth`: (84,) inertial parameters, SI. Returns: parameter -> mean error of both
+    sides, kg, mm, kg mm^2.
     """
     which = params.make_symmetric_set()
     errors = (estimate - truth) / params.IP_TO_SI
@@ -397,18 +341,7 @@ def assemble_gait_equations(
 ) -> inertial_calibration.RootEquations:
     """Assemble the equations of the pelvis residual of the gait trial.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        With the joint parameters.
-    coefficients : (20, 27) array
-        The motion, m and rad.
-    scale : TorqueScale
-        Normalisation of torques.
-
-    Returns
-    -------
-    RootEquations
+    `coefficients`: (20, 27) the motion, m and rad.
     """
     basis = build_true_motion("full leg").basis
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
@@ -421,11 +354,11 @@ def assemble_gait_equations(
         parameters,
         build_true_model().subject,
         scale,
-        measure_pelvis_width(build_true_model()),
+        _measure_pelvis_width(build_true_model()),
     )
 
 
-def measure_pelvis_width(model: SubjectModel) -> float:
+def _measure_pelvis_width(model: SubjectModel) -> float:
     """Measure the distance of the hip centres, m."""
     return float(np.linalg.norm(model.landmarks["hjc_r"][1] - model.landmarks["hjc_l"][1]))
 
@@ -433,17 +366,8 @@ def measure_pelvis_width(model: SubjectModel) -> float:
 def draw_random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
     """Draw a random seed of the inertial parameters.
 
-    Parameters
-    ----------
-    rng : Generator
-        Of the seed.
-    with_held : bool
-        Draw `foot.com.sup`, too.
-
-    Returns
-    -------
-    (84,) array
-        SI; the true values times 1 + U(-0.5, 0.5), equal on both sides.
+    `with_held`: draw `foot.com.sup`, too. Returns: (84,) SI; the true values times 1 + U(-0.5,
+    0.5), equal on both sides.
     """
     truth, which = build_true_model().parameters.inertial, params.make_symmetric_set()
     factors = rng.uniform(-SEED_RANGE, SEED_RANGE, len(which.names) + 1)
@@ -454,7 +378,7 @@ def draw_random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
     return seed
 
 
-def recover_inertia(
+def _recover_inertia(
     equations: inertial_calibration.RootEquations,
     seed: Array,
     *,
@@ -463,22 +387,11 @@ def recover_inertia(
 ) -> InertialRecovery:
     """Minimise the published cost of phase 2 from a seed.
 
-    Parameters
-    ----------
-    equations : RootEquations
-        Of the gait trial.
-    seed : (84,) array
-        Inertial parameters, SI.
-    reseed : bool
-        Repeat from the solution until the residuals settle.
-    decay : float
-        Factor of the penalty's weight at every re-seed.
-
-    Returns
-    -------
-    InertialRecovery
+    `seed`: (84,) inertial parameters, SI. `reseed`: repeat from the solution until the residuals
+    settle. `decay`: factor of the penalty's weight at every re-seed.
     """
     began, truth = time.process_time(), build_true_model().parameters.inertial
+    # The cost of the paper: residual force and torque with a penalty on the change from the seed.
     fit = inertial_calibration.fit_published(
         equations, seed, params.make_symmetric_set(), reseed=reseed, decay=decay
     )
@@ -495,25 +408,17 @@ def recover_inertia(
     )
 
 
-def recover_together(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
+def _recover_together(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     """Fit joint and inertial parameters together, as the third step of `gaitcal calibrate`.
 
     It starts from phase 1 and physically consistent inertial parameters, because its chart holds no
     impossible bodies.
 
-    Parameters
-    ----------
-    markers : MotionProblem
-        Of the gait trial.
-    gait : JointRecovery
-        Its solution of phase 1.
-
-    Returns
-    -------
-    ThirdStep
+    `gait`: its solution of phase 1.
     """
     free, began = list_free_parameters("full leg"), time.process_time()
     equations = assemble_gait_equations(gait.parameters, gait.coefficients)
+    # The third step begins with inertial parameters that fit the joints of phase 1.
     inertial = inertial_calibration.fit_consistent(
         equations, build_true_model().parameters.inertial, params.make_symmetric_set()
     )
@@ -588,18 +493,8 @@ def recover_noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult
 def recover_noisy_draw(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
     """Recover all parameters with one draw of the noise.
 
-    Parameters
-    ----------
-    seed : int
-        Of all draws.
-    draw : int
-        Number of the draw: 0, 1, ...
-    random_seeds : int
-        Number of random inertial seeds.
-
-    Returns
-    -------
-    SeedResult
+    `seed`: of all draws. `draw`: number of the draw: 0, 1, ... `random_seeds`: number of random
+    inertial seeds.
     """
     noise, seeds = make_generators(seed, draw)
     return _recover(noise, seeds, random_seeds)
@@ -610,19 +505,8 @@ def make_generators(
 ) -> tuple[tuple[np.random.Generator, ...], np.random.SeedSequence]:
     """Make the random generators of one draw.
 
-    Parameters
-    ----------
-    seed : int
-        Of all draws.
-    draw : int
-        Number of the draw: 0, 1, ...
-
-    Returns
-    -------
-    noise : tuple of Generator
-        One for each problem.
-    seeds : SeedSequence
-        Of the random inertial seeds.
+    `seed`: of all draws. `draw`: number of the draw: 0, 1, ... Returns: `noise` one for each
+    problem; `seeds` of the random inertial seeds.
     """
     sequence = np.random.SeedSequence([seed, 1, draw])
     noise = tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS)))
@@ -664,23 +548,25 @@ def _recover(
         p: build_synthetic_problem(p, noise[k] if noise is not None else None)
         for k, p in enumerate(PROBLEMS)
     }
-    joints = recover_joints(problems)
+    joints = _recover_joints(problems)
     gait, truth = joints["full leg"], build_true_model().parameters.inertial
     equations = {
         scale: assemble_gait_equations(gait.parameters, gait.coefficients, scale)
         for scale in inertial_calibration.TorqueScale
     }
+    # The paper divides torque by body height.
     by_height = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
     streams = map(np.random.default_rng, seeds.spawn(random_seeds))
+    # Separate streams, so that more random seeds leave the first ones as they are.
     starts = [draw_random_seed(rng, with_held=noise is not None) for rng in streams]
-    scales = {scale: recover_inertia(scaled, truth) for scale, scaled in equations.items()}
+    scales = {scale: _recover_inertia(scaled, truth) for scale, scaled in equations.items()}
     return SeedResult(
         joints=joints,
         residual_before=by_height.compute_rms(truth),
         correct=scales[inertial_calibration.TorqueScale.BODY_HEIGHT],
-        single_pass=recover_inertia(by_height, truth, reseed=False),
-        random=tuple(recover_inertia(by_height, start, decay=decay) for start in starts),
+        single_pass=_recover_inertia(by_height, truth, reseed=False),
+        random=tuple(_recover_inertia(by_height, start, decay=decay) for start in starts),
         scales=scales,
-        third=recover_together(problems["full leg"], gait) if noise is not None else None,
+        third=_recover_together(problems["full leg"], gait) if noise is not None else None,
     )

@@ -92,6 +92,7 @@ def reproduce(
     def record_lap(part: str) -> None:
         laps[part] = time.perf_counter() - began - sum(laps.values())
 
+    # Phases 1 and 2 on exact data, then draws of the published noise.
     progress("without noise")
     clean = recover_noiseless(settings.seed, settings.random_seeds)
     progress(f"{settings.noise_seeds} draws of the noise")
@@ -142,10 +143,10 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
         An empty folder.
     """
     tables = {
-        "tables": make_table_frame(reproduction.tables),
-        "claims": make_claim_frame(reproduction.claims),
+        "tables": _make_table_frame(reproduction.tables),
+        "claims": _make_claim_frame(reproduction.claims),
         "draws": make_draw_frame(reproduction.noisy),
-        "times": make_table_frame(reproduction.times),
+        "times": _make_table_frame(reproduction.times),
         "montecarlo": reproduction.disturbances,
     }
     for name, frame in tables.items():
@@ -169,18 +170,10 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
     )
 
 
-def make_table_frame(rows: Iterable[table_rows.TableRow]) -> pd.DataFrame:
+def _make_table_frame(rows: Iterable[table_rows.TableRow]) -> pd.DataFrame:
     """Make the table of `tables.csv`.
 
-    Parameters
-    ----------
-    rows : iterable of TableRow
-        Its rows.
-
-    Returns
-    -------
-    DataFrame
-        Text, columns `TABLE_COLUMNS`; a figure that does not exist is empty.
+    Returns: text, columns `TABLE_COLUMNS`; a figure that does not exist is empty.
     """
     values = []
     for row in rows:
@@ -194,7 +187,7 @@ def _format_cell(value: str | float | None) -> str:
     return value if isinstance(value, str) else f"{value:.{DIGITS}g}"
 
 
-def make_claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
+def _make_claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
     """Make the table of `claims.csv`, columns `CLAIM_COLUMNS`."""
     rows = [(c.claim, c.published, c.ours, c.verdict.value) for c in claims]
     return pd.DataFrame(rows, columns=list(CLAIM_COLUMNS))
@@ -203,15 +196,7 @@ def make_claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
 def make_draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:
     """Make the table of `draws.csv`: figures of Tables I and III.
 
-    Parameters
-    ----------
-    draws : sequence of SeedResult
-        Draws of the noise.
-
-    Returns
-    -------
-    DataFrame
-        One row per draw.
+    Returns: one row per draw.
     """
     rows = []
     for number, draw in enumerate(draws):

@@ -212,11 +212,12 @@ def _express_along_line(
     curves: Sequence[Curve],
 ) -> list[Curve]:
     """Express the pelvis and foot angles of one stride along its line of progression."""
+    # A turning person has no line of progression: these angles are then not valid.
     straight = stride is None or not is_turning(stride.turn)
     along_line = dict(
         zip(
             PELVIS_ANGLES,
-            express_pelvis_in_stride(trial, get_pelvis_angles(trial.body), cycle, stride).T,
+            express_pelvis_in_stride(trial, get_pelvis_angles(trial.motion), cycle, stride).T,
             strict=True,
         )
     )
@@ -240,7 +241,7 @@ def _build_rows(
     curves: Sequence[Curve],
     measured: spatiotemporal.Stride | None,
 ) -> dict[str, Column]:
-    time, count = trial.body.time, len(curves)
+    time, count = trial.motion.time, len(curves)
     rows = count * POINTS
 
     def normalise_all(values: Sequence[Array]) -> Array:
@@ -248,6 +249,7 @@ def _build_rows(
         return out
 
     unknown = np.full(len(time), np.nan)
+    # NaN in invalid frames, so that a point is valid only if both of its neighbours are.
     usable = normalise_all([np.where(c.valid, 1.0, np.nan) for c in curves])
     turn = (
         np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS)
@@ -311,11 +313,13 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
         raise InputError(
             "xarray is not installed; pip install xarray", code=Code.INSTALLATION
         ) from None
+    # Without a stride there are no dimensions.
     if strides.empty:
         return xarray.Dataset()
     strides = validate_stride_table(strides)
     ensemble.require_unique_strides(strides)
     conventions = read_conventions(strides)
+    # Person and session are dimensions only if there are several of them.
     several = [
         name
         for name in DIMENSIONS
@@ -329,6 +333,7 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
         }
     dataset = xarray.Dataset.from_dataframe(pd.DataFrame(columns))
     for name in dataset.data_vars:
+        # Unit and positive direction follow the variable, also for its standard error.
         variable = str(name).removesuffix("_se").removesuffix("_valid")
         unit, positive = conventions[variable]
         dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit

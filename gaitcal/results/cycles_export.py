@@ -203,6 +203,7 @@ def _convert_rows(
         name: convention.values(variable, rows[name].to_numpy(dtype=np.float64), side, subject)
         for name in numbers
     }
+    # A convention may reverse the sign of a curve, but not of a standard error.
     changed |= {name: np.abs(values) for name, values in changed.items() if name != "value"}
     kind = get_curve_kind(variable)
     units = {CurveKind.MOMENT: convention.unit.label, CurveKind.POWER: convention.unit.power}
@@ -219,6 +220,7 @@ def _build_vector_rows(found: _StrideTables, frame: MomentFrame) -> list[pd.Data
         of_trial = found.table[(found.table["trial"] == trial) & (found.table["side"] == side)]
         if table is None or of_trial.empty:
             continue
+        # Both files are of one run unless one of them was edited.
         if len(cycles) != of_trial["stride"].nunique():
             message = f"{CYCLES} and {STRIDES} differ in the strides of '{trial}'; calibrate again"
             raise InputError(message, code=Code.DAMAGED_RESULT)
@@ -229,6 +231,7 @@ def _build_vector_rows(found: _StrideTables, frame: MomentFrame) -> list[pd.Data
             if get_leg(name) in (side, "")
         ]
         for stride, cycle in enumerate(cycles, start=1):
+            # Person, session, turn and the other identifying columns are those of the stride.
             template = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
             for name in names:
                 leg = get_leg(name)
@@ -284,6 +287,7 @@ def write_export_manifest(
         The earlier manifest is damaged.
     """
     earlier = result_folder.read_json_object(folder / result_folder.MANIFEST)
+    # The folder is a result of another kind: its manifest is not touched.
     if earlier and earlier.get("kind") != result_folder.ResultKind.EXPORT.value:
         return
     if "result" in earlier and not isinstance(earlier.get("written"), dict):
@@ -294,6 +298,7 @@ def write_export_manifest(
         for name, digest in result_folder.read_listed_hashes(folder).items()
         if (folder / name).is_file()
     }
+    # New files replace entries of earlier exports with the same name.
     hashes |= {
         name: result_folder.compute_sha256(stage / name) or ""
         for name in result_folder.list_files(stage)

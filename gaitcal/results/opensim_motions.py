@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.arrays import compute_rms
 from gaitcal.export.opensim.motion_comparison import OurMotion
 from gaitcal.export.opensim.osim_writer import encode_name
 from gaitcal.io.result_folder import read_json_object
@@ -31,6 +32,7 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
     names = list_moving_trials(folder)
     isolated = {name for name in names if get_table(entries, name).get("role") == Role.JOINT.value}
     for k, name in enumerate(names):
+        # Functional trials count only where there is no walk.
         if name in isolated and isolated != {*names}:
             continue
         cutoff = get_table(entries, name).get("bandwidth_hz")
@@ -40,11 +42,12 @@ def load_compared_trials(folder: Path) -> list[OurMotion]:
         compared = [
             m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0
         ]
+        # Both positions are in the axes of the result, m.
         modelled = compute_synthetic_markers(saved.model.parameters, placed, q)[:, compared]
         differences = (
             saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
         )
-        rms = np.sqrt(np.nanmean(np.sum(differences**2, axis=2), axis=0))
+        rms = compute_rms(np.linalg.norm(differences, axis=2), axis=0)
         trial = OurMotion(
             name=name,
             motion=saved.motion,

@@ -9,7 +9,6 @@ import numpy as np
 from gaitcal.analysis.parameter_table import list_parameter_rows
 from gaitcal.analysis.result import Calibration
 from gaitcal.calibration.identifiability import NEEDED_RANGE
-from gaitcal.calibration.joint_prior import combine_joint_priors
 from gaitcal.gait import moments
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import JOINTS, Source
@@ -84,6 +83,7 @@ def group_joint_parameters(calibration: Calibration) -> tuple[ParameterGroup, ..
     groups = []
     for joint in GROUPS:
         of_joint = [row for row in rows if row.part == joint]
+        # Joints that no trial was to fit are not listed.
         shown = [row for row in of_joint if row.status != "fixed"]
         if shown:
             groups.append(
@@ -165,10 +165,12 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
         joints.setdefault(name.split(".")[0], []).append(name)
     out = []
     for joint, names in joints.items():
+        # Inertial parameters have a segment instead of a joint, and no range of motion.
         if joint not in {j.name for j in JOINTS}:
             parameters = moments.format_list([moments.describe_parameter(n) for n in names])
             out.append(f"{moments.describe_segment(joint).capitalize()}: {parameters}.")
             continue
+        # The usual reason is that the joint hardly moved.
         moved = compute_range_of_motion(calibration, joint)
         parameters = moments.format_list([moments.describe_parameter(n) for n in names])
         text = (
@@ -189,10 +191,9 @@ def describe_unidentifiable(calibration: Calibration) -> tuple[str, ...]:
 
 def _describe_kept(calibration: Calibration, names: Sequence[str]) -> str:
     """Describe the value that undetermined joint parameters keep."""
-    several, study = len(names) > 1, calibration.study
-    if near := combine_joint_priors(
-        study.settings.joint_prior, study.joint_prior
-    ).describe_fallback(names):
+    several, study, prior = len(names) > 1, calibration.study, calibration.joint_prior
+    near = prior.describe_fallback(names) if prior else ""
+    if near:
         return f"{'they stay' if several else 'it stays'} near {near}"
     if study.settings.decided_by is Protocol.EVIDENCE:
         return (
@@ -261,6 +262,7 @@ def summarise_fitted(calibration: Calibration) -> str:
     if joint:
         parts.append(f"{moments.format_count(joint, 'joint parameter')} (joint positions and axes)")
     if inertial:
+        # One variable for both sides: fewer variables than fitted parameters.
         is_symmetric = inertial < sum(
             r.status == "fitted" for r in _label_parameters(calibration, joints=False)
         )
@@ -269,11 +271,9 @@ def summarise_fitted(calibration: Calibration) -> str:
         )
         parts.append(f"{moments.format_count(inertial, 'inertial parameter')} ({description})")
     kept = "All others keep their nominal values."
-    study = calibration.study
-    if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
-        near = combine_joint_priors(
-            study.settings.joint_prior, study.joint_prior
-        ).describe_fallback(calibration.unidentifiable)
+    prior = calibration.joint_prior
+    if calibration.unidentifiable and prior is not None:
+        near = prior.describe_fallback(calibration.unidentifiable)
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"
     elif not parts:
         return "Nothing was fitted: all parameters keep their nominal values."
@@ -287,6 +287,7 @@ def _label_parameters(calibration: Calibration, *, joints: bool) -> list[Labelle
         if str(entry["kind"]).startswith("joint ") is not joints:
             continue
         name, status, error = str(entry["name"]), str(entry["status"]), entry["standard_error"]
+        # kg·cm² instead of kg·mm², so that numbers stay short.
         unit, scale = SHORTER_UNITS.get(str(entry["unit"]), (str(entry["unit"]), 1.0))
         rows.append(
             LabelledParameter(

@@ -85,6 +85,7 @@ def write_recordings(
         for table in (f"markers/{name}.trc", f"moments/{name}.csv", f"forces/{name}.mot")
     ]
     tables = [table for table in tables if (folder / table).exists()]
+    # All files of the result at one moment: a run in between would mix two results.
     saved, snapshot = read_whole(
         folder,
         (MODEL, SPLINES, SUMMARY, *tables),
@@ -121,12 +122,14 @@ def _write_trial(
             "written anew: without poses and events of the file, with the points that stand for "
             "its body",
         )
+    # A C3D file is supplemented, and everything else of it stays. Other formats become C3D first.
     if paths["file"].suffix.lower() == ".c3d" and not is_synthetic:
         source, same = paths["file"], formats.read_recording(paths["file"])
     else:
         notes += _convert_to_c3d(recording, between)
         source, same = between, formats.read_recording(between)
     original = open_c3d_original(source, len(recording.time))
+    # The study may use a section of the recording only.
     rows = _match_frames(recording.time, trial.motion.time, paths["file"])
     per_metre = POINT_UNITS_PER_METRE.get(original.get_unit("UNITS").strip().lower(), 1e3)
     turn = _find_file_axes(trial.markers, original.get_positions()[rows] / per_metre, paths["file"])
@@ -141,6 +144,7 @@ def _write_trial(
         "PREFIX": [named],
     }
     units = {"ANGLE_UNITS": "deg", "MOMENT_UNITS": "Nmm", "POWER_UNITS": "W", "FORCE_UNITS": "N"}
+    # Write, read back and compare: markers, plates and events must be as before.
     lost = supplement_c3d(original, target, points, events, ("GAITCAL", group), units)
     _require_same(same, formats.read_recording(target), target, exact=original.header.is_float)
     between.unlink(missing_ok=True)
@@ -179,6 +183,7 @@ def _fill_last_frame(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
     frames = len(recording.time)
     plates, longest = [], 0
     for plate in recording.plates:
+        # C3D has the same number of plate samples in every marker frame.
         ratio = (len(plate.time) - 1) // max(1, frames - 1)
         more = ratio - 1 if ratio > 1 and len(plate.time) == ratio * (frames - 1) + 1 else 0
         step = float(np.median(np.diff(plate.time))) if more else 0.0
@@ -224,6 +229,7 @@ def _find_file_axes(markers: Recording, places: Array, source: Path) -> AxisPerm
         for signs in itertools.product((1, -1), repeat=3):
             matrix = np.zeros((3, 3))
             matrix[range(3), order] = signs
+            # A reflection would exchange right and left.
             if np.linalg.det(matrix) < 0:
                 continue
             axes = AxisPermutation((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
@@ -280,6 +286,7 @@ def _build_points(
     out = []
     for point in points:
         values = np.full((original.frames, 3), np.nan)
+        # Positions are in axes and unit of the file; angles and moments have no laboratory axes.
         places = point.kind is PointKind.POSITION
         values[rows] = turn.apply(point.values) * per_metre if places else point.values
         out.append(replace(point, name=f"{head}{start}{point.name}", values=values))
@@ -295,6 +302,7 @@ def _select_new_events(
     """
     if not trial.events:
         return [], ()
+    # Events that the user corrected may contradict those of the file; both together would be wrong.
     if corrected and recording.events:
         return [], (
             f"{len(recording.events)} events of the file kept; those that were corrected stand in "

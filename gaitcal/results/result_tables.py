@@ -144,6 +144,7 @@ def read_result_tables(folder: Path) -> ResultTables:
         message = f"is no result of 'gaitcal calibrate' or 'gaitcal dynamics': has no {MANIFEST}"
         raise InputError(message, source=folder, code=Code.NO_RESULT)
     calibrated = folder
+    # Further trials: the model is in the folder of their calibration.
     if not (folder / MODEL).exists():
         calibrated = (folder.resolve() / str(manifest.get(RESULT, ".."))).resolve()
     if not (calibrated / MODEL).exists():

@@ -179,6 +179,7 @@ def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
         arrays["joint"] = uncertainty.joint.effects
     if uncertainty.inertial is not None:
         arrays["inertial"] = uncertainty.inertial
+    # NumPy stores no mappings: names and values side by side.
     for name, values in (
         ("tissue", uncertainty.tissue.values),
         ("softness", uncertainty.tissue.softness),
@@ -342,6 +343,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
     model = load_model(folder / MODEL)
     with np.load(folder / SPLINES, allow_pickle=False) as stored:
         time, coefficients = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
+    # Knots follow from times and number of coefficients; motion and derivatives are exact.
     motion = Motion(
         name=name,
         coordinates=COORDINATES,
@@ -357,6 +359,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
     }
     facts.setdefault("verdict", str(summary.get("verdict", "")))
     torques, valid = _read_torques(folder / "moments" / f"{name}.csv", len(time))
+    # A refused walk has curves in its file, but no torque may be used.
     refused = Judgement.REFUSED.value in (facts["verdict"], summary.get("verdict"))
     return SavedWalk(
         name=name,

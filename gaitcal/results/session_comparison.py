@@ -71,6 +71,7 @@ def compare_sessions(a: measured.RecordedSession, b: measured.RecordedSession) -
         The lengths of thighs or shanks differ by more than two results of one subject can.
     """
     person = measured.check_identity(a, b)
+    # Body dimensions decide, as names are often codes.
     if person.denied:
         message = f"these are not two results of one person: {'; '.join(person.denied)}"
         raise measured.NotComparableError(message, source=f"{a.name}, {b.name}")
@@ -175,6 +176,7 @@ def build_curve_table(
     values = [_get_values(a), _get_values(b)]
     for key in (key for key in a if key in b):
         both = a[key], b[key]
+        # At each percent: strides may be valid in stance only.
         n_a, n_b = (np.isfinite(s.values).sum(axis=0) for s in both)
         mean_a, mean_b = (measured.average_known(s.values) for s in both)
         spread = session_difference.estimate_spread(
@@ -283,6 +285,7 @@ def _build_difference(
         [values[:, None] for values in both],
         [values[:, None] for values in _get_other_leg(key, sessions)],
     )
+    # A spread below the resolution of the measure would make every difference significant.
     spread = session_difference.StrideSpread(
         variance=np.maximum(spread.variance, least**2), freedom=spread.freedom
     )

@@ -313,6 +313,7 @@ def describe_difference(d: Difference) -> str:
         f"{abs(d.difference):.{digits}f} {d.unit} {direction} "
         f"({d.b:.{digits}f} against {d.a:.{digits}f})"
     )
+    # Without a smallest detectable change there is nothing to compare with.
     if d.mdc95 == 0.0:
         return f"{name_figure(d)}: {size}"
     return f"{name_figure(d)}: {size}, {d.times:.1f} times what these recordings could miss"
@@ -388,6 +389,7 @@ def compute_placement_errors(names: Sequence[str]) -> Array:
     for name in names:
         p = JOINT_PARAMETERS[JP_INDEX[name]]
         segment = get_segment(p.segment)
+        # Landmarks are palpated and markers placed anew in every session: errors in m and rad.
         if p.kind is ParameterKind.POSITION:
             out.append(PLACED)
         elif segment.palpated is None:
@@ -424,6 +426,7 @@ def compare_parameters(
     a: RecordedSession, b: RecordedSession, common: Common
 ) -> Iterator[Difference]:
     """Compare every joint parameter that both calibrations fitted."""
+    # A parameter that one session took from its prior shows no change of the person.
     known = set(list_observed_parameters(b.influence))
     names = tuple(name for name in list_observed_parameters(a.influence) if name in known)
     if not names or a.influence is None or b.influence is None:
@@ -463,6 +466,8 @@ def compute_difference_variance(
         return np.zeros(len(names))
     of_a, of_b = (_collect_columns(influence, names) for influence in both)
     shared = common is Common.STATIC
+    # Errors of the nominal joints. On one static trial they are common to both sessions; otherwise
+    # their anatomical part is common.
     causes = [name for name in JP_NAMES if NOMINAL + name in {*of_a, *of_b}]
     nominal = []
     for columns, prior in zip((of_a, of_b), priors, strict=True):

@@ -101,6 +101,7 @@ def write_stride_files(
         import pandas as pd
 
         measures = pd.concat([found, pd.DataFrame(measures, dtype=object)], ignore_index=True)
+    # Means and peaks are over all trials of the folder, so they are computed anew.
     joined = join_earlier_strides(tables, rows, earlier[STRIDES][0])
     turning = _list_turning_strides(joined.cycles)
     means = _compute_mean_curves(joined.cycles)
@@ -237,6 +238,7 @@ def read_earlier_strides(
     prefixes = tuple(f"{name}: {table_files.VERDICT}" for name in names)
     for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
+        # A file that was changed by hand is not continued.
         if file in hashes and compute_sha256(folder / file) == hashes[file]:
             table, comments = table_files.read_csv(folder / file)
             lines = tuple(line for line in comments if line.startswith(prefixes))

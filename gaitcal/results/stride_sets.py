@@ -113,6 +113,7 @@ def check_identity(a: RecordedSession, b: RecordedSession) -> Identity:
         doubts.append(
             f"{subject_a.height:.2f} m tall in {a.name}, {subject_b.height:.2f} m in {b.name}"
         )
+    # Bones do not change between sessions: the lengths of thighs and shanks identify a person.
     for name, (of_a, of_b) in _measure_lengths(a, b).items():
         change = abs(of_b - of_a) / max(of_a, 1e-6)
         if change > DOUBTFUL:
@@ -165,6 +166,7 @@ class StrideSet:
 def collect_stride_sets(session: RecordedSession) -> dict[Key, StrideSet]:
     """Collect every variable of both legs without turning strides."""
     table = session.strides
+    # Turning strides have other angles and moments than straight ones.
     table = table[~(table["turn"].abs() > TURNING) & (table["activity"] == WALKING)]
     if table.empty:
         return {}
@@ -180,6 +182,7 @@ def collect_stride_sets(session: RecordedSession) -> dict[Key, StrideSet]:
         name: wide[name].to_numpy(dtype=np.float64)
         for name in ("value", "se", "se_stride", "valid")
     }
+    # An invalid value takes part in no mean.
     arrays["value"] = np.where(arrays["valid"] == 1.0, arrays["value"], np.nan)
     out: dict[Key, StrideSet] = {}
     for (side, variable), rows in wide.groupby(
@@ -222,6 +225,7 @@ def _add_axis_errors(session: RecordedSession, sets: dict[Key, StrideSet]) -> di
                 session, name if name.startswith(("pelvis", "lumbar")) else f"{name}_{side}"
             )
             frames = np.sqrt(part) * found.shared
+        # A part cannot exceed the whole.
         everywhere = np.minimum(np.broadcast_to(frames, found.shared.shape), found.shared)
         out[side, variable] = replace(found, frames=everywhere)
     return out
@@ -236,6 +240,7 @@ def _compute_axis_errors(
     axes = AxisErrors(session.model.parameters, session.axis_deviations)
     out: dict[Key, Array] = {}
     for side in SIDES:
+        # The error of an axis depends on the posture: rows are percents of the mean stride, rad.
         posture = np.zeros((POINTS, len(COORDINATE_INDEX)))
         columns = {}
         for (side_of_set, variable), found in sets.items():

@@ -95,6 +95,7 @@ def build_spatiotemporal_columns(
     columns: dict[str, table_files.Column] = {}
     for name in SPATIOTEMPORAL_COLUMNS:
         columns[name] = [row[name] for row in rows]
+    # Rounded as in the file, so that written and read tables are equal.
     digits_of = dict.fromkeys(("start", "stop", "value"), TIME_DIGITS) | {"turn": TURN_DIGITS}
     for name, digits in digits_of.items():
         columns[name] = np.round(np.array(columns[name], dtype=np.float64), digits)
@@ -244,6 +245,7 @@ def build_stride_tables(
     }
     columns = build_cycle_columns(model.subject, trials, curves)
     uses = tuple(use for trial in trials for use in collect_stride_uses(trial))
+    # Peaks are found once: page, report and `peaks.csv` show the same.
     found = _find_peaks(columns, uses)
     refused = (
         f"{t.name}: {line}"
@@ -307,6 +309,7 @@ def _find_peaks(
     values, se, stride_error = (
         np.asarray(cycles[name], dtype=np.float64) for name in ("value", "se", "se_stride")
     )
+    # Invalid points are no candidates for a peak.
     values = np.where(np.asarray(cycles["valid"]) == 1, values, np.nan)
     # Each variable of each stride is a block of rows, one for each percent
     for k in range(0, len(values), POINTS):

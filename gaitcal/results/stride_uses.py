@@ -127,9 +127,10 @@ def _check_stride(
     """Return the plates of one stride, and the reason if it is not valid."""
     if trial.loads is None:
         return "", NO_PLATES
-    time, found = trial.body.time, trial.loads.reactions
+    time, found = trial.motion.time, trial.loads.reactions
     inside = (time >= cycle.start) & (time <= cycle.stop)
     stance = inside & (time < (cycle.toe_off or cycle.stop))
+    # Only plates that carry this foot in its stance, each once.
     plates = dict.fromkeys(
         name for name, carried, frames in found.steps if carried == foot and stance[frames].any()
     )
@@ -140,6 +141,7 @@ def _check_stride(
     if not lost.any():
         return plate_names, ""
     loaded, resting = found.loaded[:, foot], found.resting[:, foot]
+    # Splines have no valid accelerations at the ends of a trial.
     near_end = (time < time[0] + NEAR_END) | (time > time[-1] - NEAR_END)
     if trial.events.repeats and not (lost & ~near_end).any():
         return plate_names, ENDS

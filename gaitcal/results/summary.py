@@ -107,6 +107,7 @@ def _build_curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> dict[st
 
 def summarise_truth(truth: TruthErrors) -> dict[str, Json]:
     """Summarise errors of parameters, joint centres, axes and curves, in the units of the files."""
+    # Position and axis of a joint are two features of one entry.
     joints: dict[str, dict[str, Json]] = {}
     for feature in truth.features:
         joints.setdefault(feature.joint, {})[feature.part] = _summarise_feature(feature)
@@ -335,6 +336,7 @@ def _summarise_markers(trial: TrialResult) -> dict[str, Json]:
         if errors.select_observed(segment).any()
     }
     if trial.joint_floor is not None:
+        # mm, the least distance that each joint by itself allows.
         floors = trial.joint_floor.joints
         out["joint_floor_mm"] = {joint: 1e3 * value for joint, value in floors.items()}
     return out
@@ -379,6 +381,7 @@ def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
         "valid_frames_l": int(reactions.valid_l.sum()),
     }
     if reactions.valid.any():
+        # Only over valid frames, as torques elsewhere are shown to nobody.
         out["pelvis_residual"] = _summarise_pelvis_residual(loads)
         if (expected := loads.expected) is not None:
             out["pelvis_residual_expected"] = {
@@ -389,7 +392,7 @@ def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
                 "force_N": expected.force.limit,
                 "torque_Nm": expected.moment.limit,
             }
-            if is_trunk_unmeasured(trial.body):
+            if is_trunk_unmeasured(trial.motion):
                 out["trunk_measured"] = False
     if reactions.has_torques:
         out["torque_change_bwh"] = _compute_torque_change(loads)
@@ -591,6 +594,7 @@ def parse_verdict(summary: Mapping[str, object]) -> Verdict:
     for name, trial in get_table(summary, "trials").items():
         if "verdict" not in trial:
             continue
+        # Older results and functional trials have no verdict of single legs.
         legs = {s: Judgement(trial[f"verdict_{s}"]) for s in SIDES if f"verdict_{s}" in trial}
         trials[name] = WalkVerdict(judgement=Judgement(trial["verdict"]), legs=legs)
     together = combine_judgements(trial.judgement.value for trial in trials.values())
@@ -634,6 +638,8 @@ def find_model_doubts(summary: Mapping[str, object]) -> tuple[Finding, ...]:
 
     Findings on the forces of its walks do not concern the model; those on their markers do.
     """
+    # Reasons of single walks say nothing about further trials; those of joints, masses or the whole
+    # study do.
     walks = {
         name for name, entry in get_table(summary, "trials").items() if entry.get("role") == "gait"
     }

@@ -90,6 +90,7 @@ def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.writelines(f"# {line}\n" for line in comments)
         stream.write(",".join(map(_format_cell, names)) + "\n")
+        # Block by block: the text of a long table would need much memory at once.
         for start in range(0, rows, _BLOCK):
             cells = [_format_cells(column[start : start + _BLOCK]) for column in columns]
             stream.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))

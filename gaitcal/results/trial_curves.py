@@ -26,7 +26,7 @@ from gaitcal.model.coordinates import (
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.trial_tables import select_free_powers
-from gaitcal.tracking.motion import MarkerErrors, Motion, select_static_offsets
+from gaitcal.tracking.motion import Motion, select_static_offsets
 
 GROUND: Final = {
     "ground_reaction_vertical": 1,
@@ -128,8 +128,8 @@ def _build_angles(
 ) -> Iterator[Curve]:
     """Build joint angles; those of the pelvis are relative to the trial's line of progression."""
     body, hidden, static, nominal = (
-        trial.body,
-        find_unobserved_frames(trial.body),
+        trial.motion,
+        find_unobserved_frames(trial.motion),
         select_static_offsets(relative_to),
         _get_nominal_motion(trial),
     )
@@ -144,12 +144,14 @@ def _build_angles(
             continue
         offset = np.degrees(static.get(name, 0.0))
         errors = (trial.coordinate_errors, trial.trial_coordinate_errors)
+        # The whole standard error, and its part that differs from stride to stride.
         error, stride_error = (None if e is None else np.degrees(e[:, k]) for e in errors)
         values = {
             "value": np.degrees(body.q[:, k]) - offset,
             "nominal": None if nominal is None else np.degrees(nominal.q[:, k]) - offset,
             "truth": known[name].truth - offset if name in known else None,
         }
+        # Pelvis angles in the room depend on the walking direction.
         if name in PELVIS_ANGLES:
             values = {
                 part: pelvis[part][:, PELVIS_ANGLES.index(name)] if part in pelvis else None
@@ -168,13 +170,14 @@ def _build_angles(
 
 def _build_feet(trial: TrialResult) -> Iterator[Curve]:
     """Build foot progression relative to the trial's line; each stride has its own line."""
-    feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.body)
+    feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.motion)
     if feet is None:
         return
     for k, side in enumerate(SIDES):
         error, stride_error = (
             None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.marker_error)
         )
+        # The direction of the foot is valid where the foot is visible, as its last joint angle.
         valid = find_valid_angles(trial, f"subtalar_angle_{side}", hidden)
         value = np.degrees(feet.compute_progression(side, line))
         yield Curve(
@@ -222,7 +225,7 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
         `value`, and `nominal` and `truth` if known -> (nf, 3) rad, `PELVIS_ANGLES`.
     """
     nominal, known = _get_nominal_motion(trial), {} if truth is None else truth.coordinates
-    out = {"value": strides.get_pelvis_angles(trial.body)}
+    out = {"value": strides.get_pelvis_angles(trial.motion)}
     if nominal is not None:
         out["nominal"] = strides.get_pelvis_angles(nominal)
     if all(name in known for name in PELVIS_ANGLES):
@@ -231,7 +234,7 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
 
 
 def _get_nominal_motion(trial: TrialResult) -> Motion | None:
-    return trial.nominal if trial.nominal.coordinates == trial.body.coordinates else None
+    return trial.nominal if trial.nominal.coordinates == trial.motion.coordinates else None
 
 
 def _build_moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
@@ -257,6 +260,7 @@ def _build_powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
         return
     errors = None if loads.errors is None else loads.errors.kinetics
     for name in select_free_powers(model.frozen):
+        # Powers of the pelvis and of the arms have no clinical use.
         if find_joint(split_side(name)[0]) in ("", "arm"):
             continue
         yield Curve(
@@ -282,6 +286,7 @@ def _build_forces(loads: Loads) -> Iterator[Curve]:
 
 def _build_residuals(loads: Loads) -> Iterator[Curve]:
     """Build the pelvis residuals of the last and the first model."""
+    # Residuals with nominal and fitted inertial parameters.
     if not (stages := loads.residuals):
         return
     first, last = stages[0], stages[-1]
@@ -294,16 +299,7 @@ def _build_residuals(loads: Loads) -> Iterator[Curve]:
 
 def _build_marker_error(trial: TrialResult) -> Curve:
     """Build the RMS distance (mm) of measured and model markers with weight, frame by frame."""
-    value = _compute_rms(trial.body.errors if trial.joint is None else trial.calibrated.errors)
-    kind, nominal = "marker_error", _compute_rms(trial.nominal.errors)
+    errors = trial.motion.errors if trial.joint is None else trial.calibrated.errors
+    kind, value = "marker_error", 1e3 * errors.compute_rms_by_frame()
+    nominal = 1e3 * trial.nominal.errors.compute_rms_by_frame()
     return Curve(kind, "", kind, "mm", value, np.isfinite(value), nominal=nominal)
-
-
-def _compute_rms(errors: MarkerErrors) -> Array:
-    """Compute the (nf,) RMS in mm; NaN if no marker is visible."""
-    squares = errors.distance[:, errors.weight > 0] ** 2
-    visible = np.isfinite(squares)
-    sums, counts = np.where(visible, squares, 0.0).sum(axis=1), visible.sum(axis=1)
-    return np.asarray(
-        1e3 * np.sqrt(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0))
-    )

@@ -169,7 +169,9 @@ def build_vector_table(
     standard errors.
     """
     errors = None if loads.errors is None else loads.errors.kinetics
+    # Standard errors, and their part from the markers of this trial.
     known = {"_se": errors, "_se_stride": None if errors is None else errors.from_markers}
+    # Columns exist in every file, so that tables of several trials can be joined.
     unknown = np.full(len(kinetics.time), np.nan)
     columns = _build_first_columns(kinetics.time, loads.reactions)
     for name in joint_kinetics.COMPONENTS:
@@ -269,7 +271,7 @@ def express_foot_in_stride(
 
 
 def _find_inside(trial: TrialResult, cycle: GaitCycle) -> BoolArray:
-    return np.asarray((trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop))
+    return np.asarray((trial.motion.time >= cycle.start) & (trial.motion.time <= cycle.stop))
 
 
 def find_stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:

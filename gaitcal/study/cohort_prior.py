@@ -143,11 +143,13 @@ def build_sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
     alike, opposite = list[Array](), list[Array]()
     for k in range(len(names)):
         other = int(np.flatnonzero(reflected[:, k])[0])
+        # Each pair of mirrored parameters is visited once.
         if other < k:
             continue
         for sign, found in ((1.0, alike), (-1.0, opposite)):
             direction = np.eye(len(names))[k] + sign * reflected[:, k]
             length = np.linalg.norm(direction)
+            # A parameter of the median plane has one direction only: the other one is zero.
             if length > 0.0:
                 found.append(direction / length)
     return np.array(alike).reshape(-1, len(names)).T, np.array(opposite).reshape(-1, len(names)).T
@@ -178,9 +180,11 @@ def build_design(
     position = np.array(
         [JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION for name in names]
     )
+    # Positions grow with the person, tilts of axes do not.
     sized = np.where(position, person.height / REFERENCE_HEIGHT_M, 1.0)[:, None] * alike
     if not by_size:
         return sized
+    # The effect of height is not extrapolated beyond the people of the cohort.
     height = float(np.clip(person.height, *heights))
     return np.hstack(
         [
@@ -273,6 +277,7 @@ def read_cohort_priors(path: Path) -> CohortPriors:
 
     allowed = "allowed: priors.json of 'gaitcal cohort --learn-priors'"
     try:
+        # Before reading: a wrong file may be a recording of gigabytes.
         if path.stat().st_size > MOST_PRIOR_BYTES:
             raise fault(f"over {MOST_PRIOR_BYTES // 1_000_000} MB: no file of priors is that long")
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -298,6 +303,7 @@ def _check_part(part: StoredPart, priors: CohortPriors, path: Path) -> None:
     def fault(message: str) -> InputError:
         return InputError(message, source=path, field=part.part, code=Code.PRIORS)
 
+    # Validation has checked types and shapes; what follows depends on other parts of the file.
     if unknown := [name for name in part.parameters if name not in JP_INDEX]:
         raise fault(f"found {format_value(unknown[0])}, which is no joint parameter")
     if not {p.fold for p in priors.people} <= set(range(len(part.populations) - 1)):
@@ -305,6 +311,7 @@ def _check_part(part: StoredPart, priors: CohortPriors, path: Path) -> None:
     person = Person(height=0.5 * sum(priors.heights_m), sex="female")
     heights = priors.heights_m[0], priors.heights_m[1]
     try:
+        # Every population must give a covariance for a person of middle height.
         for number in range(len(part.populations)):
             compute_expected_deviations(part, number, person, heights)
     except (ValueError, np.linalg.LinAlgError):
@@ -333,6 +340,7 @@ def predict_prior(
         Prior of the parameters that were learnt.
     """
     low, high = priors.heights_m
+    # Parts that the cohort did not show keep the prior of anatomy or study file.
     parts = [part for part in priors.parts if part.learning != NOT_LEARNT]
     found = [
         compute_expected_deviations(part, 0 if fold is None else fold + 1, person, (low, high))
@@ -380,12 +388,15 @@ def compute_expected_deviations(
     stored = part.populations[number]
     matrix = build_design(part.parameters, person, heights, by_size=part.by_size)
     count, effects = matrix.shape
+    # The file stores lower triangles; `unit`, the root of the anatomical prior, gives m and rad.
     uncertainty, spread = (
         build_symmetric(values, n)
         for values, n in ((stored.effect_covariance, effects), (stored.spread, count))
     )
     unit = np.tril(build_symmetric(part.unit, count))
+    # Predictive covariance: people about their mean, plus the error of that mean.
     covariance = part.wider * (unit @ (spread + matrix @ uncertainty @ matrix.T) @ unit.T)
+    # Fails unless the matrix is positive definite.
     np.linalg.cholesky(covariance)
     mean = np.array(part.origin) + unit @ matrix @ np.array(stored.effects)
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):

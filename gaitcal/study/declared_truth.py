@@ -345,12 +345,14 @@ def _read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise _make_fault(f"cannot be read as CSV: {error}", path) from None
+    # Comment lines and trailing comments are no data.
     lines = (line.split("#", 1)[0] for line in text.splitlines())
     names, *rows = list(csv.reader(line for line in lines if line.strip())) or [[]]
     if not names:
         raise _make_fault("cannot be read as CSV: found no header", path)
     if twice := [name for name in names if names.count(name) > 1]:
         raise _make_fault(f"cannot be read as CSV: found the column {twice[0]} twice", path)
+    # Short rows are padded below; long ones would shift values to other columns.
     for k, row in enumerate(rows, start=1):
         if len(row) > len(names):
             raise _make_fault(
@@ -394,6 +396,7 @@ def _read_parameters(path: Path) -> dict[str, float]:
             raise _make_fault(
                 f"found {toml.format_value(name)}, which is no parameter{hint}", path, "name"
             )
+        # Units are fixed by parameter: a file in other units is refused, never converted.
         if unit != _UNIT[name]:
             raise _make_fault(
                 f"found {toml.format_value(unit)}; allowed: {_UNIT[name]}", path, f"unit of {name}"
@@ -431,6 +434,7 @@ def _read_curve(path: Path, ending: str) -> TrueCurves:
             f"found {toml.format_value(first)}; allowed: '# {units}'", path, "line 1, the units"
         )
     names, rows = _read_rows(path)
+    # Derivatives and normalised torques may be present, but follow from the others.
     allowed = {"time", *known, *(name + suffix for name in known for suffix in derived)}
     for column in names:
         if column not in allowed:
@@ -455,6 +459,7 @@ def _read_curve(path: Path, ending: str) -> TrueCurves:
         raise _make_fault(
             "found no increasing times; allowed: two rows or more, in s", path, "time"
         )
+    # Angles are stored in degrees; moments are in SI units.
     scale = {name: _get_scale(name) if ending == MOTION_SUFFIX else 1.0 for name in columns}
     return TrueCurves(
         time=time, values={name: columns[name] * scale[name] for name in known if name in columns}
@@ -497,6 +502,7 @@ def describe_landmark_mismatch(
         )
         return f"found other landmarks than those of the static trial: {unlike[0]}, {there}"
     names = sorted(known)
+    # Compare shapes, not positions: the static trial may be rotated and moved as a whole.
     one, other = (np.array([places[name] for name in names]) for places in (known, found))
     gap = np.abs(_compute_shape(one) - _compute_shape(other))
     if gap.max() <= LANDMARK_TOLERANCE_M:

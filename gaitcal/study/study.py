@@ -79,17 +79,7 @@ def build_subject(table: SubjectTable, recordings: Sequence[Recording]) -> Subje
     The first recording that has a value precedes others. Files that name another person than the
     first recording are not used.
 
-    Parameters
-    ----------
-    table
-        Table `[subject]`, with a height.
-    recordings
-        Recordings, the static one first.
-
-    Returns
-    -------
-    Subject
-        SI units.
+    `table`: table `[subject]`, with a height. Returns: SI units.
     """
     facts = _collect_facts(recordings)
     knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
@@ -219,6 +209,7 @@ class Study(Displayed):
         path = Path(path)
         of_study = compute_sha256(path)
         file = load_study_file(path)
+        # Hashes before and after reading: a file that changed meanwhile would be recorded wrongly.
         before = {f: compute_sha256(f) for f in list_input_files(file, path)} | {path: of_study}
         marker_set = read_marker_set(file, path)
         trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
@@ -258,9 +249,11 @@ class Study(Displayed):
             The file names labels that no trial has, or values that contradict each other.
         """
         files = list_input_files(file, path)
+        # Contradictions within the study file are reported before any computation.
         _require_labels(file, marker_set, trials, path)
         require_joint_prior(file.calibration, path)
         marker_set, trials = _adapt_marker_set(marker_set, trials)
+        # The static trial first: its subject data take precedence over those of walks.
         recordings = [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
         person, height = _add_height(file.subject, marker_set, recordings, path)
         if notes := [
@@ -290,6 +283,7 @@ class Study(Displayed):
                 path,
             ),
         )
+        # The truth refers to the landmarks of one static trial.
         if (other := study.other_truth()) is not None:
             message = f"{other}; allowed: the same, or no [truth]"
             raise InputError(message, source=path, field="truth.landmarks", code=Code.TRUTH)
@@ -415,6 +409,7 @@ def _adapt_marker_set(
     static = next((trial for trial in whole if trial.role is Role.STATIC), None)
     if static is None:
         return marker_set, whole
+    # Alternatives are chosen by labels of the static trial, unless moving trials need another one.
     elsewhere = {label for trial in whole for label in trial.recording.labels}
     return resolve_marker_set(marker_set, static.recording, elsewhere), whole
 
@@ -467,6 +462,7 @@ def _name_files(files: Iterable[Path], folder: Path) -> dict[str, Path]:
         try:
             name = whole.relative_to(folder.resolve()).as_posix()
         except ValueError:
+            # The shortest end of the path that no other file has.
             names = ("/".join(whole.parts[-k:]) for k in range(1, len(whole.parts) + 1))
             name = next((n for n in names if n not in out), str(whole))
         out.setdefault(name, file)
@@ -515,6 +511,7 @@ def _require_labels(
     def fault(message: str, field: str) -> InputError:
         return InputError(message, source=path, field=f"markers.{field}", code=Code.UNKNOWN_LABEL)
 
+    # A misspelt label would otherwise be ignored in silence.
     known = set(marker_set.labels)
     for label in file.markers.weights:
         if label not in known:
@@ -550,29 +547,15 @@ def add_cohort_priors(study: Study, path: Path) -> Study:
 def build_cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
     """Build the prior of a study's subject from a cohort, without the fold of this person.
 
-    Parameters
-    ----------
-    priors
-        Content of `priors.json`.
-    study
-        The study.
-    path
-        Its file, for messages.
-
-    Returns
-    -------
-    JointPrior
-        Prior of the parameters that were learnt.
-
-    Raises
-    ------
-    InputError
-        The priors are those of another marker set, nominal model or protocol.
+    `priors`: content of `priors.json`. `path`: its file, for messages. Returns: prior of the
+    parameters that were learnt. Raises InputError: the priors are those of another marker set,
+    nominal model or protocol.
     """
     settings, subject = study.settings, study.subject
     if not settings.takes_priors:
         message = "priors of a cohort need joint parameters fitted with protocol = 'evidence'"
         raise InputError(message, source=path, code=Code.PRIORS)
+    # A cohort that measured nominal joints by other rules has another zero for its deviations.
     used = {
         "marker_set": study.marker_set.name,
         "hip_centre": settings.hip_rule,
@@ -585,6 +568,8 @@ def build_cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointP
                 "others"
             )
             raise InputError(message, source=path, field=rule, code=Code.PRIORS)
+    # A person of the cohort must not inform this person's prior if both are the same: the fold of
+    # that person is left out, recognised by name or by identical recordings.
     name, recordings = hash_name(priors.cohort, subject.name), set(study.inputs.values())
     folds = (
         p.fold

@@ -72,6 +72,7 @@ def _check_millimetres(low: float, high: float) -> Callable[[object], float]:
         )
         if low <= number <= high:
             return number
+        # A length of the right size in another unit is the most frequent mistake.
         units = (("centimetres", 10.0), ("metres", 1000.0))
         fits = [f"{unit}: {mm * number:g} mm" for unit, mm in units if low <= mm * number <= high]
         hint = f"; this looks like {fits[0]}" if fits else ""
@@ -303,6 +304,7 @@ class TrialTable(Table):
     @field_validator("name")
     @classmethod
     def _require_safe_file_name(cls, name: str) -> str:
+        # Names become names of files on every operating system.
         safe = re.fullmatch(
             r"[A-Za-z0-9_-]([A-Za-z0-9 _.-]*[A-Za-z0-9_-])?", name
         ) and not _WINDOWS_DEVICES.fullmatch(name)
@@ -492,6 +494,7 @@ def load_study_file(path: Path | str) -> StudyFile:
     def found(file: Path, field: str) -> Path:
         return require_file(source.parent.absolute() / file, source=source, field=field)
 
+    # Paths in a study file are relative to its folder, wherever the command is run.
     markers = study.markers
     if markers.set_path:
         markers = markers.model_copy(update={"set": str(found(markers.set_path, "markers.set"))})

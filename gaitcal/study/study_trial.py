@@ -88,6 +88,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     InputError
         One line: file, field, what was found, what is allowed.
     """
+    # Corrected events precede those of the recording.
     whole = apply_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
     recording = marker_set.renamed(_rename_labels(whole, rename))
     known = [plate.name for plate in recording.plates]
@@ -95,6 +96,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
         if name not in known:
             message = f"found plate '{name}'; the recording has {', '.join(known) or 'none'}"
             raise _make_fault(message, trial.file, f"trial '{trial.name}'.plates")
+    # The section that the study selects, with both ends.
     if trial.time is not None:
         time, (low, high) = recording.time, trial.time
         inside = (time >= low - 1e-9) & (time <= high + 1e-9)
@@ -104,9 +106,11 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
             )
             raise _make_fault(message, trial.file, f"trial '{trial.name}'.time")
         recording = recording.frames(inside)
+    # Poses and key points need no standing trial: their posture is built from the segments.
     if trial.role == Role.STATIC.value:
         recording = make_upright_posture(recording)
     recording = _note_partial_forces(recording, trial)
+    # All files whose content is used, for the hashes of the manifest.
     files = {"file": trial.file}
     if trial.forces is not None:
         files |= {"forces": trial.forces} | {
@@ -133,6 +137,7 @@ def _make_fault(message: str, source: object, field: str) -> InputError:
 def _rename_labels(recording: Recording, rename: Mapping[str, str]) -> Recording:
     labels = tuple(rename.get(label, label) for label in recording.labels)
     changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
+    # Renaming onto a label that exists already would merge two markers.
     doubled = sorted({label for label in labels if labels.count(label) > 1}) if changed else ()
     if doubled:
         message = f"found '{doubled[0]}' twice after renaming; a label names one marker"
@@ -148,9 +153,11 @@ def _note_partial_forces(recording: Recording, trial: TrialTable) -> Recording:
     if trial.role not in ("gait", "motion"):
         return recording
     time, source = recording.time, trial.forces or trial.file
+    # Compare the times of plates and markers: s against ms, and forces of another trial.
     step, whole = float(np.median(np.diff(time))), float(np.ptp(time))
     for plate in recording.plates:
         lasts = float(np.ptp(plate.time))
+        # A trial cut by `time` may be much shorter than its forces.
         if lasts > OTHER_UNIT_RATIO * whole and trial.time is None:
             message = (
                 f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the "
@@ -160,6 +167,7 @@ def _note_partial_forces(recording: Recording, trial: TrialTable) -> Recording:
                 message + "another unit (ms?); both must be in s", source, f"plate {plate.name}"
             )
         start, stop = max(plate.time[0], time[0]), min(plate.time[-1], time[-1])
+        # Less than a step in common gives no torque.
         if stop - start < min(STANCE_S, whole - step):
             message = (
                 f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from "

@@ -208,19 +208,7 @@ def _build_contacts(activity: Activity, ends: tuple[float, float]) -> tuple[Cont
 
 @with_one_blas_thread
 def simulate_movement(activity: Activity, parameters: Parameters) -> SyntheticMovement:
-    """Simulate a movement of a person; `compute_ground_on_feet` gives its ground reactions.
-
-    Parameters
-    ----------
-    activity
-        The movement.
-    parameters
-        Of the person.
-
-    Returns
-    -------
-    SyntheticMovement
-    """
+    """Simulate a movement of a person; `compute_ground_on_feet` gives its ground reactions."""
     if activity in STRIDE_S:
         duration = (STRIDES[1] - STRIDES[0]) * STRIDE_S[activity]
     elif activity is Activity.JUMP:

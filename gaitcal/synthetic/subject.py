@@ -53,16 +53,7 @@ EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clo
 def make_synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
     """Make the nominal subject with its static-only markers, or one drawn within the bounds.
 
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    perturb
-        Whether to draw the parameters.
-
-    Returns
-    -------
-    SubjectModel
+    `perturb`: whether to draw the parameters.
     """
     nominal = published_model(static_only=True)
     parameters = _perturb(nominal.parameters, rng) if perturb else nominal.parameters
@@ -209,16 +200,7 @@ def _make_generators(seed: int) -> list[np.random.Generator]:
 def place_on_floor(model: SubjectModel, motion: motions.TrueMotion) -> motions.TrueMotion:
     """Move a motion vertically so that the lowest foot marker is at its height in gait.
 
-    Parameters
-    ----------
-    model
-        Subject with markers.
-    motion
-        Motion; one with known ground stays as it is.
-
-    Returns
-    -------
-    TrueMotion
+    `model`: subject with markers. `motion`: motion; one with known ground stays as it is.
     """
     if motion.ground is not None:
         return motion
@@ -238,23 +220,8 @@ def record_motion(
 ) -> Recording:
     """Record a motion.
 
-    Parameters
-    ----------
-    name
-        Name of the recording.
-    motion
-        The motion.
-    model
-        Subject with markers.
-    labels
-        Markers to record.
-    plates
-        Plates with their forces.
-
-    Returns
-    -------
-    Recording
-        Markers without noise, m.
+    `name`: name of the recording. `model`: subject with markers. `labels`: markers to record.
+    `plates`: plates with their forces. Returns: markers without noise, m.
     """
     positions = motions.compute_synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = positions[:, [model.markers.labels.index(label) for label in labels]]
@@ -266,16 +233,7 @@ def record_motion(
 def place_long_plates(motion: motions.TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
     """Place one long plate under each foot.
 
-    Parameters
-    ----------
-    motion
-        The motion.
-    wrench
-        (nf, 2, 6) N, N·m on right and left foot about the laboratory origin.
-
-    Returns
-    -------
-    tuple of ForcePlate
+    `wrench`: (nf, 2, 6) N, N·m on right and left foot about the laboratory origin.
     """
     halves = ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
     return tuple(
@@ -287,16 +245,7 @@ def place_long_plates(motion: motions.TrueMotion, wrench: Array) -> tuple[ForceP
 def place_foothold_plates(movement: SyntheticMovement, wrench: Array) -> tuple[ForcePlate, ...]:
     """Place plates: two long ones under a walk, one under a run, else one under each foothold.
 
-    Parameters
-    ----------
-    movement
-        The movement.
-    wrench
-        (nf, 2, 6) N, N·m on right and left foot about the laboratory origin.
-
-    Returns
-    -------
-    tuple of ForcePlate
+    `wrench`: (nf, 2, 6) N, N·m on right and left foot about the laboratory origin.
     """
     time = movement.motion.basis.time
     if not movement.contacts:

@@ -217,17 +217,7 @@ def simulate_gait() -> TrueMotion:
 
 @with_one_blas_thread
 def simulate_two_strides(parameters: Parameters) -> TrueMotion:
-    """Simulate a walk with a whole stride of each foot: 415 frames at 200 Hz.
-
-    Parameters
-    ----------
-    parameters
-        Of the person.
-
-    Returns
-    -------
-    TrueMotion
-    """
+    """Simulate a walk with a whole stride of each foot: 415 frames at 200 Hz."""
     begin, end = WALK_STRIDES
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
     curves = compute_nominal_curves(begin + time / GAIT_CYCLE)

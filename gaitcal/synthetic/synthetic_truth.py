@@ -81,16 +81,8 @@ def compute_static_frames(
 ) -> StaticFrames:
     """Express a linkage in the segment frames that a calibration makes from quiet standing.
 
-    Parameters
-    ----------
-    model
-        Subject with static markers.
-    hip_centre
-        Regression of hip centres, at which the thigh frames begin.
-
-    Returns
-    -------
-    StaticFrames
+    `model`: subject with static markers. `hip_centre`: regression of hip centres, at which the
+    thigh frames begin.
     """
     true, pose = model.parameters, make_standing_pose(model.parameters)
     markers = compute_synthetic_markers(true, model.markers, pose[None])
@@ -113,17 +105,7 @@ def compute_static_frames(
 def compute_segment_frames(parameters: params.Parameters, q: Array) -> dict[str, Frame]:
     """Compute the pose of every segment frame of a linkage.
 
-    Parameters
-    ----------
-    parameters
-        Of the linkage.
-    q
-        (nq,) coordinates, m and rad.
-
-    Returns
-    -------
-    dict of str to Frame
-        Segment -> its frame in the laboratory.
+    `q`: (nq,) coordinates, m and rad. Returns: segment -> its frame in the laboratory.
     """
     axes, origins = compute_body_poses(parameters, q[None])
     return {name: Frame(axes[name][..., 0].T, origins[name][..., 0]) for name in axes}
@@ -134,18 +116,8 @@ def convert_joint_parameters(
 ) -> Array:
     """Convert joint parameters to other segment frames.
 
-    Parameters
-    ----------
-    parameters
-        Of the linkage in its frames.
-    q
-        (nq,) pose, m and rad.
-    frames
-        Segment, without talus -> its other frame in the laboratory in the same pose.
-
-    Returns
-    -------
-    (np,) joint parameters in the other frames, m and rad.
+    `parameters`: of the linkage in its frames. `q`: (nq,) pose, m and rad. `frames`: segment,
+    without talus -> its other frame in the laboratory in the same pose. Returns: (np,).
     """
     lines = _compute_joint_lines(parameters, q)
     points: dict[str, Array] = {}
@@ -216,16 +188,9 @@ def convert_inertial_parameters(
 ) -> Array:
     """Convert inertial parameters to other segment frames.
 
-    Parameters
-    ----------
-    inertial
-        (ni,) in the true frames, SI units.
-    true, frames
-        Segment -> its true and its other frame in the laboratory, in the same pose.
-
-    Returns
-    -------
-    (ni,) in the other frames, SI units; moments of inertia about the other axes, without products.
+    `inertial`: (ni,) in the true frames, SI units. `true`, `frames`: segment -> its true and its
+    other frame in the laboratory, in the same pose. Returns: (ni,) in the other frames, SI units;
+    moments of inertia about the other axes, without products.
     """
     out = params.view_as_table(inertial).copy()
     for row, segment in zip(out, params.MASSIVE_SEGMENTS, strict=True):
@@ -251,28 +216,18 @@ def compute_common_perpendicular(
 ) -> tuple[Array, Array]:
     """Compute the nearest points of two lines.
 
-    Parameters
-    ----------
-    a, point_of_a, b, point_of_b
-        (3,) direction and a point of each line.
-
-    Returns
-    -------
-    tuple of (3,) and (3,)
-        Nearest point on each line.
+    `a`, `point_of_a`, `b`, `point_of_b`: (3,) direction and a point of each line. Returns: nearest
+    point on each line.
     """
     between = point_of_b - point_of_a
     s, t = np.linalg.solve(np.array([[a @ a, -a @ b], [a @ b, -b @ b]]), [a @ between, b @ between])
     return point_of_a + s * a, point_of_b + t * b
 
 
-def format_truth_table(truth: params.Parameters) -> str:
+def _format_truth_table(truth: params.Parameters) -> str:
     """Format the content of `truth.csv`: name, unit, value of each parameter.
 
-    Parameters
-    ----------
-    truth
-        True parameters in the frames of the static trial.
+    `truth`: True parameters in the frames of the static trial.
     """
     lines = ["name,unit,value"]
     for name, p, value in zip(params.JP_NAMES, params.JOINT_PARAMETERS, truth.joint, strict=True):
@@ -477,7 +432,7 @@ def write_truth(
         origin, None without plates.
     """
     frames = compute_static_frames(model, HipCentre(TRUTH.hip_centre))
-    (folder / PARAMETERS).write_text(format_truth_table(frames.parameters), encoding="utf-8")
+    (folder / PARAMETERS).write_text(_format_truth_table(frames.parameters), encoding="utf-8")
     (folder / CURVES).mkdir()
     (folder / LANDMARKS).write_text(format_landmarks(frames.posture.landmarks), encoding="utf-8")
     converter = TruthConverter(model, frames, AnkleZero(TRUTH.ankle_zero))

@@ -151,7 +151,7 @@ def compute_foot_phases(phase: Array) -> Array:
     return np.stack([phase % 1.0, (phase - 0.5) % 1.0], axis=1)
 
 
-def compute_rolled_part(phase: Array) -> Array:
+def _compute_rolled_part(phase: Array) -> Array:
     """Compute (nf, 2) the share of the way from heel to tip to which each load has rolled.
 
     In swing it is that of the end of stance.
@@ -160,7 +160,7 @@ def compute_rolled_part(phase: Array) -> Array:
     return part
 
 
-def compute_right_share(phase: Array) -> Array:
+def _compute_right_share(phase: Array) -> Array:
     """Compute (nf,) the right foot's share of the vertical load; phase 0: right heel strike."""
     cycle = phase % 1.0
     rise = compute_ramp(cycle / DOUBLE_SUPPORT)
@@ -172,7 +172,7 @@ def compute_right_share(phase: Array) -> Array:
     )
 
 
-def compute_rest_weights(phase: Array) -> Array:
+def _compute_rest_weights(phase: Array) -> Array:
     """Compute (nf, 2, 4) how much each point of the feet rests: 0 to 1, smooth in time."""
     cycle = compute_foot_phases(phase)
     out = np.zeros((len(phase), len(inverse_dynamics.FEET), len(POINTS)))
@@ -304,14 +304,14 @@ def make_walking_ground(phase: Array) -> Ground:
     Ground
     """
     feet = compute_feet(nominal.published_model().parameters, compute_nominal_curves(phase).q)
-    right = compute_right_share(phase)
+    right = _compute_right_share(phase)
     nf = len(phase)
     return Ground(
         footsteps=feet.points,
         held=np.ones((nf, len(inverse_dynamics.FEET), len(POINTS))),
-        resting=compute_rest_weights(phase),
+        resting=_compute_rest_weights(phase),
         share=np.stack([right, 1.0 - right], axis=1),
-        part=compute_rolled_part(phase),
+        part=_compute_rolled_part(phase),
         level=np.zeros((nf, len(inverse_dynamics.FEET))),
         seat=np.zeros((nf, 3)),
         force=_compute_typical_force(phase),

@@ -208,13 +208,15 @@ class BandFactor:
             return lapack.dpbtrs(self.factor, right, lower=1)[0]
         return self.solve_backward(self.solve_forward(right))
 
-    def solve_forward(self, right: Array) -> Array:
+    def solve_forward(self, right: Array, *, overwrite: bool = False) -> Array:
         """Solve L x = right.
 
         Parameters
         ----------
         right
             (n,) or (n, k).
+        overwrite
+            Store x in the memory of `right`, (n, k) row by row.
 
         Returns
         -------
@@ -222,7 +224,7 @@ class BandFactor:
         """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=0)
-        out = np.array(right, order="C")
+        out = right if overwrite else np.array(right, order="C")
         for rows in self._iterate_blocks():
             if rows.start:
                 before = slice(rows.start - len(self.factor), rows.start)
@@ -254,6 +256,11 @@ class BandFactor:
             out[rows] = self._solve_diagonal_block(rows, out[rows], transposed=0)
         return out
 
+    @cached_property
+    def _above_diagonal(self) -> Array:
+        """(width, width) 1 above the diagonal, else 0."""
+        return np.tri(len(self.factor), k=-1).T
+
     def _iterate_blocks(self) -> Iterator[slice]:
         width, n = self.factor.shape
         return (slice(first, min(first + width, n)) for first in range(0, n, width))
@@ -271,12 +278,14 @@ class BandFactor:
             side=1,
             lower=1,
             trans_a=transposed,
+            overwrite_b=1,
         ).T
 
     def _extract_coupling(self, first: int) -> Array:
         """Return E: rows after the block that begins at `first`, columns of that block."""
         width, n = self.factor.shape
-        return np.triu(self._extract_dense(first, width, min(width, n - first - width), width), 1)
+        rows = min(width, n - first - width)
+        return self._extract_dense(first, width, rows, width) * self._above_diagonal[:rows]
 
     def _extract_dense(self, first: int, below: int, rows: int, columns: int) -> Array:
         """View a part of L as a dense matrix.
@@ -325,7 +334,9 @@ class Elimination:
         )
 
 
-def eliminate(equations: NormalEquations, damping: float = 0.0) -> Elimination:
+def eliminate(
+    equations: NormalEquations, damping: float = 0.0, factor: BandFactor | None = None
+) -> Elimination:
     """Eliminate the coefficients of one trial.
 
     Parameters
@@ -334,14 +345,19 @@ def eliminate(equations: NormalEquations, damping: float = 0.0) -> Elimination:
         Normal equations of the trial.
     damping
         Relative to the diagonals of H_t and H_pp.
+    factor
+        Of H_t with that damping, if it is known. The equations are then overwritten: Y takes the
+        memory of C_t.
 
     Returns
     -------
     Elimination
         Factor of the band, and the reduced matrix of the parameters.
     """
-    factor = BandFactor(equations.band, damping)
-    halfway = factor.solve_forward(equations.mixed) if equations.mixed.shape[1] else equations.mixed
+    halfway, overwrite = equations.mixed, factor is not None
+    factor = factor or BandFactor(equations.band, damping)
+    if halfway.shape[1]:
+        halfway = factor.solve_forward(halfway, overwrite=overwrite)
     hessian = equations.parameters.copy()
     if damping:
         hessian += damping * np.diag(np.diag(equations.parameters))

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, compute_rms
 from gaitcal.model.chain import Chain, get_chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, list_joint_coordinates
@@ -131,7 +131,7 @@ def compute_joint_floor(
         q_joint = np.hstack([root, q[frames][:, columns]])
         distance = _JointAlone(parts, part, chain, parameters, q_joint).compute_distances()
         squares[markers] += distance**2 / shares[markers, None]
-        found[name] = float(np.sqrt(np.mean(distance[data.weight[markers] > 0] ** 2)))
+        found[name] = float(compute_rms(distance[data.weight[markers] > 0]))
     floor = np.full_like(rigid.distance, np.nan)
     floor[frames] = np.where(data.weight > 0, np.sqrt(squares), np.nan).T
     return JointFloor(

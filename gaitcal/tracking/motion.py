@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array, BoolArray, compute_rms
 from gaitcal.display import Displayed, describe_time, shorten
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import LinkageModel
@@ -225,7 +225,15 @@ class MarkerErrors:
         kept = self.select_observed(*segments)
         if not kept.any():
             return None
-        return float(np.sqrt(np.nanmean(self.distance[:, kept] ** 2)))
+        return float(compute_rms(self.distance[:, kept]))
+
+    def compute_rms_by_frame(self) -> Array:
+        """Compute the RMS distance (nf,) m over markers with weight; NaN where none is visible."""
+        return compute_rms(self.distance[:, self.weight > 0], axis=1)
+
+    def compute_rms_by_marker(self) -> Array:
+        """Compute the RMS distance (nm,) m of each marker; NaN if it is never visible."""
+        return compute_rms(self.distance, axis=0)
 
     def select_observed(self, *segments: str) -> BoolArray:
         """Select the markers with weight that were observed in any frame.

@@ -310,62 +310,62 @@ def add_tissue_columns(
     placed = Kinematics(body, q, data.secondary)
     segments, columns = placed.segments, placed.columns
     position = marker_residual.place_markers(data.placed, segments, data.shift)
-    mixed = np.zeros((basis.control_points, nq, nz))
+    mixed = np.zeros((basis.control_points, nq, n_free + nz))
+    mixed[:, :, :n_free] = equations.mixed.reshape(-1, nq, n_free)
     by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
     for group in tissue.groups:
         # (3 axes, 3, nf), (nr, nf)
         axes, psi = segments[group.segment, :3], group.regressors
+        nr, nf = psi.shape
         moved = np.flatnonzero(body.chain.support[:, group.segment])
         turning = moved < nq
-        pull, inertia = np.zeros((WIDTH, psi.shape[1])), np.zeros((WIDTH, WIDTH, psi.shape[1]))
+        weight, pattern = data.weight[group.markers], group.pattern
+        # (nm, 3, nf), in the segment
+        arm = _express_in_axes(axes, position[group.markers])
+        measured = _express_in_axes(axes, data.measured[group.markers])
+        # (6, 3 nm) B of all markers side by side, and sum_m w B_m^T r_m
+        side_by_side = pattern.reshape(-1, WIDTH).T
+        pull = side_by_side @ (weight[:, None] * (arm - measured)).reshape(-1, nf)
+        products = np.matmul(pattern.transpose(0, 2, 1), pattern).reshape(len(pattern), -1)
+        inertia = products.T @ weight
         # sum_m w B_m^T and sum_m w B_m^T [x_m x]^T: sums over all markers that multiply the linear
-        # and the angular velocity of a variable, in the segment
-        of_velocity, of_spin = np.zeros((2, WIDTH, 3, psi.shape[1]))
-        for m, pattern in zip(
-            range(group.markers.start, group.markers.stop), group.pattern, strict=True
-        ):
-            weight, arm = data.weight[m], _express_in_axes(axes, position[m])
-            measured = _express_in_axes(axes, data.measured[m])
-            pull += pattern.T @ (weight * (arm - measured))
-            arm = measured if curved else arm
-            inertia += weight * (pattern.T @ pattern)[:, :, None]
-            weighted = pattern.T[:, :, None] * weight
-            of_velocity += weighted
-            for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
-                # (spin x arm)_j = spin_k arm_i - spin_i arm_k
-                # (spin x arm)_k = spin_i arm_j - spin_j arm_i
-                of_spin[:, i] += weighted[:, k] * arm[j] - weighted[:, j] * arm[k]
+        # and the angular velocity of a variable
+        of_velocity = (pattern.reshape(len(pattern), -1).T @ weight).reshape(3, WIDTH, nf)
+        of_spin = np.zeros((3, WIDTH, nf))
+        weighted = weight[:, None] * (measured if curved else arm)
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            # (spin x arm)_j = spin_k arm_i - spin_i arm_k
+            # (spin x arm)_k = spin_i arm_j - spin_j arm_i
+            of_spin[i] = pattern[:, k].T @ weighted[:, j] - pattern[:, j].T @ weighted[:, k]
         velocity, spin = (
             _express_in_axes(axes, columns[moved, :3]),
             _express_in_axes(axes, columns[moved, 3:]),
         )
-        met = np.zeros((len(moved), WIDTH, psi.shape[1]))
+        met = np.zeros((len(moved), WIDTH, nf))
         for i in range(3):
-            met += of_velocity[:, i] * velocity[:, None, i]
-            met += of_spin[:, i] * spin[:, None, i]
-        here = slice(at, at + WIDTH * len(psi))
+            met += of_velocity[i] * velocity[:, None, i]
+            met += of_spin[i] * spin[:, None, i]
+        here = slice(at, at + WIDTH * nr)
         gradient[here] = (psi @ pull.T).ravel()
-        both = (psi[:, None] * psi).reshape(-1, psi.shape[1]) @ inertia.reshape(-1, psi.shape[1]).T
+        both = (psi[:, None] * psi).reshape(-1, nf) @ inertia.T
         corner[here, here] = (
-            both.reshape(len(psi), len(psi), WIDTH, WIDTH)
-            .transpose(0, 2, 1, 3)
-            .reshape(WIDTH * len(psi), -1)
+            both.reshape(nr, nr, WIDTH, WIDTH).transpose(0, 2, 1, 3).reshape(WIDTH * nr, -1)
         )
         by_parameter[moved[~turning] - nq, here] = (
-            (met[~turning] @ psi.T).transpose(0, 2, 1).reshape(-1, WIDTH * len(psi))
+            (met[~turning] @ psi.T).transpose(0, 2, 1).reshape(-1, WIDTH * nr)
         )
         # One regressor at a time: all at once do not fit the cache of the processor.
-        by_frame = np.ascontiguousarray(met[turning].reshape(-1, psi.shape[1]).T)
+        by_frame = np.ascontiguousarray(met[turning].reshape(-1, nf).T)
         for r, of_regressor in enumerate(psi):
-            of_columns = slice(here.start + WIDTH * r, here.start + WIDTH * (r + 1))
+            first = n_free + here.start + WIDTH * r
             summed = spread @ (of_regressor[:, None] * by_frame)
-            mixed[:, moved[turning], of_columns] = summed.reshape(basis.control_points, -1, WIDTH)
+            mixed[:, moved[turning], first : first + WIDTH] = summed.reshape(len(mixed), -1, WIDTH)
         at = here.stop
     return replace(
         equations,
-        mixed=np.hstack([equations.mixed, mixed.reshape(-1, nz)]),
+        mixed=mixed.reshape(-1, n_free + nz),
         parameters=np.block([[equations.parameters, by_parameter], [by_parameter.T, corner]]),
         parameter_gradient=np.concatenate([equations.parameter_gradient, gradient]),
     )

@@ -286,7 +286,7 @@ class ControlPointRule:
     # A fixed number of control points a coordinate (20 in the published protocol)
     fixed: int | None = None
 
-    def count_nodes(self, time: Array) -> int:
+    def count_control_points(self, time: Array) -> int:
         """Count the control points of a trial.
 
         Parameters

@@ -318,6 +318,13 @@ class MotionProblem:
         -------
         NormalEquations
         """
+        equations = self.assemble_motion_equations(coefficients, body, curved=curved)
+        return self.add_tissue(equations, coefficients, body, curved=curved)
+
+    def assemble_motion_equations(
+        self, coefficients: Array, body: LinkageModel, *, curved: bool = False
+    ) -> banded.NormalEquations:
+        """Assemble the normal equations as `assemble_equations`, without columns of soft tissue."""
         q = self.basis.evaluate(coefficients)
         equations = self._assembler.assemble(
             (self._assemble_frames(stretch.frames, body, q, curved=curved), stretch)
@@ -331,6 +338,17 @@ class MotionProblem:
                 cost=equations.cost + cost,
                 node_gradient=equations.node_gradient + gradient,
             )
+        return equations
+
+    def add_tissue(
+        self,
+        equations: banded.NormalEquations,
+        coefficients: Array,
+        body: LinkageModel,
+        *,
+        curved: bool = False,
+    ) -> banded.NormalEquations:
+        """Add the columns of soft tissue to `assemble_motion_equations` at the same point."""
         if self.tissue is None or not self.tissue.groups:
             return equations
         return add_tissue_columns(
@@ -569,7 +587,7 @@ def build_trial_problem(
         raise InputError(
             message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN
         )
-    basis = build_spline_basis(recording.time, rule.count_nodes(recording.time))
+    basis = build_spline_basis(recording.time, rule.count_control_points(recording.time))
     placed = marker_residual.PlacedMarkers(index, model.markers.local[chosen])
     data = marker_residual.MarkerData(
         placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight

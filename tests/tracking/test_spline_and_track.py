@@ -61,12 +61,12 @@ def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
 def test_spans_last_a_twentieth_of_a_second_or_three_frames_of_slow_cameras(
     rate: float, spans: int
 ) -> None:
-    assert ControlPointRule().count_nodes(np.arange(2 * rate + 1) / rate) == spans + DEGREE
+    assert ControlPointRule().count_control_points(np.arange(2 * rate + 1) / rate) == spans + DEGREE
 
 
 def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
     time = np.arange(4000) / 1000.0
-    coefficients = ControlPointRule(per_second=15.0).count_nodes(time)
+    coefficients = ControlPointRule(per_second=15.0).count_control_points(time)
     basis = build_spline_basis(time, coefficients)
     middle = slice(1000, 3000)
     gains = []

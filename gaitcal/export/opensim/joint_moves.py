@@ -123,14 +123,7 @@ class Bone:
     def express_in(self, frame: pin.SE3) -> "Bone":
         """Express the map in the axes of a frame in the body.
 
-        Parameters
-        ----------
-        frame : pin.SE3
-            Pose of the frame in the body, m.
-
-        Returns
-        -------
-        Bone
+        `frame`: pose of the frame in the body, m.
         """
         to_frame = frame.rotation.T
         was, now = frame.actInv(self.middle_before), frame.actInv(self.middle_after)

@@ -314,6 +314,7 @@ class Transfer:
     ) -> bytes:
         """Write the file with moved joints and new masses; `legs`: joints as they were read."""
         places: dict[tuple[str, str], FramePlacement] = {}
+        # Frames of a joint in both of its bodies, as read and as moved.
         ends = {move.joint: (move.parent, move.child) for move in moves}
         for was, now in zip(legs, self.legs, strict=True):
             for name, end in zip(("parent", "child"), ends[was.ours], strict=True):
@@ -381,6 +382,7 @@ class Transfer:
         """Move the joints between two registered bodies, from top to bottom."""
         row = self.peer.list_joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
+        # Their joints in our standing posture: segment by segment, our static trial on their bones.
         q0 = solve_standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
         moving = [j for j in row if j.name in ours and not self._is_undetermined(ours[j.name].ours)]
         # Pose of the joint's parent in the laboratory, body by body downwards.
@@ -411,6 +413,7 @@ class Transfer:
             in_parent = not leg.ours.startswith("subtalar")
             our_joint = osim_registration.JOINT_OF[leg.ours]
             segment = our_joint.parent if in_parent else our_joint.child
+            # Our axis in our segment, then in the laboratory, then in their body.
             axis = osim_registration.compute_joint_axis(leg.ours, self.model.parameters, in_parent)
             target = axis.transform(pose.actInv(segments[segment]))
             move_joint = move_ball_joint if leg.hinge is None else move_hinge
@@ -492,6 +495,7 @@ class Transfer:
         axis = osim_registration.compute_joint_axis(joint, parameters, in_parent)
         # Along the axis of a hinge nothing is counted.
         across = np.eye(3) if is_hip else np.eye(3) - np.outer(axis.direction, axis.direction)
+        # Two independent errors: of the registration of the bodies, and of our joint.
         translation = registration.compute_point_covariance(local)
         rotation = registration.rotation_covariance
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.segment == segment]
@@ -568,6 +572,7 @@ class Transfer:
     def _list_joint_notes(self, move: joint_moves.JointMove) -> Iterator[str]:
         """List notes on one joint: rolling, attached elements, large displacements."""
         deviations = {leg.ours: leg.hinge.deviation for leg in self.legs if leg.hinge is not None}
+        # m, of a knee that rolls and glides, from the nearest hinge.
         deviation = deviations.get(move.joint, 0.0)
         if move.outcome is joint_moves.MoveOutcome.MOVED and deviation > ROLLING_M:
             yield (

@@ -151,6 +151,7 @@ def compare_motion(
                 raise InputError(
                     message, source=osim, field=trial.name, code=Code.OTHER_MODEL
                 ) from None
+        # Marker errors of the markers that both models have.
         both = [
             value
             for label, value in trial.marker_errors.items()
@@ -161,6 +162,7 @@ def compare_motion(
         for k, name in enumerate(COORDINATES):
             if name not in theirs or is_translation(name):
                 continue
+            # Models differ in whether knee flexion is positive.
             sign = _get_knee_sign(peer, name)
             found.setdefault((name, "deg"), []).append(
                 (np.degrees(q[:, k]), sign * np.degrees(theirs[name]))
@@ -212,6 +214,7 @@ def _run_opensim(
     Returns coordinate -> (nf,) rad; coordinate -> (nf,) N·m, NaN without forces; and the RMS
     distance (m) of the markers.
     """
+    # Labels are matched to those of the other model; other markers take no part.
     known, time = tuple(peer.markers), trial.motion.basis.time
     names = {label: match_label(label, known) for label in trial.markers.labels}
     kept = [k for k, label in enumerate(trial.markers.labels) if names[label] is not None]
@@ -256,6 +259,7 @@ def _run_opensim(
         missed = float(np.sqrt(np.mean(read_table(error).get_column("marker_error_RMS") ** 2)))
     frames = np.column_stack([np.interp(time, table.time, column) for column in table.values.T])
     basis = trial.motion.basis
+    # Their angles get the bandwidth of ours, so that moments are comparable.
     coefficients = basis.fit(frames)
     if trial.cutoff is not None:
         coefficients = Smoother(basis).smooth(basis.matrices[0].T @ frames, trial.cutoff)
@@ -297,6 +301,7 @@ def _run_inverse_dynamics(
     tool.setExternalLoadsFileName(str(folder / "loads.xml"))
     tool.setStartTime(float(known[0]))
     tool.setEndTime(float(known[-1]))
+    # Angles are smoothed already, so OpenSim must not filter them again.
     tool.setLowpassCutoffFrequency(-1.0)
     tool.setResultsDir(str(folder))
     tool.setOutputGenForceFileName("id.sto")

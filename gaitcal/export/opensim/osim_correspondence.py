@@ -227,23 +227,8 @@ def _find_side_joints(
 def fit_hinge(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
     """Fit the hinge that is nearest to a joint's motion.
 
-    Parameters
-    ----------
-    peer : PeerModel
-        Model of the user.
-    leg : LegJoint
-        Joint; its `hinge` is not used.
-    recorded : mapping
-        Our coordinate -> (n,) rad of the postures; without it those of a stride.
-
-    Returns
-    -------
-    Hinge
-
-    Raises
-    ------
-    InputError
-        The joint does not rotate with its coordinate.
+    `leg`: joint; its `hinge` is not used. `recorded`: our coordinate -> (n,) rad of the postures;
+    without it those of a stride. Raises InputError: the joint does not rotate with its coordinate.
     """
     c = next(c for c in leg.theirs.coordinates if c.name == leg.coordinate)
     kind, side = leg.ours.split("_")

@@ -95,14 +95,7 @@ class OsimDocument:
     def find_body(self, name: str) -> ET.Element:
         """Find the element of a body.
 
-        Parameters
-        ----------
-        name : str
-            Name of a body of the model.
-
-        Returns
-        -------
-        ET.Element
+        `name`: name of a body of the model.
         """
         bodies = self.model.findall("BodySet/objects/Body")
         return next(e for e in bodies if e.get("name", "") == name)
@@ -136,12 +129,7 @@ class OsimDocument:
         return read_numbers(self.find_body(name), "mass_center", self.source, count=3)
 
     def list_joints(self) -> Iterator[ET.Element]:
-        """List all joints of a file of either generation.
-
-        Yields
-        ------
-        ET.Element
-        """
+        """List all joints of a file of either generation."""
         yield from self.model.findall("BodySet/objects/Body/Joint/*")
         yield from self.model.findall("JointSet/objects/*")
 
@@ -398,6 +386,8 @@ def _parse(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
     parser, builder = expat.ParserCreate(), ET.TreeBuilder()
     parser.buffer_text = True
     spans: dict[ET.Element, _Span] = {}
+    # The file is edited as bytes, so that everything that is not changed stays as it is: the
+    # position of every element is needed.
     opened: list[tuple[ET.Element, int, int]] = []
 
     def open_element(tag: str, attributes: dict[str, str]) -> None:
@@ -410,6 +400,7 @@ def _parse(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
     def close_element(tag: str) -> None:
         builder.end(tag)
         element, at, inside = opened.pop()
+        # A tag that closes itself ends where its content would begin.
         alone = content[inside - 2 : inside] == b"/>"
         spans[element] = _Span(at, inside, inside if alone else parser.CurrentByteIndex)
 
@@ -480,6 +471,7 @@ def build_peer_model(document: OsimDocument) -> PeerModel:
         masses[name] = float(read_numbers(body, "mass", path, count=1)[0])
         for element in body.findall("Joint/*"):
             joints[name] = _read_joint(element, path, name)
+    # OpenSim 4 lists joints by themselves, OpenSim 3 within the child body.
     for element in model.findall("JointSet/objects/*"):
         joint = _read_joint(element, path)
         joints[joint.child] = joint
@@ -590,6 +582,7 @@ def _read_axes(
         if length == 0.0:
             message = "found an axis of length zero"
             raise InputError(message, source=path, field=element.get("name"), code=Code.OTHER_MODEL)
+        # rotation1 to rotation3, then translation1 to translation3.
         rotates = entry.get("name", "").startswith("rotation")
         coordinate = names_of_axis[0] if names_of_axis else None
         axes.append(PeerAxis(rotates, vector / length, coordinate, function))

@@ -325,7 +325,7 @@ def _compute_rotation_into(
         segment, rotation = foot, (frames.in_child * frames.in_parent.inverse()).rotation
     if segment in bodies:
         main = bodies[segment]
-        to_body = compute_relative_pose(peer, main.body, body).rotation
+        to_body = _compute_relative_pose(peer, main.body, body).rotation
         rotation = to_body @ main.pose.rotation.T @ rotation
     return pin.SE3(rotation, np.zeros(3))
 
@@ -569,7 +569,7 @@ def compute_body_masses(
         if segment in bodies:
             main = bodies[segment]
             centres = {body: document.read_mass_centre(body) for body in members}
-            poses = {body: compute_relative_pose(peer, body, main.body) for body in members}
+            poses = {body: _compute_relative_pose(peer, body, main.body) for body in members}
             centre = sum(peer.masses[b] * poses[b].act(centres[b]) for b in members) / theirs
             # All mass centres are displaced as that of the segment.
             displacement = main.pose.actInv(ours[segment].centre) - centre
@@ -584,20 +584,11 @@ def compute_body_masses(
     return weights, tuple(masses)
 
 
-def compute_relative_pose(peer: PeerModel, body: str, main: str) -> pin.SE3:
+def _compute_relative_pose(peer: PeerModel, body: str, main: str) -> pin.SE3:
     """Compute the pose of a body in another one of its segment, above or below it.
 
-    Parameters
-    ----------
-    peer : PeerModel
-        OpenSim model.
-    body, main : str
-        Body, and the one in whose frame the pose is given.
-
-    Returns
-    -------
-    pin.SE3
-        m, at zero coordinates.
+    `body`, `main`: body, and the one in whose frame the pose is given. Returns: m, at zero
+    coordinates.
     """
     if peer.is_below(body, main):
         return peer.compute_body_pose(body, main)

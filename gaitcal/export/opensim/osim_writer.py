@@ -296,23 +296,7 @@ def strip_control_characters(text: str) -> str:
 def add_child(
     parent: ET.Element, tag: str, text: str | None = None, **attributes: str
 ) -> ET.Element:
-    """Add a child element to `parent`.
-
-    Parameters
-    ----------
-    parent : ET.Element
-        Parent of the new element.
-    tag : str
-        Tag.
-    text : str, optional
-        Text.
-    **attributes : str
-        Attributes.
-
-    Returns
-    -------
-    ET.Element
-    """
+    """Add a child element to `parent`."""
     element = ET.SubElement(parent, tag, attributes)
     element.text = text
     return element

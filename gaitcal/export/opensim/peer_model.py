@@ -393,7 +393,7 @@ def measure_our_leg(parameters: Parameters, side: str) -> LegGeometry:
         thigh_length=_measure_distance(hip_in_thigh, knee_in_thigh.point),
         shank_length=_measure_distance(knee_in_shank.point, ankle_in_shank.point),
         # In the talus, whose frame is that of the talocrural joint.
-        ankle_axes_distance=measure_line_distance(
+        ankle_axes_distance=_measure_line_distance(
             _get_axis(subtalar.in_parent, 0), _get_axis(pin.SE3.Identity(), 2)
         ),
     )
@@ -506,7 +506,7 @@ def _find_subtalar_axis(
     distance = None
     if ankle is not None and shank is not None and peer.is_below(subtalar.parent, shank):
         in_shank = axis.transform(peer.compute_body_pose(subtalar.parent, shank))
-        distance = measure_line_distance(ankle, in_shank)
+        distance = _measure_line_distance(ankle, in_shank)
     return axis.transform(to_foot).direct_along(0), distance
 
 
@@ -632,18 +632,10 @@ def find_displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
     return Axis(0.5 * (across + np.cross(n, across) / np.tan(0.5 * angle)), n)
 
 
-def measure_line_distance(a: Axis, b: Axis) -> float:
+def _measure_line_distance(a: Axis, b: Axis) -> float:
     """Measure the shortest distance of two lines.
 
-    Parameters
-    ----------
-    a, b : Axis
-        Lines in one frame, m.
-
-    Returns
-    -------
-    float
-        m
+    `a`, `b`: lines in one frame, m. Returns: m.
     """
     normal = np.cross(a.direction, b.direction)
     size = float(np.linalg.norm(normal))

@@ -182,22 +182,12 @@ def compare_muscles(
     return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
 
 
-def compute_arm_deviations(
+def _compute_arm_deviations(
     change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]
 ) -> Array | None:
     """Compute standard deviations of a moment arm over draws of the model.
 
-    Parameters
-    ----------
-    change : MuscleChange
-        Muscle and coordinate.
-    draws : sequence of mapping
-        Paths of each draw.
-
-    Returns
-    -------
-    (n,) Array or None
-        m, at the values of the coordinate; None with fewer than two draws.
+    Returns: (n,) m, at the values of the coordinate; None with fewer than two draws.
     """
     key = change.before.muscle, change.before.coordinate
     arms = np.array([draw[key].arm for draw in draws if key in draw])  # (draws, n)
@@ -229,7 +219,7 @@ def format_muscles_csv(
     lines = [MUSCLES_HEADER]
     for change in changes:
         before, after = change.before, change.after
-        deviations = compute_arm_deviations(change, draws)
+        deviations = _compute_arm_deviations(change, draws)
         for k, value in enumerate(before.values):
             figures = (before.length[k], after.length[k], before.arm[k], after.arm[k])
             cells = [f'"{before.muscle}"', f'"{before.coordinate}"', f"{np.degrees(value):.3f}"]
@@ -380,7 +370,7 @@ def make_muscle_table(
     """
     rows = []
     for change in changes:
-        k, deviations = change.worst, compute_arm_deviations(change, draws)
+        k, deviations = change.worst, _compute_arm_deviations(change, draws)
         before = change.before
         arms = (f"{1e3 * path.arm[k]:.1f}" for path in (before, change.after))
         error = "" if deviations is None else f"{1e3 * deviations[k]:.1f}"

@@ -300,20 +300,8 @@ def _read_extent(content: bytes) -> tuple[int, tuple[int, ...], int]:
 def parse_records(content: bytes) -> tuple[Record, ...]:
     """Parse the parameter section of a C3D file into its records.
 
-    Parameters
-    ----------
-    content
-        All bytes of the file.
-
-    Returns
-    -------
-    tuple of Record
-        In the order of the file.
-
-    Raises
-    ------
-    ValueError, IndexError, struct.error
-        The section is damaged.
+    Returns: in the order of the file. Raises ValueError, IndexError, struct.error: the section is
+    damaged.
     """
     start = (content[0] - 1) * BLOCK
     section = content[start : start + content[start + 2] * BLOCK]

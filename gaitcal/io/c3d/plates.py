@@ -283,24 +283,10 @@ def compute_wrench(
 ) -> tuple[Array, Array]:
     """Compute the wrench about the centre of the surface from the channels of a plate.
 
-    Parameters
-    ----------
-    kind
-        TYPE of the plate, 1 to 4.
-    channels
-        (6 or 8, ns) Forces in N, moments in units of `moment_unit_m`, centres of pressure in units
-        of `length_unit_m`.
-    origin
-        (3,) ORIGIN of the plate, m.
-    length_unit_m
-        Unit of the centres of pressure, m.
-    moment_unit_m
-        Unit of the moments, N·m.
-
-    Returns
-    -------
-    force, moment
-        (ns, 3) N and (ns, 3) N·m in the plate frame.
+    `kind`: TYPE of the plate, 1 to 4. `channels`: (6 or 8, ns) forces in N, moments in units of
+    `moment_unit_m`, centres of pressure in units of `length_unit_m`. `origin`: (3,) ORIGIN of the
+    plate, m. `length_unit_m`: unit of the centres of pressure, m. `moment_unit_m`: unit of the
+    moments, N·m. Returns: (ns, 3) N and (ns, 3) N·m in the plate frame.
     """
     if kind == 3:
         x12, x34, y14, y23, z1, z2, z3, z4 = channels

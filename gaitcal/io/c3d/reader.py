@@ -90,25 +90,10 @@ class ParserDiedError(Exception):
 def parse_c3d(path: Path, size: int) -> dict[str, Any]:
     """Parse a C3D file in the parser process.
 
-    Parameters
-    ----------
-    path
-        The file.
-    size
-        Its size, bytes; it limits time and memory.
-
-    Returns
-    -------
-    dict
-        `points` (3, np, nf) with NaN for missing, `poses` (4, 4, ns, nf or more), `analogs` (na,
-        ns), `parameters`, rates and first frame, in the units of the file.
-
-    Raises
-    ------
-    ValueError
-        The parser refuses the file; its message.
-    ParserDiedError
-        The parser did not survive the file.
+    `path`: the file. `size`: its size, bytes; it limits time and memory. Returns: `points` (3, np,
+    nf) with NaN for missing, `poses` (4, 4, ns, nf or more), `analogs` (na, ns), `parameters`,
+    rates and first frame, in the units of the file. Raises ValueError: the parser refuses the file;
+    its message. Raises ParserDiedError: the parser did not survive the file.
     """
     kind, content = _PARSER.parse(
         str(path.absolute()), size, BASE_SECONDS + SECONDS_PER_BYTE * size

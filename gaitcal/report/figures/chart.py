@@ -7,11 +7,11 @@ of matplotlib is not changed, and matplotlib is loaded at the first drawing only
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import IO, TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Key:
     colour: str
     dashes: tuple[float, ...] = ()  # Lengths of dashes and gaps, in line widths; none: a full line
     width: float = 1.6
-    kind: str = "line"  # `line` or `band` (see-through)
+    kind: str = "line"  # `line` or `band`
 
 
 def make_line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
@@ -85,9 +85,18 @@ def clean_name(text: str, limit: int = LONGEST_NAME) -> str:
 
 
 def format_axes(
-    axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", sizes: Sizes = SCREEN
+    axes: Axes,
+    *,
+    xlabel: str = "",
+    ylabel: str = "",
+    title: str = "",
+    senses: str = "",
+    sizes: Sizes = SCREEN,
 ) -> None:
-    """Format axes: ink labels, no frame above and at the right, light grid lines."""
+    """Format axes: ink labels, no frame above and at the right, light grid lines.
+
+    `senses` is a small line below the title.
+    """
     from matplotlib.ticker import MaxNLocator
 
     for side in ("top", "right"):
@@ -116,10 +125,21 @@ def format_axes(
             family=FONT,
             color=INK,
             loc="left",
+            y=1.0,
             fontweight="bold",
-            pad=4,
+            pad=4 + (1.3 * sizes.small if senses else 0),
         )
-    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.annotate(
+        senses,
+        (0.0, 1.0),
+        (0.0, 4.0),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        fontsize=sizes.small,
+        family=FONT,
+        color=FAINT,
+    )
+    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
 
 
 MARGIN = 0.06  # of the span of all values, at either end of an axis
@@ -172,8 +192,8 @@ class Chart:
     legend_row: float = LEGEND_INCHES  # Height of a row of the legend, inches
 
 
-def draw_chart(chart: Chart) -> Figure:
-    """Draw all panels of a chart in one figure."""
+def draw_chart(chart: Chart, dpi: float = 100.0) -> Figure:
+    """Draw all panels of a chart in one figure with that number of dots per inch."""
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
     heights, widths = [], []
     for row in rows:
@@ -182,7 +202,7 @@ def draw_chart(chart: Chart) -> Figure:
     width = max(widths)
     columns = _count_legend_columns(chart, width)
     legend = chart.legend_row * -(-len(chart.keys) // columns)
-    figure = create_figure(width, sum(heights) + legend)
+    figure = create_figure(width, sum(heights) + legend, dpi)
     top = sum(heights) + legend
     for row, height in zip(rows, heights, strict=True):
         left = 0.0
@@ -216,7 +236,7 @@ def _count_legend_columns(chart: Chart, width: float) -> int:
     return 1
 
 
-def create_figure(width: float, height: float, dpi: int = 100) -> Figure:
+def create_figure(width: float, height: float, dpi: float = 100.0) -> Figure:
     """Create an empty white figure, inches, with a canvas that measures text."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -248,7 +268,7 @@ def _make_handle(key: Key) -> Line2D | Patch:
     from matplotlib.patches import Patch
 
     if key.kind == "band":
-        return Patch(facecolor=key.colour, alpha=0.25, label=key.label)
+        return Patch(facecolor=key.colour, label=key.label)
     return Line2D(
         [],
         [],
@@ -267,7 +287,25 @@ _UNSIGNED: Final = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
 """Without date and program."""
-SALT: Final = "gaitcal"  # Identifiers of an SVG are made of its content and of this, not at random
+
+
+def save_chart(chart: Chart, formats: Mapping[str, Path | IO[str]]) -> None:
+    """Draw a chart and save it.
+
+    Parameters
+    ----------
+    chart
+        What to draw.
+    formats
+        One of `FORMATS` -> file or stream.
+    """
+    import matplotlib as mpl
+
+    # identifiers of an SVG are made of its content and a word, not at random; letters stay letters
+    with mpl.rc_context({"svg.hashsalt": "gaitcal", "svg.fonttype": "none", "pdf.fonttype": 42}):
+        figure = draw_chart(chart)
+        for suffix, target in formats.items():
+            figure.savefig(target, format=suffix, dpi=DPI, metadata=_UNSIGNED[suffix])
 
 
 def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[str]) -> list[Path]:
@@ -287,18 +325,11 @@ def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[
     list of Path
         The files.
     """
-    import matplotlib as mpl
-
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    with mpl.rc_context(
-        {"svg.hashsalt": SALT, "pdf.fonttype": 42}
-    ):  # letters of a PDF stay letters
-        for chart in charts:
-            figure = draw_chart(chart)
-            for suffix in formats:
-                path = folder / f"{chart.name}.{suffix}"
-                figure.savefig(path, dpi=DPI, metadata=_UNSIGNED[suffix])
-                written.append(path)
+    written: list[Path] = []
+    for chart in charts:
+        files = {suffix: folder / f"{chart.name}.{suffix}" for suffix in formats}
+        save_chart(chart, files)
+        written += files.values()
     return written

@@ -8,9 +8,11 @@ people grow between two visits.
 
 import base64
 import io
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from html import escape
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -20,29 +22,17 @@ from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, CurveKind, get_curve_kind, list_variables
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.model.linkage import SIDES
-from gaitcal.report.figures import report_sheets
-from gaitcal.report.figures.chart import (
-    FAINT,
-    FONT,
-    INK,
-    SALT,
-    SIDE_COLOURS,
-    SIDE_DASHES,
-    compute_limits,
-    create_figure,
-    format_axes,
-    make_line_style,
-)
+from gaitcal.report.figures.chart import FAINT, Chart, Key, Size, Sizes, clean_name, save_chart
+from gaitcal.report.figures.curve_panel import LEAST, CurvePanel, make_side_key
 from gaitcal.results.session_comparison import SessionComparison
 from gaitcal.results.session_difference import Difference, format_numbers, name_figure
 from gaitcal.results.shown_labels import PAPER_UNITS
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 SHOWN: Final = 40  # Rows of the table of figures; `differences.csv` has all
 COLUMNS: Final = 4
-PANEL: Final = (2.75, 1.75)  # inches
+PANEL: Final = Size(width=2.75, height=1.85, left=0.45, bottom=0.4, top=0.4, label=0.13)
+LETTERS: Final = Sizes(small=6.6, normal=7.2, title=7.6)
+THIN: Final = (0.7, 0.9)  # Width (pt) and opacity of the curves of the first session
 
 
 def render_comparison_page(
@@ -93,10 +83,9 @@ def render_comparison_page(
     for sheet, variables in sheets.items():
         if picture := _draw_sheet(comparison, convention, variables):
             caption = (
-                f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, "
-                "dashed) over the stride "
-                "of each foot. Grey band: within it a difference could have been missed (95 %); "
-                "black bars: beyond it."
+                f"{sheet}: means over the stride of each foot, {names[0]} thin, {names[1]} thick. "
+                "Band: within it a difference could have been missed (95 %); bars at the foot: "
+                "beyond it."
             )
             parts += [
                 f"<h2>{escape(sheet)}</h2>",
@@ -142,70 +131,55 @@ def _draw_sheet(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
 ) -> str:
     """Draw an `<img>` with a panel for each variable and leg; empty without curves."""
-    import matplotlib as mpl
-
-    curves = comparison.curves
-    drawn = [
-        (v, s)
-        for v in variables
-        for s in SIDES
-        if ((curves["variable"] == v) & (curves["side"] == s)).any()
-    ]
-    if not drawn:
+    panels = []
+    for variable, side in itertools.product(variables, SIDES):
+        rows = _select_curve(comparison, variable, side)
+        if len(rows):
+            panel = _build_panel(comparison, convention, variable, (side,))
+            panel = replace(panel, title=f"{panel.title}, {SIDE_WORDS[side]}")
+            panels.append(panel.make_panel(PANEL, LETTERS, panel.title))
+    if not panels:
         return ""
-    rows = -(-len(drawn) // COLUMNS)
-    figure = create_figure(COLUMNS * PANEL[0], rows * PANEL[1])
-    for k, (variable, side) in enumerate(drawn, start=1):
-        of_leg = curves[(curves["variable"] == variable) & (curves["side"] == side)]
-        _draw_panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
-    figure.tight_layout(h_pad=0.8, w_pad=0.6)
+    before, after = map(clean_name, comparison.names)
+    keys = [Key(label=f"{before}", colour=FAINT, width=THIN[0])]
+    keys += [make_side_key(side, f"{after}, {SIDE_WORDS[side]}") for side in SIDES]
     text = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
-        figure.savefig(
-            text,
-            format="svg",
-            metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
-        )
-    description = (
-        f"Mean curves of {' and '.join(comparison.names)}: "
-        f"{', '.join(dict.fromkeys(v for v, _ in drawn))}"
-    )
+    titles = ", ".join(panel.label for panel in panels)
+    drawn = Chart(name="", title=titles, panels=tuple(panels), keys=tuple(keys), columns=COLUMNS)
+    save_chart(drawn, {"svg": text})
     data = base64.b64encode(text.getvalue().encode()).decode("ascii")
+    description = f"Mean curves of {' and '.join(comparison.names)}: {titles}"
     return f'<img alt="{escape(description)}" src="data:image/svg+xml;base64,{data}">'
 
 
-def _draw_panel(
-    axes: "Axes", comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
-) -> None:
-    variable, side, percent = (
-        curve["variable"].iloc[0],
-        curve["side"].iloc[0],
-        curve["percent"].to_numpy(),
-    )
+def _select_curve(comparison: SessionComparison, variable: str, side: str) -> pd.DataFrame:
+    curves = comparison.curves
+    return curves[(curves["variable"] == variable) & (curves["side"] == side)]
+
+
+def _build_panel(
+    comparison: SessionComparison, convention: Convention, variable: str, sides: Sequence[str]
+) -> CurvePanel:
+    """Build a panel: A thin, B thick with the band of the minimal detectable change."""
+    before, after, band, marked = {}, {}, {}, {}
+    for side in sides:
+        rows = _select_curve(comparison, variable, side)
+        after[side] = band[side] = np.full(POINTS, np.nan)
+        if len(rows):
+            before[side], after[side], band[side] = convert_curves(comparison, convention, rows)
+            marked[side] = rows["exceeds"].to_numpy() == 1
     kind = get_curve_kind(variable)
-    before, after, band = convert_curves(comparison, convention, curve)
-    positive, title = convention.senses(variable, side)[0], convention.title(variable)
-    format_axes(axes, ylabel=f"{PAPER_UNITS[kind]}\n{positive} +")
-    axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
-    axes.axhline(0.0, color=FAINT, linewidth=0.5)
-    axes.fill_between(
-        percent, before - band, before + band, color="#000000", alpha=0.12, linewidth=0
+    return CurvePanel(
+        title=convention.title(variable),
+        unit=PAPER_UNITS[kind],
+        senses=convention.senses(variable, sides[0]),
+        strides={side: (curve,) for side, curve in before.items()},
+        mean=after,
+        error=band,
+        marked=marked,
+        least=LEAST[kind],
+        thin=THIN,
     )
-    axes.plot(percent, before, color="#555555", linewidth=1.3)
-    axes.plot(
-        percent,
-        after,
-        color=SIDE_COLOURS[side],
-        linestyle=make_line_style(SIDE_DASHES[side]),
-        linewidth=1.5,
-    )
-    low, high = compute_limits(
-        [before, after, before - band, before + band], report_sheets.LEAST[kind]
-    )
-    beyond = np.where(curve["exceeds"].to_numpy() == 1, low, np.nan)
-    axes.plot(percent, beyond, color=INK, linewidth=5.0, solid_capstyle="butt")
-    axes.set_xlim(0.0, 100.0)
-    axes.set_ylim(low, high)
 
 
 def convert_curves(
@@ -233,33 +207,13 @@ def convert_curves(
 
 def build_paper_panels(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
-) -> Iterator[report_sheets.CurvePanel | str]:
-    """Build the panels of a printed sheet: A thin, B thick with the minimal detectable change."""
-    curves, none = comparison.curves, np.full(POINTS, np.nan)
+) -> Iterator[CurvePanel | str]:
+    """Build the panels of a printed sheet, each with both legs."""
     for variable in variables:
-        if variable not in list_variables():
+        if variable in list_variables():
+            yield _build_panel(comparison, convention, variable, SIDES)
+        else:
             yield variable
-            continue
-        by_side = {
-            side: curves[(curves["variable"] == variable) & (curves["side"] == side)]
-            for side in SIDES
-        }
-        converted = {
-            side: convert_curves(comparison, convention, rows) if len(rows) else (none, none, none)
-            for side, rows in by_side.items()
-        }
-        kind = get_curve_kind(variable)
-        yield report_sheets.CurvePanel(
-            title=convention.title(variable),
-            unit=PAPER_UNITS[kind],
-            senses=convention.senses(variable, "r"),
-            strides={side: (before,) for side, (before, _, _) in converted.items()},
-            mean={side: after for side, (_, after, _) in converted.items()},
-            error={side: band for side, (_, _, band) in converted.items()},
-            norm=None,
-            least=report_sheets.LEAST[kind],
-            thin=(0.7, 0.9),
-        )
 
 
 def build_figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:

@@ -33,9 +33,10 @@ from gaitcal.report.figures.report_sheets import (
     GRID,
     INK,
     SANS,
-    ProfileBars,
+    Picture,
     Sheet,
-    SheetOfCurves,
+    build_profile_chart,
+    build_sheet_chart,
     make_paragraph,
     register_fonts,
 )
@@ -279,7 +280,7 @@ def _build_sheet(
     left = high - _measure_height(comment, *size)
     if left < LEAST_SHEET:
         left, comment = high, [PageBreak(), _make_heading(sheet.title), *comment]
-    return [PageBreak(), *head, SheetOfCurves(sheet, norm, (size[0], left)), *comment]
+    return [PageBreak(), *head, Picture(build_sheet_chart(sheet, norm, (size[0], left))), *comment]
 
 
 def _build_comparison(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
@@ -343,7 +344,7 @@ def _build_profile(content: ReportContent, width: float) -> list[Flowable]:
         *out,
         make_paragraph(explanation, 7, colour=FAINT),
         Spacer(1, 1 * mm),
-        ProfileBars(content.profile, width),
+        Picture(build_profile_chart(content.profile, width)),
     ]
 
 

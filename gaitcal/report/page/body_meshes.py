@@ -146,6 +146,7 @@ def _fit_trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[Fitted
         float(jp.centre("shoulder_r", "head_trunk")[2] - jp.centre("shoulder_l", "head_trunk")[2])
         / 2
     )
+    # Meshes have their sizes in units of the artist: 42 units for the head, 27.1 for the abdomen.
     head = _HEAD_OF_HEIGHT * model.subject.height / 42.0
     neck = compute_vertex_height(model) - 46.2 * head
     thick = 0.0056 * girth
@@ -197,6 +198,7 @@ def _compute_lumbar_height(jp: Parameters, height: float) -> float:
         jp.centre(f"knee_{s}", f"shank_{s}")[1] - jp.centre(f"talocrural_{s}", f"shank_{s}")[1]
         for s in SIDES
     ]
+    # Upwards from the floor: ankle, shank, thigh, pelvis, m.
     hips = (jp.centre("hip_r", "pelvis")[1] + jp.centre("hip_l", "pelvis")[1]) / 2
     return (
         (sum(thighs) + sum(shanks)) / 2
@@ -334,6 +336,7 @@ def read_stl(content: bytes) -> Mesh:
     ValueError
         The content is not a binary STL, or is truncated.
     """
+    # Binary STL: 80 bytes of header, the number of triangles, then 50 bytes for each.
     count = int.from_bytes(content[80:84], "little")
     if len(content) < 84 + count * _STL.itemsize or count == 0:
         raise ValueError("not a binary STL")
@@ -356,6 +359,7 @@ def make_round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
     """Make a body of revolution in a box: an ellipsoid, or with `blunt` 2 nearly a capsule."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)[1:-1]
     longitude = np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False)
+    # blunt > 1 makes the ends rounder, as those of a capsule.
     radius = np.cos(latitude) ** (1.0 / blunt)
     ring = np.stack(
         [
@@ -388,6 +392,7 @@ def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
     """
     if len(mesh.triangles) <= most:
         return mesh
+    # Cells begin at half an edge and grow until few enough triangles have three different corners.
     corners = mesh.vertices[mesh.triangles]
     cell = 0.5 * float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
     while True:

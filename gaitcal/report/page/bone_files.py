@@ -137,6 +137,7 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
         names = "; ".join(f"{bone}: {' or '.join(_FILES[bone][0])}" for bone in missing)
         message = f"found no {', '.join(missing)}; needed (.vtp or .stl): {names}"
         raise InputError(message, source=source, code=Code.BONES)
+    # The height of the femur shows unit and axes of the files.
     length = float(np.ptp(meshes["femur"].vertices[:, 1]))
     low, high = _FEMUR_LENGTH
     if not low <= length <= high:
@@ -145,6 +146,7 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
             "(metres, y up)"
         )
         raise InputError(message, source=source, code=Code.BONES)
+    # A whole spine or its regions, not both on top of each other.
     if "spine" in meshes:
         meshes = {bone: mesh for bone, mesh in meshes.items() if bone not in _WHOLE_SPINE}
     return meshes
@@ -153,11 +155,9 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
 def read_vtp(content: bytes) -> Mesh:
     """Read a surface, with polygons as triangles.
 
-    Raises
-    ------
-    ValueError
-        The content is not such a file, is damaged, or has an unsupported encoding.
+    Raises ValueError: the content is not such a file, is damaged, or has an unsupported encoding.
     """
+    # Entities can expand to gigabytes.
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("a document type, which no geometry file needs")
     try:
@@ -204,6 +204,7 @@ def _read_array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.ge
     found = piece.find(path)
     if found is None or found.get("type") not in _TYPES:
         raise ValueError(f"no {path}")
+    # VTK's XML: ASCII, or base64 with a size before the data, compressed in blocks or not.
     order = "<" if root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
     kind = np.dtype(order + _TYPES[found.get("type", "")])
     parts = (found.text or "").split()
@@ -218,6 +219,7 @@ def _read_array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.ge
     if compressor:
         return np.frombuffer(_decode_blocks(packed, counts), dtype=kind)
     raw = base64.b64decode(packed)
+    # The first number is the size of the data in bytes.
     (size,) = np.frombuffer(raw[: counts.itemsize], counts)
     return np.frombuffer(raw[counts.itemsize : counts.itemsize + int(size)], dtype=kind)
 
@@ -238,6 +240,7 @@ def _decode_blocks(text: str, counts: np.dtype[np.generic]) -> bytes:
         )[0]
     )
     header = encoded((3 + blocks) * counts.itemsize)
+    # Header: number of blocks, size of a block, size of the last one, compressed sizes.
     sizes = np.frombuffer(base64.b64decode(text[:header]), counts)[3 : 3 + blocks].astype(int)
     raw, out, at = base64.b64decode(text[header:]), b"", 0
     try:

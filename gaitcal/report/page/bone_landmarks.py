@@ -124,7 +124,7 @@ def compute_volume(mesh: Mesh) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
+def _compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
     """Compute (nt, 3) outward normals, length = area (m^2), and (nt, 3) centroids (m)."""
     corners = mesh.vertices[mesh.triangles]
     outward = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -133,7 +133,7 @@ def compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
 
 def _compute_vertex_normals(mesh: Mesh) -> Array:
     """Compute (nv, 3) outward unit normals, averaged over adjacent triangles by area."""
-    faces, _ = compute_face_normals(mesh)
+    faces, _ = _compute_face_normals(mesh)
     sums = np.zeros_like(mesh.vertices)
     for k in range(3):
         np.add.at(sums, mesh.triangles[:, k], faces)
@@ -146,7 +146,7 @@ def _sample_surface(mesh: Mesh) -> tuple[Array, Array, Array]:
 
     Large triangles get their weight in a fit, which their corners alone would not give.
     """
-    outward, _ = compute_face_normals(mesh)
+    outward, _ = _compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     places = [(i + 1 / 3, j + 1 / 3) for i in range(_PARTS) for j in range(_PARTS - i)]
     shares = np.array([(a / _PARTS, b / _PARTS, 1.0 - (a + b) / _PARTS) for a, b in places])
@@ -193,12 +193,14 @@ def find_long_bone(mesh: Mesh) -> LongBone:
 
 
 def _find_head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
+    # The head is the most medial part of a right femur's upper end.
     seed = v[upper][np.argmin(v[upper][:, 2])]
     chosen = upper & (np.linalg.norm(v - seed, axis=1) < 0.06 * length)
     for _ in range(_ROUNDS):
         if chosen.sum() < _FEWEST_POINTS:
             raise NoLandmark("no round head")
         centre, radius = fit_ball(v[chosen])
+        # Points whose normal leaves the ball and that are on its surface; the neck is left out.
         outwards = np.einsum("ij,ij->i", v - centre, normals) > 0.5 * radius
         following = (
             upper
@@ -219,6 +221,7 @@ def find_condyles(mesh: Mesh) -> Condyles:
     half = 0.5 * float(bone.lateral[2] - bone.medial[2])
     balls, lowest = [], []
     for side in (-1.0, 1.0):
+        # From 0 in the middle to 1 at the epicondyle of this side.
         across = side * (points[:, 2] - bone.middle[2]) / half
         one = (
             (points[:, 1] < low + _END * length)
@@ -234,6 +237,7 @@ def find_condyles(mesh: Mesh) -> Condyles:
 
 def _fit_condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
     """Fit a circle to the posterior and distal part of the surface (n, 3) of one condyle."""
+    # Only the posterior part of a condyle is round in the sagittal plane.
     chosen = points[:, 0] < np.median(points[:, 0])
     for _ in range(_ROUNDS):
         if chosen.sum() < _FEWEST_POINTS:
@@ -258,7 +262,7 @@ def find_hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
 
     `head_radius`: m, of the femoral head.
     """
-    outward, middles = compute_face_normals(mesh)
+    outward, middles = _compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     votes = middles + head_radius * outward / np.maximum(area, 1e-30)[:, None]
     near = np.linalg.norm(votes[:, None] - votes, axis=2) < _VOTES_TOGETHER
@@ -303,9 +307,11 @@ def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> No
         raise NoLandmark("no femoral head medial of the femur's shaft")
     if lower[0, 0] <= lower[1, 0]:
         raise NoLandmark("no condyles behind the femur's shaft")
+    # On a right leg the fibula is lateral: z to the right.
     to_fibula = fibula.vertices.mean(axis=0) - tibia.vertices.mean(axis=0)
     if to_fibula[2] <= 0.25 * abs(to_fibula[0]) + 1e-3 or to_fibula[0] >= 0.5 * to_fibula[2]:
         raise NoLandmark("no fibula lateral of the tibia")
+    # x forward, y up, z to the right, m, of the right hip bone.
     socket, asis, psis = hip.socket, hip.asis, hip.psis
     if min(socket[2], asis[2]) <= 0.0 or asis[0] <= socket[0] or asis[2] <= psis[2]:
         raise NoLandmark("no right ASIS in front of the acetabulum")
@@ -387,6 +393,7 @@ def collect_person_landmarks(model: SubjectModel) -> PersonLandmarks:
     """Collect the target landmarks of a subject's bones."""
     fitted = model.parameters
     radius = JointWidths.from_subject(model.subject).marker_radius
+    # m, in the axes of each segment; fitted joint centres, else landmarks of the static trial.
     lumbar = fitted.centre("back", "head_trunk")
     points = {f"pelvis/hip_{side}": fitted.centre(f"hip_{side}", "pelvis") for side in SIDES}
     points["pelvis/asis"] = np.array(

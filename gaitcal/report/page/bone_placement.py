@@ -161,6 +161,7 @@ def map_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: s
         1.0 if side == "r" else -1.0,
         f"thigh_{side}",
     )
+    # Three points determine the map: hip, knee, and the epicondyle line for breadth and rotation.
     across = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
     return _map_between(
         _Ends(
@@ -181,6 +182,7 @@ def map_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: s
         1.0 if side == "r" else -1.0,
         f"shank_{side}",
     )
+    # Scale of the femur along its shaft, person over bone.
     long = float(np.linalg.norm(map_femur(bones, person, side)[:, 1]))
     # The condyles' centres are behind the epicondyles; the shank is upright in the static trial.
     behind = 0.5 * float(pair.medial.centre[0] + pair.lateral.centre[0]) - float(
@@ -222,11 +224,13 @@ def _map_foot(
         float(np.linalg.norm(person.point(segment, "heel_to_toe"))),
     )
     expected = FOOT_OF_HEIGHT * height
+    # The toe marker may be on the tip of the foot or on a metatarsal head: m, from heel to tip.
     length = (
         heel_to_toe
         if heel_to_toe > _TOE_TIP_OF_HEIGHT * height
         else heel_to_toe / _HEAD_OF_METATARSAL
     )
+    # Markers elsewhere on the foot would give an impossible foot.
     if not _ALLOWED_FOOT[0] * expected <= length <= _ALLOWED_FOOT[1] * expected:
         length = expected
     rotation = build_frame(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
@@ -267,6 +271,7 @@ def fit_bones(
         ("pelvis", "pelvis", _mirror_map(pelvis, "l")),
         ("sacrum", "pelvis", pelvis),
     ]
+    # Ribs and spine move as one segment of the model.
     trunk = _map_trunk(person)
     out += [
         (bone, "head_trunk", trunk) for bone in ("ribs", "spine", "thoracic spine", "lumbar spine")
@@ -321,6 +326,7 @@ def _place_arm_bones(
         )
         out.append(("humerus", upper, _mirror_map(place, side)))
     if "ulna" in available:
+        # The lowest centimetre is the wrist.
         lower = available["ulna"].vertices
         end = lower[lower[:, 1] < lower[:, 1].min() + 0.01].mean(axis=0) * mirror
         ends = person.point(fore, "elbow"), person.point(fore, "wrist")
@@ -456,6 +462,7 @@ def _measure_axis(
     axis_spread: Array,
 ) -> AxisInKnee:
     """Measure the axis through `start` (3,) m along `direction`; spreads as in `JointMark`."""
+    # Errors along the axis do not move it: only the part across it counts.
     across = np.eye(3) - np.outer(direction, direction)
     tilted = axis_spread @ axis_spread.T
 
@@ -463,6 +470,7 @@ def _measure_axis(
         return math.sqrt(max(float(np.trace(across @ covariance @ across)), 0.0) / 2.0)
 
     def condyle(centre: Array, radius: float) -> AxisInCondyle:
+        # The nearest point of the axis to the centre of the condyle.
         reach = float(direction @ (centre - start))
         passing = start + reach * direction
         return AxisInCondyle(

@@ -72,6 +72,7 @@ def build_joint_blocks(calibration: result.Calibration) -> list[Block]:
             f"recorded again{errors}."
         ),
     ]
+    # Before any number: what these trials cannot show.
     if blind := parameter_labels.describe_unidentifiable(calibration):
         out += [make_heading("Not determined by these trials", 4), make_list(blind, "warning")]
     known = calibration.truth.parameters if calibration.truth else ()
@@ -86,6 +87,7 @@ def _build_joints(calibration: result.Calibration, truth: Mapping[str, float]) -
     groups = parameter_labels.group_joint_parameters(calibration)
     if not groups:
         return [make_text(NOT_CALIBRATED)]
+    # The legs are the purpose of most recordings: trunk and arms are folded away.
     legs = [group for group in groups if (group.right or group.left)[0].part in linkage.LEG_JOINTS]
     others = [group for group in groups if group not in legs]
     out = [
@@ -174,6 +176,7 @@ def _build_row(
     nominal, fitted = format_number(row.nominal, digits), format_number(row.fitted, digits)
     true: list[Cell] = [format_number(truth.get(row.name), digits)] if known else []
     undetermined, at_bound = row.status == "unidentifiable", row.status == "at bound"
+    # A value that no trial changed is not shown as if it were fitted.
     if undetermined and fitted == nominal:
         return [
             make_cell(row.title, unit=row.unit),
@@ -205,6 +208,7 @@ def _build_row(
 def _build_inertias(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
     groups = parameter_labels.group_inertial_parameters(calibration)
     if not groups:
+        # Masses need ground reactions.
         measured = any(
             t.loads is not None and t.loads.reactions.valid.any() for t in calibration.trials
         )
@@ -336,6 +340,7 @@ def _build_two_sided_table(title: str, found: Iterable[tuple[str, str, Errors]])
     """Build a table with one row for both sides of the body."""
     rows: dict[str, dict[str, list[Cell]]] = {}
     for title_of_row, side, (nominal, fitted, within) in found:
+        # Compared as printed, so that equal numbers are not marked as worse.
         farther = round(fitted, 1) > round(nominal, 1)
         rows.setdefault(title_of_row, {})[side] = [
             format_number(nominal),

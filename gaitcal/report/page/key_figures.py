@@ -91,13 +91,13 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     if trial.joint is not None:
         return None
     loads = trial.loads
-    drawn = make_layout(trial.body, loads.reactions if loads else None, trial.events)
+    drawn = make_layout(trial.motion, loads.reactions if loads else None, trial.events)
     if loads is None or not loads.reactions.has_torques:
         return GaitNumbers(trial=trial, layout=drawn)
     limits = None
     if loads.residuals:
         limits = compute_residual_limits(
-            model.parameters, trial.body.q, loads.reactions, trial.recording.plates
+            model.parameters, trial.motion.q, loads.reactions, trial.recording.plates
         )
     return GaitNumbers(
         trial=trial,
@@ -109,7 +109,7 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     )
 
 
-def collect_walks(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
+def _collect_walks(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
     """Collect the numbers of every walk."""
     return tuple(
         walk for trial in trials if (walk := compute_gait_numbers(model, trial)) is not None
@@ -150,7 +150,7 @@ def build_further_lines(
     model: SubjectModel, trials: Sequence[TrialResult], tables: StrideTables
 ) -> list[Line]:
     """Build the lines on agreement and valid moments of further trials."""
-    walks = collect_walks(model, trials)
+    walks = _collect_walks(model, trials)
     return [_describe_agreement(trials, walks), _describe_valid_moments(walks, tables)]
 
 
@@ -179,6 +179,7 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
     tones, sentences = [], []
     if (worst := _find_worst_fit(trials)) is not None:
         fit, trial = worst
+        # The floor is the least marker error that joints, or rigid segments, allow.
         ratio, floor = (
             _compute_ratio(fit),
             fit.floor if fit.joint_ratio is None else fit.joint_floor,
@@ -195,11 +196,12 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
             "plain",
             "",
         )
+        # The limit is the residual that known errors explain at most.
         if held is not None:
             force += f" (limit {format_number(held.force.limit)})"
             moment += f" (limit {format_number(held.moment.limit)})"
             tone, judged = ("good", "") if held.within else ("look", ": too high")
-            judged += WIDE_LIMITS if fit_findings.is_trunk_unmeasured(walk.trial.body) else ""
+            judged += WIDE_LIMITS if fit_findings.is_trunk_unmeasured(walk.trial.motion) else ""
         tones.append(tone)
         sentences.append(f"Residual force at the pelvis: {force}, moment {moment}{judged}.")
     if not sentences:
@@ -226,6 +228,7 @@ def _describe_valid_moments(walks: Sequence[GaitNumbers], tables: StrideTables) 
     text = summarise_usable_strides(
         [use for walk in loaded for use in tables.get_uses(walk.trial.name)]
     )
+    # The moment that clinics ask for most often; others are in the curves.
     found = [peak for peak in tables.peaks if peak.peak is ADDUCTION_PEAK]
     if both := ", ".join(_format_peak(peak, tables.subject.mass) for peak in found):
         text += (

@@ -114,6 +114,8 @@ def collect_expected_errors(
     out = {}
     for torque in (f"{name}_{side}" for name in TORQUES):
         found = []
+        # Joints and noise at the person's marker error; masses, which move no marker, at the
+        # highest level.
         for varied in SOURCES:
             if varied in causes:
                 found.append(of_cause[varied, torque, FIXED.value])

@@ -83,7 +83,7 @@ def build_calibration_page_data(
         for trial in calibration.trials
     ]
     return {
-        **build_person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
+        **_build_person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
         "lines": key_figures.build_top_lines(calibration, tables.strides),
         "trials": trials,
         "sections": build_result_sections(calibration, norm, tables.manifest, scores),
@@ -155,7 +155,7 @@ def build_further_page_data(
                 },
             }
         )
-    person = build_person_page_data(model.subject, verdict, NormTables(curves=norm.curves))
+    person = _build_person_page_data(model.subject, verdict, NormTables(curves=norm.curves))
     return {
         **person,
         "lines": [
@@ -167,7 +167,7 @@ def build_further_page_data(
     }
 
 
-def build_person_page_data(
+def _build_person_page_data(
     subject: Subject,
     verdict: Verdict,
     norm: NormTables = NO_NORM,
@@ -181,6 +181,7 @@ def build_person_page_data(
             "kind": get_curve_kind(name).label,
             "source": curve.source,
         }
+        # Mean and standard deviation over the stride, in the unit of the curves.
         for side, parts in curve.sides.items():
             entry[side] = [list(map(plain_data.round_number, part)) for part in parts]
         bands.append(entry)
@@ -223,16 +224,16 @@ def build_person_page_data(
                 "side": s.side,
                 "base": s.variable,
                 "title": profile_score.make_score_title(s),
-                "score": round_score(s.score),
-                "se": round_score(s.error),
-                "norm": round_score(s.norm),
+                "score": _round_score(s.score),
+                "se": _round_score(s.error),
+                "norm": _round_score(s.norm),
             }
             for s in scores
         ],
     }
 
 
-def round_score(value: float) -> float | None:
+def _round_score(value: float) -> float | None:
     """Round a score to a hundredth of a degree; None if unknown."""
     return round(value, 2) if math.isfinite(value) else None
 
@@ -312,6 +313,7 @@ def build_conventions() -> dict[str, Any]:
     `units`: unit of moments -> kind -> title, digits, factor and divisor of values.
     """
     body, one = Subject(name="", mass=1.0, height=1.0, sex="male"), np.ones(1)
+    # A power is that of a joint, over all of its axes.
     powers = {group.power: " over all axes" for group in coordinates.GROUPS.values() if group.power}
     moved = [
         (name, kind)
@@ -339,6 +341,8 @@ def build_conventions() -> dict[str, Any]:
 
     by_signs: dict[str, dict[str, Any]] = {}
     for signs, acting in itertools.product(Signs, Acting):
+        # The browser switches conventions without knowing any rule: every sign and word is in the
+        # page.
         convention = Convention(signs=signs, acting=acting)
         by_signs.setdefault(signs.value, {})[acting.key] = {
             f"{name}/{kind.label}": describe(convention, name, kind) for name, kind in every

@@ -144,6 +144,7 @@ def read_result_page(folder: Path) -> tuple[PageContent, tuple[str, ...]]:
             f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see "
             "them",
         )
+    # Trials that were computed with an earlier calibration are shown with a warning.
     stale = select_stale_trials(
         folder / DYNAMICS,
         [t.name for t in further.scene.trials],
@@ -151,6 +152,7 @@ def read_result_page(folder: Path) -> tuple[PageContent, tuple[str, ...]]:
     )
     lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
     taken = {trial.name for trial in shown.scene.trials}
+    # Two trials of one name: the further one gets the folder after its name.
     names = {t.name: f"{t.name} ({DYNAMICS})" for t in further.scene.trials if t.name in taken}
     scene = append_trials(shown.scene, further.scene, names)
     if scene is None:
@@ -195,7 +197,7 @@ def write_further_page(
             saved.model,
             t.name,
             t.role.value,
-            t.body,
+            t.motion,
             t.recording,
             None if t.loads is None else t.loads.reactions,
         )
@@ -204,6 +206,7 @@ def write_further_page(
     scene = build_person_scene(saved.model, scenes, saved.uncertainty.standard_errors)
     result = saved.files.folder
     try:
+        # Normative data and sections of the calibration are optional on this page.
         norm = read_norm_tables(result, read_json_object(result / SUMMARY))
     except InputError:
         norm = NO_NORM
@@ -234,6 +237,7 @@ def read_earlier_page(
         return None, ()
     fault, shown = "", None
     for name in (SCENE, PAGE_DATA):
+        # An edited page must not be continued as if gaitcal had written it.
         if compute_sha256(folder / name) != hashes.get(name):
             fault = fault or f"{name} is damaged, or was edited: not as gaitcal wrote it"
     if not fault:

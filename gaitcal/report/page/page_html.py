@@ -70,7 +70,7 @@ file.
 PLOTS = "libraries/uPlot"  # The library that draws curves
 
 
-def build_policy(*scripts: str) -> str:
+def _build_policy(*scripts: str) -> str:
     """Build a Content-Security-Policy that admits these inline scripts only, and no request."""
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
@@ -140,6 +140,7 @@ def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) 
     viewer, licences = _read_meshcat()
     content = _collect_scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
     content["CONVENTIONS"] = plain_data.dump_script_json(page_data.build_conventions())
+    # Data in the page itself: it is opened without a server.
     content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
     of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
     content["LICENCES"] = "\n\n".join(
@@ -185,7 +186,7 @@ def _collect_scripts_and_styles(
         "PAGE": _escape_script("\n".join([parts[0], _build_constants(), *parts[1:]])),
     }
     return {
-        "POLICY": build_policy(*running.values()),
+        "POLICY": _build_policy(*running.values()),
         "STYLE": "\n".join(
             [_read_part(f"{PLOTS}.min.css"), *(_read_part(f"styles/{name}") for name in styles)]
         ),
@@ -214,6 +215,7 @@ def _read_meshcat() -> tuple[str, list[str]]:
     if not places:
         raise GaitcalError("meshcat is not installed; install gaitcal again")
     folder = Path(places[0]) / "viewer"
+    # The viewer is read from the installed package; importing it would start its server.
     viewer = folder / "dist" / "main.min.js"
     texts = [
         ("MeshCat", folder / "LICENSE"),

@@ -90,6 +90,7 @@ def _build_recordings(calibration: Calibration) -> list[plain_data.Block]:
     for trial in calibration.study.trials:
         recording = trial.recording
         visible = np.isfinite(recording.markers).all(axis=2)
+        # Of all markers and frames.
         visible_percent = 100.0 * float(visible.mean()) if visible.size else 0.0
         rows.append(
             [
@@ -122,8 +123,9 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
     out = [plain_data.make_heading("What was assumed")]
     if not calibration.notes:
         out.append(plain_data.make_text("Nothing beyond the study file."))
+    # Notes of one trial begin with its name and are folded below it.
     prefixes = {trial.name: f"{trial.name}: " for trial in calibration.trials}
-    out += build_note_blocks(
+    out += _build_note_blocks(
         [note for note in calibration.notes if not note.startswith(tuple(prefixes.values()))]
     )
     for name, prefix in prefixes.items():
@@ -133,7 +135,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
             out.append(
                 plain_data.fold_blocks(
                     f"Trial {plain_data.format_name(name)}: {format_count(len(notes), 'note')}",
-                    build_note_blocks(notes),
+                    _build_note_blocks(notes),
                 )
             )
     if calibration.model.frozen:
@@ -146,7 +148,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
     return out
 
 
-def build_note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
+def _build_note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
     """Build a list of notes; long ones are folded below it."""
     short = [note for note in notes if len(note) <= LONG_NOTE]
     long = [
@@ -277,7 +279,7 @@ def _describe_model(data: Mapping[str, Any]) -> list[plain_data.Block]:
 
 def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
     """Build the description of the recording of one further trial."""
-    recording, time = trial.recording, trial.body.time
+    recording, time = trial.recording, trial.motion.time
     plates = (
         format_count(len(recording.plates), "force plate")
         if recording.plates
@@ -295,5 +297,5 @@ def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
     return [
         plain_data.make_heading(f"Trial {plain_data.format_name(trial.name)}"),
         plain_data.make_text(description),
-        *build_note_blocks(notes),
+        *_build_note_blocks(notes),
     ]

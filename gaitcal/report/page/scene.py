@@ -102,6 +102,7 @@ def build_joint_marks(
             places["centre_spread"], places["axis_spread"] = _propagate_errors(
                 joint, segment, fitted, known
             )
+            # A joint counts as fitted if it has a standard error or has moved.
             moved = bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns])
             marks.append(JointMark(joint=joint.name, segment=segment, fitted=moved, **places))
     return tuple(marks)
@@ -130,6 +131,7 @@ def _propagate_errors(
     columns = []
     for name, error in errors.items():
         value = fitted.joint[JP_INDEX[name]]
+        # Central differences: the map from parameters to centre and axis is smooth and cheap.
         low, high = (
             np.concatenate(
                 _locate_centre_and_axis(
@@ -219,7 +221,7 @@ def build_scene(calibration: "Calibration") -> Scene:
             calibration.model,
             t.name,
             t.role.value,
-            t.body,
+            t.motion,
             t.recording,
             None if t.loads is None else t.loads.reactions,
         )
@@ -290,6 +292,7 @@ def build_trial_scene(
         At most `MOST_FRAMES` frames.
     """
     recorded = len(motion.time)
+    # A page of a long recording would be too large for browsers: every n-th frame.
     stride = max(1, -(-recorded // MOST_FRAMES))
     kept = slice(None, None, stride)
     placed = Kinematics(get_chain().body(model.parameters), motion.q[kept], columns=False)
@@ -300,6 +303,7 @@ def build_trial_scene(
         forces = centres = np.full((frames, 2, 3), np.nan, dtype=np.float32)
         valid, legs = np.zeros(frames, dtype=np.bool_), np.zeros((frames, 2), dtype=np.bool_)
     else:
+        # m, height of the plates, on which the force arrows begin.
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
         forces, centres = compute_force_arrows(reactions.wrench[kept], level)
         valid, legs = reactions.valid[kept], reactions.valid_legs[kept]

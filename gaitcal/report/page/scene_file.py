@@ -90,6 +90,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
     """
     arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
     for i, trial in enumerate(scene.trials):
+        # Numbers are arrays, everything else is one JSON text.
         arrays |= {f"trial{i}/{name}": getattr(trial, name) for name in _TRIAL_ARRAYS}
     for name in _JOINT_ARRAYS:
         arrays[f"joints/{name}"] = np.array([getattr(joint, name) for joint in scene.joints])
@@ -201,6 +202,7 @@ def _check(scene: Scene) -> None:
         and scene.landmarks.complete
         and all(len(trial.time) > 0 for trial in scene.trials)
     )
+    # A file that was cut or edited must not reach the page.
     for trial in scene.trials:
         for name, shape in _list_trial_shapes(len(trial.time), segments, markers).items():
             found = getattr(trial, name).shape
@@ -267,6 +269,8 @@ def _pack_trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
     time = trial.time[kept] - trial.time[0]
     pelvis = trial.origins[kept, :1]
     measured = trial.measured[kept] - pelvis
+    # Positions relative to the pelvis, in 16 bits: markers far away are faults of the camera
+    # system.
     measured[~(np.abs(measured) < MARKER_RANGE_M).all(axis=2)] = np.nan
     return {
         "name": trial.name,
@@ -300,6 +304,7 @@ def _describe_trial(scene: Scene, trial: MotionScene, time: Array, stride: int) 
     if trial.time[0] > EARLY:
         lines.append(f"begins at {trial.time[0]:.2f} s of the recording")
     if stride > 1:
+        # 11th, 12th and 13th are exceptions.
         ending = (
             "th"
             if stride % 100 in (11, 12, 13)

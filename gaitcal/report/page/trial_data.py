@@ -35,6 +35,7 @@ def pack_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
     """Pack one frame in `every` of the curves; `valid` is a number of the shared `masks`."""
     kept = slice(None, None, every)
     masks = list_masks(curves)
+    # Many curves are valid in the same frames: each mask is stored once.
     numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
 
     def pack(values: Array | None) -> dict[str, Any] | None:
@@ -100,7 +101,7 @@ def build_trial_page_data(
     dict
         Its entry in `trials` of `page.json`.
     """
-    time, start = trial.body.time, float(trial.body.time[0])
+    time, start = trial.motion.time, float(trial.motion.time[0])
     every = max(1, -(-len(time) // scene.MOST_FRAMES))
     curves = tables.curves[trial.name]
     return {
@@ -167,13 +168,14 @@ def _build_strides(
     Each has its number, pelvis angles (`pelvis`: of `collect_pelvis_parts`, along the line of that
     stride), valid percents of each mask of the curves as in `cycles.csv`, and peaks.
     """
-    time, start = trial.body.time, float(trial.body.time[0])
+    time, start = trial.motion.time, float(trial.motion.time[0])
     measured = {(s.side, s.number): s for s in trial.strides}
     masks = list_masks(tables.curves[trial.name])
     out = []
     for use in tables.get_uses(trial.name):
         side, cycle, stride = use.side, use.cycle, measured.get((use.side, use.number))
         foot = trial_tables.express_foot_in_stride(trial, side, cycle, stride)
+        # Pelvis and foot angles depend on the stride's line of progression: curves for each stride.
         along_line: dict[str, dict[str, Any]] = {name: {} for name in PELVIS_ANGLES}
         for part, angles in pelvis.items():
             in_stride = trial_tables.express_pelvis_in_stride(trial, angles, cycle, stride)

@@ -199,6 +199,7 @@ def collect_marker_fits(trial: result.TrialResult) -> list[MarkerFit]:
     nominal, calibrated, floor = map(
         _compute_rms_by_label, (trial.nominal.errors, errors, trial.floor)
     )
+    # Markers that hardly count may be far off without harm.
     heaviest = float(errors.weight.max(initial=0.0))
     rows = [
         MarkerFit(
@@ -218,11 +219,10 @@ def collect_marker_fits(trial: result.TrialResult) -> list[MarkerFit]:
 
 
 def _compute_rms_by_label(errors: MarkerErrors) -> dict[str, float]:
-    return {
-        label: 1e3 * float(np.sqrt(np.nanmean(column**2)))
-        for label, column in zip(errors.labels, errors.distance.T, strict=True)
-        if np.isfinite(column).any()
-    }
+    """Compute marker -> mm, of the visible markers."""
+    rms = 1e3 * errors.compute_rms_by_marker()
+    labelled = zip(errors.labels, rms.tolist(), strict=True)
+    return {label: mm for label, mm in labelled if np.isfinite(mm)}
 
 
 def _build_marker_table(markers: Sequence[MarkerFit], folded: str = "") -> Block:
@@ -341,6 +341,7 @@ def _build_joint_row(
     undetermined = sum(row.status == "unidentifiable" for row in rows)
     at_bound = sum(row.status == "at bound" for row in rows)
     moved = parameter_labels.compute_range_of_motion(calibration, joint)
+    # A joint that hardly moved explains why its parameters are not determined.
     little = moved is not None and moved < parameter_labels.ENOUGH_MOTION_DEG
     errors = {"mm": list[float](), "deg": list[float]()}
     for row in rows:
@@ -415,6 +416,7 @@ def find_peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | No
     if not len(frames):
         return None
     moment = get_moment(loads.final, name)
+    # External peaks, such as knee adduction, are negative internal moments.
     frame = frames[
         (-moment if coordinates.split_side(name)[0] in EXTERNAL_PEAKS else np.abs(moment))[
             frames
@@ -467,6 +469,7 @@ def _build_peak_table(peak: PeakError) -> Block:
         for s, share in peak.shares.items()
         if share >= SMALL_SHARE
     ]
+    # Small sources are joined, so that shares add up to 100 %.
     if (remaining := sum(share for share in peak.shares.values() if share < SMALL_SHARE)) > 0.0:
         rows.append(make_row("all others", remaining, format_number(100.0 * remaining, 0)))
     rows.append(["all together", f"± {format_number(peak.error, 3)}", "100"])
@@ -502,6 +505,8 @@ def _build_residuals(walk: GaitNumbers) -> list[Block]:
         ]
         for stage in walk.stages
     ]
+    # References below the line: what errors explain, and what simulations require (Hicks et al.
+    # 2015).
     below: list[list[Cell]] = []
     if held is not None:
         below.append(

@@ -25,8 +25,8 @@ from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, check_replaceable, write_result_folder
 from gaitcal.model.model_file import save_model
 from gaitcal.report.figures.chart import SIDE_COLOURS, Chart
+from gaitcal.report.figures.curve_panel import LINE
 from gaitcal.report.figures.journal_figures import (
-    LINE,
     Strides,
     build_moment_arm_charts,
     build_paper_charts,
