@@ -25,7 +25,7 @@ sources.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -331,12 +331,13 @@ class MotionSensitivity:
         dict of ErrorSource to (frames, m) array
             Variances.
         """
-        columns = (*self.trial_sources, *self.shared_sources)
-        out = dict[ErrorSource, Array]()
-        for source in dict.fromkeys(columns):
-            out[source] = sum_squares(
-                moved[:, :, [k for k, column in enumerate(columns) if column is source]]
-            )
+        out, start = dict[ErrorSource, Array](), 0
+        # The columns of a source follow each other, so that they are seen without a copy.
+        for source, run in groupby((*self.trial_sources, *self.shared_sources)):
+            stop = start + len(list(run))
+            variance = sum_squares(moved[:, :, start:stop])
+            out[source] = out[source] + variance if source in out else variance
+            start = stop
         return out
 
     def sum_all_and_trial(self, moved: Array) -> tuple[Array, Array]:
@@ -352,8 +353,8 @@ class MotionSensitivity:
         tuple of (frames, m) array
             Both variances.
         """
-        markers = [k for k, column in enumerate(self.trial_sources) if column is ErrorSource.MOTION]
-        return sum_squares(moved), sum_squares(moved[:, :, markers])
+        markers = self.trial_sources.count(ErrorSource.MOTION)
+        return sum_squares(moved), sum_squares(moved[:, :, :markers])
 
 
 def sum_squares(moves: Array) -> Array:
