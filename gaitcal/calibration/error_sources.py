@@ -267,8 +267,11 @@ class CoefficientErrors:
             Effect of each source.
         """
         out: Array = by_state @ self.compute_coordinate_errors(basis, frames, 3)
-        last = out.shape[2] - self.parameters.shape[1]
-        out[:, :, last:] += by_parameter @ self.parameters[: by_parameter.shape[2]]
+        changed = self.parameters[: by_parameter.shape[2]]
+        first = out.shape[2] - changed.shape[1]
+        # Of `MotionSensitivity.together` only as many sources as parameters change these.
+        count = int(np.flatnonzero(changed.any(axis=0)).max(initial=-1)) + 1
+        out[:, :, first : first + count] += by_parameter @ changed[:, :count]
         return out
 
 
