@@ -71,17 +71,6 @@ class Layout:
         """Get the frames (nf,) with valid torques of a leg (`r`, `l`) or of the body (empty)."""
         return np.asarray(self.valid_legs[:, SIDES.index(side)]) if side else self.valid
 
-    def count_complete(self, side: str) -> int:
-        """Count the strides of a leg in which all frames have valid torques.
-
-        `side`: leg, or the whole body.
-        """
-        valid = self.get_valid_frames(side)
-        inside = (
-            valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ())
-        )
-        return sum(bool(frames.size and frames.all()) for frames in inside)
-
     def select_drawn_frames(self, side: str) -> BoolArray:
         """Select the frames of the main stride, or all where curves are drawn over time.
 
