@@ -35,6 +35,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -80,6 +81,16 @@ they lead to saddle points, whereas Gauss-Newton's always lead downhill.
 """
 # Share of the cost of the last Newton step below which Gauss-Newton steps are tried again
 COST_FALLEN_TO = 0.5
+
+
+class MotionFactor(Protocol):
+    """Factor of the band of a trial, the columns of its other unknowns eliminated or not yet."""
+
+    def solve(self, gradient: Array) -> Array:
+        """Solve H_qq x = gradient for a gradient by the coefficients (nn * nq,)."""
+
+    def eliminate(self) -> Matrices:
+        """Eliminate the coefficients."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +205,7 @@ class OpenMotion:
         self,
         x: Array,
         before: OpenEvaluation,
-        factor: OpenFactor | Matrices,
+        factor: MotionFactor,
         predicted_reduction: float,
         *,
         converged: bool,
@@ -242,7 +253,7 @@ class OpenMatrix:
             self.band, self.coefficients, self.motion.body, curved=self.curved
         )
 
-    def factor(self, damping: float) -> OpenFactor:
+    def factor(self, damping: float) -> MotionFactor:
         """Factorise the band."""
         return OpenFactor(self, BandFactor(self.band.band, damping))
 
