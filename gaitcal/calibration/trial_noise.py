@@ -21,7 +21,8 @@ fewer than three markers leave their joints out, if joints between others remain
 all count, each marker of such a segment by itself: a pair shows the deformation of its skin in one
 direction, which serves as well as the others.
 
-rho_k is the autocorrelation of d, a_k how often a sample that is k frames from a visible one is
+rho_k is the autocorrelation of d (products of samples, over those of errors that do not change, in
+the same pairs of the same markers), a_k how often a sample that is k frames from a visible one is
 visible, too. rho_k is at most that of any smaller lag, and zero from the first that is not positive
 (initial monotone sequence: Geyer, Statistical Science 7:473-483, 1992). A sum that ended at a
 threshold would double where chance, or a few missing samples, keeps rho_k above it. Once smoothed,
@@ -29,8 +30,8 @@ errors that last no longer than the splines and slower ones look alike; the firs
 (samples that are missing repeat no other), the second for 1. tau is the geometric mean: with half
 of the samples missing nu is at most 19 % from either.
 
-n are the independent samples and p the joint parameters that these have
-to serve. A cost divided by nu^2 counts every sample as if it were independent: slow noise in a
+n are the independent samples and p the joint parameters that these have to serve. A cost divided by
+nu^2 counts every sample as if it were independent: slow noise in a
 short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as a whole
 against their bones give more than their deformation shows.
 
@@ -100,11 +101,14 @@ def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) 
     power, pairs = _sum_lagged_products(errors * known), _sum_lagged_products(known)
     if power[0] <= 0.0:
         return 1.0
+    # products of errors that are the same at every lag: pairs of large and of small ones differ
+    size = np.sqrt(((errors * known) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1.0))
+    expected = _sum_lagged_products(size * known)
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
     # A trial of nf frames has at most nf - k pairs at lag k; fewer pairs mean missing samples.
     share = np.clip(pairs[lags] / pairs[0] * nf / (nf - lags), 0.0, 1.0)
     shown = lags[pairs[lags] > LEAST_PAIRS]
-    rho = power[shown] / power[0] * pairs[0] / pairs[shown]
+    rho = power[shown] / np.maximum(expected[shown], TINY * power[0])
     # lags that no pair shows decay exponentially between those beside them
     logs = np.log(np.maximum(rho, TINY))
     falling = np.minimum.accumulate(np.exp(np.interp(lags, [0, *shown], [0.0, *logs])))

@@ -48,6 +48,12 @@ def test_frames_for_one_that_is_independent(kept: float, expected: float) -> Non
     assert estimate_frames_per_sample(errors, every_second) == pytest.approx(
         np.sqrt(expected * of_visible), rel=0.2
     )
+    # only large errors in every second frame: pairs of odd lags are two thirds, of small errors
+    size, partly = np.repeat([10.0, 1.0], 6), every_second | (np.arange(12) >= 6)
+    of_partly = 1.0 + 2.0 * (2.0 / 3.0 * kept + kept**2) / (1.0 - kept**2)
+    assert estimate_frames_per_sample(size * errors, partly) == pytest.approx(
+        np.sqrt(expected * of_partly), rel=0.2
+    )
 
 
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
