@@ -17,7 +17,8 @@ costs microseconds. The command line sets one thread before NumPy is loaded.
 import ctypes
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib import import_module
@@ -126,6 +127,18 @@ def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
             return function(*args, **kwargs)
 
     return run
+
+
+_Item = TypeVar("_Item")
+
+
+def map_in_pairs(function: Callable[[_Item], _R], items: Iterable[_Item]) -> list[_R]:
+    """Apply a function to each item, two at a time: matrix products release the other thread."""
+    items = list(items)
+    if len(items) < 2:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(with_one_blas_thread(function), items))
 
 
 # Called with a line of text at the beginning of each step

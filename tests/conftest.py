@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 # A busy machine may take ten times as long for one example: time is judged by the benchmarks, not
 # here.
-settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "patient", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("few", settings.get_profile("patient"), max_examples=10)
 settings.load_profile("patient")
 
 
@@ -61,6 +64,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--skipped-in",
         metavar="CHECKOUT",
         help="only the tests that the last run in CHECKOUT skipped",
+    )
+    parser.addoption(
+        "--cases",
+        metavar="N",
+        type=int,
+        help="only the first N cases of a test, but of tests/io: there each is a kind of file",
     )
 
 
@@ -99,7 +108,7 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Those that another run skipped, where they are asked for.
+    """Those that another run skipped, or the first cases of each test, where they are asked for.
 
     Among several processes, files with slow tests come first, so that none is left to one process
     at the end.
@@ -112,11 +121,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
                 (Path(checkout) / ".pytest_cache/v/gaitcal/skipped").read_text(encoding="utf-8")
             )
         )
-        left = [
-            item for item in items if not wanted & {item.nodeid, item.nodeid.partition("::")[0]}
-        ]
-        config.hook.pytest_deselected(items=left)
-        items[:] = [item for item in items if item not in set(left)]
+        _leave_out(
+            config, items, lambda item: not wanted & {item.nodeid, item.nodeid.partition("::")[0]}
+        )
+    if most := config.getoption("--cases"):
+        cases = Counter[str]()
+
+        def is_further_case(item: pytest.Item) -> bool:
+            name = item.nodeid.partition("[")[0]
+            cases[name] += 1
+            return cases[name] > most and not name.startswith("tests/io/")
+
+        _leave_out(config, items, is_further_case)
     if not hasattr(config, "workerinput"):
         return
     slow, count = Counter[Path](), Counter[Path]()
@@ -124,6 +140,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         slow[item.path] += item.get_closest_marker("slow") is not None
         count[item.path] += 1
     items.sort(key=lambda item: (-slow[item.path], -count[item.path], item.path))
+
+
+def _leave_out(
+    config: pytest.Config, items: list[pytest.Item], unwanted: Callable[[pytest.Item], bool]
+) -> None:
+    """Deselect some tests."""
+    left = {item for item in items if unwanted(item)}
+    config.hook.pytest_deselected(items=list(left))
+    items[:] = [item for item in items if item not in left]
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import pytest
+
 from gaitcal.io.result_folder import lock_result
 
 if TYPE_CHECKING:
-    import pytest
-
     from gaitcal import Calibration
 
 T = TypeVar("T")
@@ -43,20 +43,30 @@ def kept_folder(folder: Path, make: Callable[[Path], object]) -> Path:
     return folder
 
 
-def kept_person(kept: Path, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
-    """The study file of `gaitcal.synthesize`, in a folder that nobody changes."""
+def write_person(out: Path, *, whole: bool = False, **options: Any) -> Path:
+    """`gaitcal.synthesize`; unless the person is to be whole, isolated trials last 2 s, not 6 s."""
+    from gaitcal.synthetic import synthetic_motion
     from gaitcal.synthetic.subject import synthesize
 
-    options = [f"--seed{seed}"] * (seed > 0) + ["--noise"] * noise + ["--perturb"] * perturb
-    folder = kept / "".join(["person", *options])
+    with pytest.MonkeyPatch.context() as patch:
+        if not whole:
+            patch.setattr(synthetic_motion, "ISOLATED_FRAMES", round(2 * synthetic_motion.RATE))
+        return synthesize(out, **options)
+
+
+def kept_person(
+    kept: Path, *, seed: int = 0, noise: bool = False, perturb: bool = False, whole: bool = False
+) -> Path:
+    """The study file of `write_person`, in a folder that nobody changes."""
+    chosen = {"seed": seed, "noise": noise, "perturb": perturb, "whole": whole}
+    name = "".join(f"--{option}{value:d}" for option, value in chosen.items() if value)
     return (
-        kept_folder(folder, lambda out: synthesize(out, seed=seed, noise=noise, perturb=perturb))
-        / "study.toml"
+        kept_folder(kept / f"person{name}", lambda out: write_person(out, **chosen)) / "study.toml"
     )
 
 
 def copied_person(kept: Path, out: Path | str, **options: Any) -> Path:
-    """In place of `gaitcal.synthesize`: the same files in `out`."""
+    """In place of `write_person`: the same files in `out`."""
     return (
         Path(shutil.copytree(kept_person(kept, **options).parent, out, dirs_exist_ok=True))
         / "study.toml"
@@ -69,7 +79,7 @@ def kept_calibration(kept: Path) -> Calibration:
     """
     from gaitcal import Study, calibrate
 
-    study = kept_person(kept, seed=3, noise=True, perturb=True)
+    study = kept_person(kept, seed=3, noise=True, perturb=True, whole=True)
     return kept_object(
         kept / "calibration--seed3--noise--perturb", lambda: calibrate(Study.load(study))
     )
@@ -96,11 +106,18 @@ def kept_result(kept: Path) -> Path:
     from tests.synthetic_studies import write_synthetic_study
 
     def make(folder: Path) -> None:
-        write_results(
-            calibrate(Study.load(write_synthetic_study(folder / "study"))), folder / "result"
-        )
+        calibration = calibrate(Study.load(write_synthetic_study(folder / "study")))
+        write_results(calibration, folder / "result")
+        (kept / "synthetic.pickle").write_bytes(pickle.dumps(calibration))
 
     return kept_folder(kept / "synthetic", make)
+
+
+def kept_synthetic(kept: Path) -> Calibration:
+    """The calibration of `kept_result`; a copy of one's own."""
+    kept_result(kept)
+    found: Calibration = pickle.loads((kept / "synthetic.pickle").read_bytes())
+    return found
 
 
 def kept_object(folder: Path, make: Callable[[], T]) -> T:

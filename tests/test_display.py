@@ -11,17 +11,17 @@ import gaitcal as gc
 from gaitcal.analysis.result import Calibration
 from gaitcal.display import Displayed
 from gaitcal.pipeline.write_results import write_results
-from tests.kept import kept_calibration
+from tests.kept import kept_synthetic
 
 
 @pytest.fixture(scope="module")
 def calibration(kept: Path) -> Calibration:
-    return kept_calibration(kept)
+    return kept_synthetic(kept)
 
 
 @pytest.fixture(scope="module")
 def public_objects(calibration: Calibration) -> dict[str, Displayed]:
-    trial = calibration.trial("gait")
+    trial = calibration.trial("walk")
     assert trial.loads is not None and trial.loads.kinetics is not None
     return {
         "Study": calibration.study,
@@ -34,6 +34,9 @@ def public_objects(calibration: Calibration) -> dict[str, Displayed]:
         "JointKinetics": trial.loads.kinetics,
         "Calibration": calibration,
         "TrialResult": trial,
+        "Trial": calibration.study.trials[0],
+        "Parameters": calibration.model.parameters,
+        "MarkerErrors": trial.motion.errors,
     }
 
 
@@ -79,7 +82,7 @@ def test_tables_have_the_columns_and_values_of_the_csv_files(
     }
     for name, folders in files.items():
         table = public_objects[name].to_dataframe()  # type: ignore[attr-defined]
-        written = [pd.read_csv(tmp_path / folder / "gait.csv", comment="#") for folder in folders]
+        written = [pd.read_csv(tmp_path / folder / "walk.csv", comment="#") for folder in folders]
         known = {column for of_file in written for column in of_file}
         assert set(table) <= known
         for of_file in written:

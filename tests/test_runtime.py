@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import gaitcal as gc
 from gaitcal.cli.application import app
-from gaitcal.runtime import one_blas_thread, with_one_blas_thread
+from gaitcal.runtime import map_in_pairs, one_blas_thread, with_one_blas_thread
 from tests.synthetic_studies import write_synthetic_study
 
 ROOT = Path(__file__).parents[1]
@@ -76,6 +76,22 @@ def test_threads_and_calls_within_calls_restore_it_once() -> None:
         first_has_ended.set()
         other.join()
         assert seen == [{1}] and threads() == before
+
+
+def test_pairs_keep_their_order_run_in_two_threads_and_ask_for_it() -> None:
+    meeting = threading.Barrier(2, timeout=60.0)
+
+    def found(number: int) -> tuple[int, set[int], str]:
+        meeting.wait()
+        return number, threads(), threading.current_thread().name
+
+    out = map_in_pairs(found, range(4))
+    assert [number for number, _, _ in out] == [0, 1, 2, 3]
+    assert all(inside == {1} for _, inside, _ in out)
+    assert len({name for _, _, name in out}) == 2
+    assert map_in_pairs(lambda number: number + 1, [1]) == [2]
+    with pytest.raises(ZeroDivisionError):
+        map_in_pairs(lambda number: 1 / number, [1, 0])
 
 
 def test_every_numerical_function_asks_for_it() -> None:

@@ -6,7 +6,6 @@ import importlib.util
 import json
 import re
 import shutil
-from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -52,7 +51,7 @@ def once(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         gc,
         "synthesize",
-        lambda out, **_: copied_person(kept, out, seed=3, noise=True, perturb=True),
+        lambda out, **_: copied_person(kept, out, seed=3, noise=True, perturb=True, whole=True),
     )
     calibration = kept_calibration(kept)  # by the true function, before its name is another's
     monkeypatch.setattr(gc, "calibrate", lambda *_: calibration)
@@ -98,7 +97,16 @@ def test_marker_set_script_compares_two_sets(
     kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     own = example("04_own_marker_set")
-    monkeypatch.setattr(gc, "synthesize", partial(copied_person, kept))
+
+    def walking(out: Path, **_: object) -> Path:
+        """Standing and walking alone, which is quicker."""
+        study = copied_person(kept, out, noise=True)
+        tables = study.read_text(encoding="utf-8").split("[[trial]]")
+        used = [table for table in tables if 'role = "joint"' not in table]
+        study.write_text("[[trial]]".join(used), encoding="utf-8")
+        return study
+
+    monkeypatch.setattr(gc, "synthesize", walking)
     with pytest.raises(SystemExit) as stopped:
         own.main([str(tmp_path), "one.toml"])
     assert stopped.value.code == 2
@@ -117,7 +125,7 @@ def test_marker_set_script_compares_two_sets(
 def test_notebook_runs_from_top_to_bottom(
     kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As it stands, but for the person and the calibration, which are those of other tests."""
+    """As it stands, but for the person, who is that of other tests."""
     nbformat = pytest.importorskip("nbformat", reason="extra `docs`")
     nbclient = pytest.importorskip("nbclient", reason="extra `docs`")
     pytest.importorskip("ipykernel", reason="extra `docs`")
@@ -127,26 +135,27 @@ def test_notebook_runs_from_top_to_bottom(
     assert not any(cell.outputs or cell.execution_count for cell in code), (
         "outputs are not committed"
     )
-    place = f"Path({str(kept)!r})"
     lines = [
+        "from functools import partial",
         "from pathlib import Path",
         "import gaitcal",
-        "from tests.kept import copied_person, kept_calibration",
+        "from tests.kept import copied_person",
+        f"gaitcal.synthesize = partial(copied_person, Path({str(kept)!r}))",
     ]
-    lines.append(f"person = copied_person({place}, 'person', seed=3, noise=True, perturb=True)")
-    lines.append(f"found = kept_calibration({place})")
-    lines.append(
-        "gaitcal.synthesize, gaitcal.calibrate = lambda out, **_: person, lambda *_: found"
-    )
     notebook.cells.insert(0, nbformat.v4.new_code_cell("\n".join(lines)))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     nbclient.NotebookClient(
         notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}
     ).execute()
     assert (tmp_path / "first-study" / "result" / "result.html").exists()
-    assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
-    said = "".join(output.get("text", "") for cell in code for output in cell.outputs)
-    assert float(re.findall(r"it differs by (\S+) N·m", said)[0]) < 2.0
+    assert (tmp_path / "first-study" / "walk.html").exists()
+    shown = [output.get("data", {}) for cell in code for output in cell.outputs]
+    tables = [data["text/html"] for data in shown if "<caption>" in data.get("text/html", "")]
+    assert len(tables) == 4, "recording, calibration, walk and further trial"
+    assert "iframe" in shown[-1]["text/html"] and any("image/png" in data for data in shown)
+    printed = "".join(output.get("text", "") for cell in code for output in cell.outputs)
+    assert printed.startswith("Study")
+    assert float(re.findall(r"torque: (\S+) N·m", printed)[0]) < 2.0
 
 
 ROWS = "time,knee_angle_r\n0.0,10.0\n0.1,{}\n"

@@ -16,6 +16,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -68,7 +69,7 @@ from gaitcal.preprocess.preprocessed_study import PreprocessedStudy, preprocess_
 from gaitcal.quality.after_fit import check_physical_limits
 from gaitcal.quality.study_checks import check_preprocessed
 from gaitcal.quality.verdict import LEFT_OUT, judge, remove_consequences, select_stopping_errors
-from gaitcal.runtime import Progress, silent, with_one_blas_thread
+from gaitcal.runtime import Progress, map_in_pairs, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study import Study
 from gaitcal.tracking.motion import build_motion
@@ -215,8 +216,8 @@ def track_trials(state: CalibrationState, progress: Progress) -> CalibrationStat
         uncertainty=uncertainty,
     )
     stage = Stage.NOMINAL if joint is None else Stage.JP
-    trials = tuple(track_trial(t, state, stage) for t in state.trials)
-    state = replace(state, trials=trials)
+    trials = map_in_pairs(partial(track_trial, state=state, stage=stage), state.trials)
+    state = replace(state, trials=tuple(trials))
     progress("comparing motion and forces")
     return replace(state, force_diagnosis=fit_findings.diagnose_forces(state))
 

@@ -33,6 +33,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.quality.force_diagnosis import ForceDiagnosis
+from gaitcal.runtime import map_in_pairs
 from gaitcal.study.normal_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study_trial import Trial
@@ -225,8 +226,8 @@ def prepare_calibration(
         The static trial gives no nominal model, or a trial has too few markers.
     """
     study, model = preprocessed.study, preprocessed.nominal
-    trials = tuple(
-        prepare_trial(evidence.trial, model, study.settings) for evidence in preprocessed.moving
+    trials = map_in_pairs(
+        lambda evidence: prepare_trial(evidence.trial, model, study.settings), preprocessed.moving
     )
     prior = joint_prior.combine_joint_priors(
         study.settings.joint_prior, study.joint_prior, model.noise
@@ -237,7 +238,7 @@ def prepare_calibration(
         model=model,
         settings=study.settings,
         parameters=model.parameters,
-        trials=trials,
+        trials=tuple(trials),
         static=preprocessed.completed.static,
         prior=replace(prior.widen(study.loosened), doubted=possible_errors),
         possible_moves=possible_moves,

@@ -24,6 +24,7 @@ from gaitcal.dynamics.joint_kinetics import JointKinetics
 from gaitcal.errors import Code, Finding, InputError, Severity, format_note, suggest_name
 from gaitcal.gait import cycles, spatiotemporal
 from gaitcal.gait.events import GaitEvents
+from gaitcal.gait.moments import format_count
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.recording import Recording
@@ -401,14 +402,23 @@ class Calibration(Displayed):
         """Describe verdict, parameters and trials for `Displayed`."""
         fitted = self.joint.free if self.joint else ()
         moved = self.inertial is not None and self.inertial.moved
+        changed = int((self.nominal.parameters.inertial != self.model.parameters.inertial).sum())
+        trials = []
+        for trial in self.trials:
+            rms = trial.motion.errors.rms()
+            trials.append(trial.name if rms is None else f"{trial.name} ({1e3 * rms:.1f} mm)")
+        reasons = format_count(len(self.verdict.reasons), "reason")
         rows = [
-            ("verdict", f"{self.verdict.judgement.value}, {len(self.verdict.reasons)} reasons"),
+            ("verdict", f"{self.verdict.judgement.value}, {reasons}"),
             (
                 "joint parameters",
                 f"{len(fitted)} fitted{'' if self.converged else ', not converged'}",
             ),
-            ("inertial parameters", "fitted" if moved else "of the anthropometric table"),
-            ("trials", shorten([trial.name for trial in self.trials])),
+            (
+                "inertial parameters",
+                f"{changed} changed, masses fitted" if moved else "of the anthropometric table",
+            ),
+            ("trials (marker RMS)", shorten(trials)),
         ]
         if self.left_out:
             rows.append(("left out", shorten(list(self.left_out))))

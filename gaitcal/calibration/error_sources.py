@@ -25,7 +25,7 @@ sources.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -267,8 +267,11 @@ class CoefficientErrors:
             Effect of each source.
         """
         out: Array = by_state @ self.compute_coordinate_errors(basis, frames, 3)
-        last = out.shape[2] - self.parameters.shape[1]
-        out[:, :, last:] += by_parameter @ self.parameters[: by_parameter.shape[2]]
+        changed = self.parameters[: by_parameter.shape[2]]
+        first = out.shape[2] - changed.shape[1]
+        # Of `MotionSensitivity.together` only as many sources as parameters change these.
+        count = int(np.flatnonzero(changed.any(axis=0)).max(initial=-1)) + 1
+        out[:, :, first : first + count] += by_parameter @ changed[:, :count]
         return out
 
 
@@ -331,12 +334,13 @@ class MotionSensitivity:
         dict of ErrorSource to (frames, m) array
             Variances.
         """
-        columns = (*self.trial_sources, *self.shared_sources)
-        out = dict[ErrorSource, Array]()
-        for source in dict.fromkeys(columns):
-            out[source] = sum_squares(
-                moved[:, :, [k for k, column in enumerate(columns) if column is source]]
-            )
+        out, start = dict[ErrorSource, Array](), 0
+        # The columns of a source follow each other, so that they are seen without a copy.
+        for source, run in groupby((*self.trial_sources, *self.shared_sources)):
+            stop = start + len(list(run))
+            variance = sum_squares(moved[:, :, start:stop])
+            out[source] = out[source] + variance if source in out else variance
+            start = stop
         return out
 
     def sum_all_and_trial(self, moved: Array) -> tuple[Array, Array]:
@@ -352,8 +356,8 @@ class MotionSensitivity:
         tuple of (frames, m) array
             Both variances.
         """
-        markers = [k for k, column in enumerate(self.trial_sources) if column is ErrorSource.MOTION]
-        return sum_squares(moved), sum_squares(moved[:, :, markers])
+        markers = self.trial_sources.count(ErrorSource.MOTION)
+        return sum_squares(moved), sum_squares(moved[:, :, :markers])
 
 
 def sum_squares(moves: Array) -> Array:

@@ -6,8 +6,9 @@ marker cost C_t. The Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and the gradie
 way (`tissue_elimination.py`). A small problem in p remains, with cost C, gradient g and matrix S,
 sums over kinds. Each new p starts with the z that the last matrices predict: one Gauss-Newton step
 of (p, z, N) together. Minimising z for a distant p would take more steps, and may lead to another
-local minimum. If the cost does not fall, z is minimised at p, so that SciPy's shorter steps of p
-find a lower one. With S = V diag(s) V^T SciPy gets the compressed pair
+local minimum. If the cost does not fall, z is minimised at p to a tenth of what the step of p
+promised, so that SciPy's shorter steps of p find a lower one. With S = V diag(s) V^T SciPy gets the
+compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
@@ -32,10 +33,8 @@ would solve them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
@@ -44,7 +43,7 @@ from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.calibration.tissue_elimination import EliminatedKind, eliminate_tissue, split_by_kind
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
-from gaitcal.runtime import with_one_blas_thread
+from gaitcal.runtime import map_in_pairs
 from gaitcal.tracking.banded import BandFactor, Elimination, NormalEquations, eliminate
 from gaitcal.tracking.descent import STALE_RATIO, DescentSettings, Evaluation, descend
 from gaitcal.tracking.motion import track_coefficients
@@ -66,6 +65,11 @@ NULL = 1e-12
 TISSUE_GAIN = 1e-7
 """Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where
 that of all falls by no more."""
+TISSUE_SHARE = 0.1
+"""Part of the reduction that a step of joint parameters promises which soft tissue may leave at its
+end: the ratio of the real to the promised reduction decides on the next step, and is then known to
+a tenth.
+"""
 # Largest number of steps of soft tissue at given joint parameters, and earlier steps that are used
 MOST_TISSUE_STEPS, KEPT_STEPS = 20, 5
 # Shares of a step of soft tissue that are tried in turn if the cost grows with the whole step
@@ -221,7 +225,11 @@ class OpenMatrix:
         self.band = motion.problem.assemble_motion_equations(
             coefficients, motion.body, curved=curved
         )
-        self.evaluation = OpenEvaluation(
+
+    @property
+    def evaluation(self) -> OpenEvaluation:
+        """Cost and gradients at these coefficients."""
+        return OpenEvaluation(
             self.band.cost,
             self.band.node_gradient.ravel(),
             lambda: self.equations.parameter_gradient,
@@ -373,13 +381,14 @@ class ReducedProblem:
                 return known
         self.evaluations += 1
         every = range(len(self.members))
-        kinds = _map_in_pairs(lambda k: self._solve_kind(k, p, *self._predict_tissue(k, p)), every)
+        kinds = map_in_pairs(lambda k: self._solve_kind(k, p, *self._predict_tissue(k, p)), every)
         if self.best is not None and self._sum_kinds(p, kinds).total > self.best.total:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the
             # joint parameters
-            solved = kinds
-            kinds = _map_in_pairs(
-                lambda k: self._minimise_tissue(k, p, self._drop_bad_step(k, p, solved[k])), every
+            solved, left = kinds, TISSUE_SHARE * self._promise_reduction(p) / len(kinds)
+            kinds = map_in_pairs(
+                lambda k: self._minimise_tissue(k, p, self._drop_bad_step(k, p, solved[k]), left),
+                every,
             )
         return self._keep(p, kinds)
 
@@ -438,7 +447,7 @@ class ReducedProblem:
                 )
             return here
 
-        return self._keep(p, _map_in_pairs(settled, range(len(self.members))))
+        return self._keep(p, map_in_pairs(settled, range(len(self.members))))
 
     def get_parameters(self, p: Array) -> Parameters:
         """Get all parameters of the linkage at p."""
@@ -467,8 +476,10 @@ class ReducedProblem:
                 kinds.append(self._eliminate_kind(k, tissue.z, trials))
         self._keep(best.p, kinds)
 
-    def _minimise_tissue(self, k: int, p: Array, here: KindState) -> KindState:
+    def _minimise_tissue(self, k: int, p: Array, here: KindState, left: float = 0.0) -> KindState:
         """Minimise the cost of one kind at p over its soft tissue.
+
+        It ends where the next step promises to lower the cost (m^2) by no more than `left`.
 
         Gauss-Newton steps f leave out the curvature of large residuals. They may overshoot in the
         few directions that markers hardly determine. Steps of earlier points correct them there
@@ -478,7 +489,7 @@ class ReducedProblem:
         points, steps = list[Array](), list[Array]()
         for _ in range(MOST_TISSUE_STEPS):
             tissue = here.tissue
-            if tissue.reduction <= TISSUE_GAIN * tissue.cost:
+            if tissue.reduction <= max(TISSUE_GAIN * tissue.cost, left):
                 break
             points, steps = [*points, tissue.z][-KEPT_STEPS:], [*steps, tissue.step][-KEPT_STEPS:]
             step = steps[-1]
@@ -534,7 +545,7 @@ class ReducedProblem:
         """Apply a function to each trial of a kind, two at a time if there is no other kind."""
         every = range(len(self.members[k]))
         return (
-            _map_in_pairs(function, every)
+            map_in_pairs(function, every)
             if len(self.members) == 1
             else [function(i) for i in every]
         )
@@ -589,6 +600,16 @@ class ReducedProblem:
         gradient = state.gradient + self.prior.T @ (self.prior @ (state.p - self.centre))
         scaled = self._factorise(state)[1] @ gradient
         return float(scaled @ scaled) + sum(kind.reduction for kind in state.kinds)
+
+    def _promise_reduction(self, p: Array) -> float:
+        """Predict by how much (m^2) the step from the best point to p lowers the cost."""
+        if self.best is None:
+            return 0.0
+        best, step = self.best, p - self.best.p
+        gradient = best.gradient + self.prior.T @ (self.prior @ (best.p - self.centre))
+        along = self._factorise(best)[0] @ step
+        reduction = -2.0 * float(gradient @ step) - float(along @ along)
+        return max(reduction, 0.0) + sum(kind.reduction for kind in best.kinds)
 
     def _place_trial(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
         """Place soft tissue and secondary motions of a trial at its unknowns (nx_t,).
@@ -715,14 +736,3 @@ class ReducedProblem:
                 inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
                 self._known = state, size[:, None] * vectors.T, inverse[:, None] * vectors.T
         return self._known[1:]
-
-
-_Made = TypeVar("_Made")
-
-
-def _map_in_pairs(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
-    """Apply a function to each number, two at a time: matrix products release the other thread."""
-    if len(numbers) < 2:
-        return [function(number) for number in numbers]
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(with_one_blas_thread(function), numbers))

@@ -2,25 +2,34 @@
 
 Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow
 the segment (its rigid fit) up to their deformation; the linkage follows the rigid fits up to
-movements that its joints forbid. Joint parameters act on the second part alone. In frame f let P
-project the weighted residuals r of the linkage on the displacements of visible markers by rigid
-motions of its segments. With d = P r, smoothed in each marker by the trial's splines, fitted to its
-visible samples only,
+movements that its joints forbid. Joint parameters act on the second part alone. Let U N be the
+displacements of visible markers by rigid motions of their segments, whose six components are
+splines of the trial with control points N, and P the projector on these. With d = P r, r the
+weighted residuals of the linkage,
 
     nu^2 = tau / D * sum |d|^2 * n / (n - p),     D = sum_f c_f,     n = D / tau,
-    c_f = sum_s rank(P_s) - rank(J_f),            tau = 1 + 2 sum_k a_k rho_k.
+    c_f = (1 - rank(J) / sum_s rank(B_s)) sum_s rank(B_s) v_s / u_s,
+    tau^2 = (1 + 2 sum_k rho_k) (1 + 2 sum_k a_k rho_k).
 
-c_f are the directions that joints forbid in the frame: a segment has as many as its visible markers
-show (six of three markers, five of two, three of one), and the linkage takes as many as its
-coordinates move these markers in. Segments count frame by frame, so that one which is never or
-seldom complete removes only its share. Segments with fewer than three markers leave their joints
-out, if joints between others remain. If none remains, all count, with P = 1 for such a segment: a
-pair shows the deformation of its skin in one direction, which serves as well as the others.
-rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), a_k^2 how
-often a sample that is k frames from a visible one is visible, too. Once smoothed, errors that last
-no longer than the splines and slower ones look alike; the first ask for a_k^2 in its place (samples
-that are missing repeat no other), the second for 1. With half of the samples missing nu is 19 %
-from either. n are the independent samples and p the joint parameters that these have
+P takes all frames together. Projected frame by frame, a segment that shows two of its markers by
+turns would count deformations of its skin as motions. c_f are the directions that joints forbid: a
+segment has as many as its markers show (rank(B_s): six of three markers, five of two, three of
+one), and the linkage takes as many as its coordinates move these markers in. These are the u_s
+markers that any frame of the same knot span shows, as splines connect the frames of a span; the
+frame itself shows v_s of them. In a complete trial c_f = sum_s rank(B_s) - rank(J). Segments with
+fewer than three markers leave their joints out, if joints between others remain. If none remains,
+all count, each marker of such a segment by itself: a pair shows the deformation of its skin in one
+direction, which serves as well as the others.
+
+rho_k is the autocorrelation of d, a_k how often a sample that is k frames from a visible one is
+visible, too. rho_k is at most that of any smaller lag, and zero from the first that is not positive
+(initial monotone sequence: Geyer, Statistical Science 7:473-483, 1992). A sum that ended at a
+threshold would double where chance, or a few missing samples, keeps rho_k above it. Once smoothed,
+errors that last no longer than the splines and slower ones look alike; the first ask for a_k
+(samples that are missing repeat no other), the second for 1. tau is the geometric mean: with half
+of the samples missing nu is at most 19 % from either.
+
+n are the independent samples and p the joint parameters that these have
 to serve. A cost divided by nu^2 counts every sample as if it were independent: slow noise in a
 short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as a whole
 against their bones give more than their deformation shows.
@@ -44,11 +53,14 @@ from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.tracking import spline, trial_problem
+from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.marker_residual import MarkerData
 from gaitcal.tracking.rigid import FEWEST_MARKERS
 from gaitcal.tracking.soft_tissue import build_rigid_pattern
 
-UNCORRELATED = 0.05  # Autocorrelation below which the sum ends
+# Autocorrelation that counts as none
+TINY = 1e-12
+LEAST_PAIRS = 0.5  # Pairs of visible samples are counted by a Fourier transform, not exactly
 # Of the trial: beyond, too few pairs of frames are left
 LONGEST_LAG = 1.0 / 3.0
 # Smallest share of the independent samples that is left after the parameters are taken off
@@ -89,12 +101,15 @@ def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) 
     if power[0] <= 0.0:
         return 1.0
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
-    rho = power[lags] / power[0] * pairs[0] / np.maximum(pairs[lags], 1.0)
     # A trial of nf frames has at most nf - k pairs at lag k; fewer pairs mean missing samples.
-    shown = np.sqrt(np.clip(pairs[lags] / pairs[0] * nf / (nf - lags), 0.0, 1.0))
-    small = np.flatnonzero(rho < UNCORRELATED)
-    summed = slice(small[0] if len(small) else None)
-    return 1.0 + 2.0 * float((shown * rho)[summed].sum())
+    share = np.clip(pairs[lags] / pairs[0] * nf / (nf - lags), 0.0, 1.0)
+    shown = lags[pairs[lags] > LEAST_PAIRS]
+    rho = power[shown] / power[0] * pairs[0] / pairs[shown]
+    # lags that no pair shows decay exponentially between those beside them
+    logs = np.log(np.maximum(rho, TINY))
+    falling = np.minimum.accumulate(np.exp(np.interp(lags, [0, *shown], [0.0, *logs])))
+    every, of_visible = float(falling.sum()), float((share * falling).sum())
+    return float(np.sqrt((1.0 + 2.0 * every) * (1.0 + 2.0 * of_visible)))
 
 
 def _sum_lagged_products(columns: Array) -> Array:
@@ -147,29 +162,26 @@ def estimate_forbidden_noise(
         Variance (m^2) and number of independent samples.
     """
     model = problem.compute_positions(coefficients, problem.build_body(parameters))
-    for counted_markers in (_find_full_clusters(problem.data), np.ones(len(model), dtype=bool)):
-        weight = problem.data.weight * counted_markers[:, None]
-        some = problem.with_weight(weight)
-        residual = np.sqrt(weight)[:, None] * (problem.data.measured - model)
-        moved, shown = _project_on_rigid_motions(residual, model, some.data)
-        taken = _count_linkage_directions(some, coefficients, parameters)
-        directions = shown - taken
+    every = np.ones(len(model), dtype=bool)
+    for counted_markers, rigid in (
+        (_find_full_clusters(problem.data), True),
+        (every, True),
+        (every, False),
+    ):
+        some = problem.with_weight(problem.data.weight * counted_markers[:, None])
+        clusters = _list_clusters(some.data, rigid=rigid)
+        directions = _count_forbidden_directions(some, clusters, model, coefficients, parameters)
         if (directions > 0).any():
             break
-    else:
-        moved, directions = residual, 3 * (weight > 0).sum(axis=0) - taken
-    visible = weight > 0
-    counted = visible & (directions > 0)
-    total = max(float(np.maximum(directions, 0).sum()), 1.0)
-    smooth = np.zeros_like(moved)
-    patterns, which = np.unique(counted, axis=0, return_inverse=True)
-    for k, pattern in enumerate(patterns):
-        if not pattern.any():
-            continue
-        markers = np.flatnonzero(which.ravel() == k)
-        columns = moved[markers].reshape(-1, len(pattern)).T
-        fitted = problem.basis.evaluate(problem.basis.fit(columns, pattern.astype(float))).T
-        smooth[markers] = fitted.reshape(len(markers), 3, -1) * pattern
+    weight = some.data.weight
+    residual = np.sqrt(weight)[:, None] * (problem.data.measured - model)
+    smooth = np.zeros_like(residual)
+    for markers in clusters:
+        columns = _make_columns(model[markers], weight[markers], rigid=rigid)
+        smooth[markers] = _project_on_splines(residual[markers], columns, problem.basis)
+    counted = (weight > 0) & (directions > 0)
+    smooth *= counted[:, None]
+    total = max(float(directions.sum()), 1.0)
     tau = estimate_frames_per_sample(
         smooth.reshape(-1, smooth.shape[-1]).T, np.repeat(counted, 3, axis=0).T
     )
@@ -184,51 +196,116 @@ def _find_full_clusters(data: MarkerData) -> BoolArray:
     return out
 
 
-def _project_on_rigid_motions(
-    residual: Array, model: Array, data: MarkerData
-) -> tuple[Array, IntArray]:
-    """Project weighted residuals (nm, 3, nf) m on rigid motions of the segments, to first order.
+def _list_clusters(data: MarkerData, *, rigid: bool) -> list[IntArray]:
+    """List the markers that move together: those of a segment, or single ones.
 
-    Returns the projection, and (nf,) the number of directions of such motions that are visible.
+    Markers of a segment with fewer than three weighted ones are single; if not `rigid`, all are.
     """
-    out, shown = np.zeros_like(residual), np.zeros(residual.shape[-1], dtype=np.intp)
-    for _, markers in data.placed.groups:
-        weight = data.weight[markers]
-        if (weight > 0).any(axis=1).sum() < FEWEST_MARKERS:
-            out[markers] = residual[markers]
-            shown += 3 * (weight > 0).sum(axis=0)
-            continue
-        total = np.maximum(weight.sum(axis=0), 1e-12)
-        arm = (model[markers] - (weight[:, None] * model[markers]).sum(axis=0) / total).transpose(
-            0, 2, 1
+    full, out = _find_full_clusters(data), list[IntArray]()
+    for _, group in data.placed.groups:
+        markers = np.arange(group.start, group.stop)
+        together = rigid and full[markers].all()
+        out += [markers] if together else list(markers[:, None])
+    return out
+
+
+def _make_columns(model: Array, weight: Array, *, rigid: bool) -> Array:
+    """Make the columns (nf, 3 nm, 6 or 3) of a cluster's rigid motions on weighted markers.
+
+    `model` (nm, 3, nf) m are its markers, of which a single one is translated only. Rotations are
+    in units of one that moves markers as far as a translation does.
+    """
+    count, _, nf = model.shape
+    root = np.sqrt(weight).T
+    if count == 1 or not rigid:
+        return np.asarray(root[:, :, None] * np.eye(3))
+    used = (weight > 0).any(axis=1)
+    arm = (model - model[used].mean(axis=0)).transpose(2, 0, 1)
+    size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
+    pattern = build_rigid_pattern((arm / size).reshape(-1, 3)).reshape(nf, count, 3, -1)
+    return np.asarray((root[:, :, None, None] * pattern).reshape(nf, 3 * count, -1))
+
+
+def _project_on_splines(residual: Array, columns: Array, basis: spline.SplineBasis) -> Array:
+    """Project weighted residuals (nm, 3, nf) m on motions of a cluster that are splines.
+
+    `columns` (nf, 3 nm, k) are zero where no marker is visible: U N with (U^T U) N = U^T r, where
+    U are the columns times the basis.
+    """
+    count, _, nf = residual.shape
+    width, nn = columns.shape[-1], basis.control_points
+    flat = residual.transpose(2, 0, 1).reshape(nf, -1, 1)
+    gradient = (columns.transpose(0, 2, 1) @ flat)[:, :, 0]
+    grams = (columns.transpose(0, 2, 1) @ columns).reshape(nf, -1)
+    blocks, right = np.zeros((nn, spline.ORDER, width**2)), np.zeros((nn, width))
+    for block in basis.stretches:
+        summed = block.products @ grams[block.frames]
+        blocks[block.nodes] += summed.reshape(-1, spline.ORDER, width**2)
+        right[block.nodes] += block.weights @ gradient[block.frames]
+    # Row (control point a, component j), column (a + d, component i): band[a, j, d k + i - j]
+    band = np.zeros((nn, width, spline.ORDER * width))
+    for d in range(spline.ORDER):
+        for j in range(width):
+            first = j if d == 0 else 0
+            start = d * width + first - j
+            row = blocks[:, d, j * width + first : (j + 1) * width]
+            band[:, j, start : start + width - first] = row
+    band[:, :, 0] += spline.GAP_FLOOR * max(float(band[:, :, 0].max()), 1e-300)
+    motion = BandFactor(band.reshape(nn * width, -1)).solve(right.ravel()).reshape(nn, width)
+    projected = columns @ basis.evaluate(motion)[:, :, None]
+    return np.asarray(projected.reshape(nf, count, 3).transpose(1, 2, 0))
+
+
+def _count_forbidden_directions(
+    problem: trial_problem.MotionProblem,
+    clusters: Sequence[IntArray],
+    model: Array,
+    coefficients: Array,
+    parameters: Parameters,
+) -> Array:
+    """Count the directions c (nf,) that joints forbid, as far as a frame shows their clusters."""
+    visible = np.asarray(problem.data.weight > 0)
+    together = _find_visible_in_span(visible, problem.basis)
+    # one frame of each set of markers stands for all others
+    _, first, which = np.unique(together, axis=1, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    frames, of_frame = first[order], np.argsort(order)[which.ravel()]
+    taken = _count_linkage_directions(
+        problem.with_weight(together.astype(np.float64)), frames, coefficients, parameters
+    )
+    shown, of_markers = np.zeros(len(frames)), np.zeros(visible.shape[1])
+    for markers in clusters:
+        columns = _make_columns(
+            model[markers][..., frames], together[markers][:, frames].astype(float), rigid=True
         )
-        # a rotation in units of one that moves markers as far as a translation does
-        size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
-        pattern = build_rigid_pattern((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
-        columns = (np.sqrt(weight)[:, :, None, None] * pattern).transpose(1, 0, 2, 3)
-        # (nf, 3 nm, 6)
-        columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])
-        values, vectors = np.linalg.eigh(columns.transpose(0, 2, 1) @ columns)
-        kept = values > RANK_TOLERANCE * values[:, -1:]
-        inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
-        basis = columns @ vectors  # orthogonal, of squared length `values`
-        flat = residual[markers].transpose(2, 0, 1).reshape(residual.shape[-1], -1, 1)
-        projected = basis @ (inverse[:, :, None] * (basis.transpose(0, 2, 1) @ flat))
-        out[markers] = projected.reshape(residual.shape[-1], -1, 3).transpose(1, 2, 0)
-        shown += kept.sum(axis=1)
-    return out, shown
+        values = np.linalg.eigvalsh(columns.transpose(0, 2, 1) @ columns)
+        ranks = (values > RANK_TOLERANCE * np.maximum(values[:, -1:], 1e-300)).sum(axis=1)
+        share = visible[markers].sum(axis=0) / np.maximum(together[markers].sum(axis=0), 1)
+        shown += ranks
+        of_markers += ranks[of_frame] * share
+    forbidden = np.maximum(1.0 - taken / np.maximum(shown, 1.0), 0.0)
+    return np.asarray(of_markers * forbidden[of_frame])
+
+
+def _find_visible_in_span(visible: BoolArray, basis: spline.SplineBasis) -> BoolArray:
+    """Find the markers (nm, nf) that are visible in any frame of the same knot span.
+
+    Within a span splines connect all frames, so markers that are visible by turns determine as many
+    directions as if they were visible together.
+    """
+    out = np.empty_like(visible)
+    for _, frames in basis.spans:
+        out[:, frames] = visible[:, frames].any(axis=1, keepdims=True)
+    return out
 
 
 def _count_linkage_directions(
-    problem: trial_problem.MotionProblem, coefficients: Array, parameters: Parameters
+    problem: trial_problem.MotionProblem,
+    frames: IntArray,
+    coefficients: Array,
+    parameters: Parameters,
 ) -> IntArray:
-    """Count the directions (nf,) in which the coordinates move the visible markers.
-
-    They are computed once for all frames with the same visible markers.
-    """
-    visible = np.asarray(problem.data.weight > 0)
-    _, first, which = np.unique(visible, axis=1, return_index=True, return_inverse=True)
-    frames = np.sort(first)
+    """Count the directions (n,) in which the coordinates move the visible markers of n frames."""
     some = replace(
         problem, basis=problem.basis.select_frames(frames), data=problem.data.select_frames(frames)
     )
@@ -238,7 +315,7 @@ def _count_linkage_directions(
     inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values = np.linalg.eigvalsh(hessian * inverse[:, :, None] * inverse[:, None, :])
     ranks = (values > RANK_TOLERANCE * np.maximum(values[:, -1:], 1e-300)).sum(axis=1)
-    return np.asarray(ranks[np.searchsorted(frames, first)][which.ravel()], dtype=np.intp)
+    return np.asarray(ranks, dtype=np.intp)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.display import Displayed, shorten
 from gaitcal.io.toml import find_models_folder
 from gaitcal.model import linkage
 
@@ -308,8 +309,8 @@ def list_leg_parameters(side: str) -> tuple[str, ...]:
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
 
-@dataclass(frozen=True)
-class Parameters:
+@dataclass(frozen=True, repr=False)
+class Parameters(Displayed):
     """Parameters in SI units (m, rad, kg, kg m^2). Arrays are not to be changed in place."""
 
     joint: Array
@@ -320,6 +321,17 @@ class Parameters:
     zero_angles: Array
     """(nz,) rad: constants that make zero ankle coordinates the posture with the foot at right
     angles to the shank, in the order of `gaitcal.model.linkage.ZERO_ANGLES`."""
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        rows = []
+        for label, names, values, units in (
+            ("joint", JP_NAMES, self.joint, "m, rad"),
+            ("inertial", IP_NAMES, self.inertial, "kg, m, kg m^2"),
+            ("ankle zeros", linkage.ZERO_ANGLES, self.zero_angles, "rad"),
+        ):
+            parts = [f"{name} {value:.3g}" for name, value in zip(names, values, strict=True)]
+            rows.append((label, f"{len(names)} ({units}): {shorten(parts, 3)}"))
+        return "Parameters", rows
 
     def with_joint(self, names: tuple[str, ...], values: Array) -> "Parameters":
         """Return a copy with some joint parameters (m, rad) replaced."""

@@ -187,7 +187,7 @@ def _describe_changes(nominal: Array, present: Array) -> str:
     """Describe how many parameters calibration changed."""
     changed = int((nominal != present).sum())
     return (
-        f"{len(nominal)}, {changed} of them changed by calibration"
+        f"{changed} of {len(nominal)} changed by calibration"
         if changed
         else f"{len(nominal)}, nominal"
     )

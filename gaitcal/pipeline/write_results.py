@@ -21,7 +21,7 @@ from gaitcal.model.marker_set import format_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.page.page_data import build_calibration_page_data
 from gaitcal.report.page.page_folder import write_page
-from gaitcal.report.page.scene import build_scene
+from gaitcal.report.page.scene import Scene, build_person_scene, build_trial_scene
 from gaitcal.results import saved_result, trial_tables
 from gaitcal.results.result_tables import build_result_tables, write_result_tables
 from gaitcal.results.stride_tables import compute_mean_speed, summarise_means
@@ -81,7 +81,7 @@ def write_results(
             _build_manifest(calibration, settings),
         )
         write_result_tables(tables, out)
-        write_page(out, build_scene(calibration), build_calibration_page_data(calibration, tables))
+        write_page(out, _build_scene(calibration), build_calibration_page_data(calibration, tables))
         write_truth(calibration.truth, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
@@ -89,6 +89,17 @@ def write_results(
         _write_models(calibration.model, out)
         _save_splines(calibration.trials, out / "splines.npz")
     return folder
+
+
+def _build_scene(calibration: Calibration) -> Scene:
+    model = calibration.model
+    trials = []
+    for t in calibration.trials:
+        reactions = None if t.loads is None else t.loads.reactions
+        trials.append(
+            build_trial_scene(model, t.name, t.role.value, t.motion, t.recording, reactions)
+        )
+    return build_person_scene(model, tuple(trials), calibration.standard_errors)
 
 
 def _choose_norm(

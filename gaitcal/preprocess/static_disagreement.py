@@ -193,8 +193,8 @@ def find_possible_moves(
         savings = [_compute_saving(body, cluster, before, e) for e in found]
         # posterior probabilities; 0: nothing moved
         share = softmax([0.0, *(0.5 * saving for saving in savings)])[1:]
-        vectors = [Rotation.from_matrix(e.pose[0]).as_rotvec() for e in found]
-        angles = np.array(vectors).reshape(-1, 3)
+        rotations = np.array([e.pose[0] for e in found]).reshape(-1, 3, 3)
+        angles = Rotation.from_matrix(rotations).as_rotvec()
         shifts = np.array([_measure_centre_shift(body, segment, e.pose) for e in found])
         out[segment] = PossibleMove(np.sqrt(share @ angles**2), float(np.sqrt(share @ shifts**2)))
     return out

@@ -345,15 +345,18 @@ def check_spikes(trial: TrialEvidence) -> Iterator[Finding]:
     sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
     # a spike also displaces the interpolation of its neighbours: only the largest one counts
     peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])
+    is_spike = peak & (away > limit)
+    present = [label for label in trial.as_fitted.present if is_spike[:, trial.column[label]].any()]
+    if not present:
+        return
     for one in find_seams(x):  # frames on either side of a seam are reported there
-        peak[max(one.frame - 2, 0) : one.frame + 2] = False
+        is_spike[max(one.frame - 2, 0) : one.frame + 2] = False
     labels, largest = [], 0.0
-    for label in trial.as_fitted.present:
+    for label in present:
         column = trial.column[label]
-        out = np.where(peak[:, column], np.nan_to_num(away[:, column]), 0.0)
-        if (out > limit).any():
-            labels.append(f"{label} ({int((out > limit).sum())} frames)")
-            largest = max(largest, float(out.max()))
+        if count := int(is_spike[:, column].sum()):
+            labels.append(f"{label} ({count} frames)")
+            largest = max(largest, float(away[is_spike[:, column], column].max()))
     if not labels:
         return
     severity = Severity.WARNING

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
+from gaitcal.display import Displayed, shorten
 from gaitcal.gait import moments, spatiotemporal, strides
 from gaitcal.gait.cycles import POINTS, get_curve_kind, get_unit
 from gaitcal.gait.peaks import PEAKS, find_stride_peaks
@@ -21,8 +22,8 @@ from gaitcal.results import session_difference
 from gaitcal.results import stride_sets as measured
 
 
-@dataclass(frozen=True, kw_only=True)
-class SessionComparison:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class SessionComparison(Displayed):
     """Differences between two sessions."""
 
     names: tuple[str, str]  # Of A and B
@@ -35,6 +36,14 @@ class SessionComparison:
         session_difference.Difference, ...
     ]  # Those above the detectable difference first, the largest of them before others
     curves: pd.DataFrame  # `curve_differences.csv`: every percent of every curve
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        beyond = [d for d in self.found if d.exceeds]
+        count = f"{len(beyond)} of {len(self.found)} beyond the minimal detectable change (95 %)"
+        largest = [session_difference.name_figure(d) for d in beyond]
+        rows = [("in common", self.common.description), ("differences", count)]
+        rows += [("largest", shorten(largest))] if largest else []
+        return f"{self.subjects[1].name}: {self.names[1]} against {self.names[0]}", rows
 
     @property
     def differences(self) -> pd.DataFrame:

@@ -371,12 +371,22 @@ def _parse_number(cell: str) -> float:
         return float("nan")
 
 
+def _parse_numbers(cells: Sequence[str]) -> Array:
+    """Parse numbers (n,): at once, or one by one where a cell is none."""
+    try:
+        if "_" not in "".join(cells):
+            return np.array(list(map(float, cells)))
+    except ValueError:
+        pass
+    return np.array(list(map(_parse_number, cells)))
+
+
 def _read_landmarks(path: Path) -> dict[str, Array]:
     """Read landmark -> (3,) m."""
     names, rows = _read_rows(path)
     if names != LANDMARK_COLUMNS or not rows:
         raise _make_fault(f"found columns {names}; allowed: name,x,y,z and a landmark a row", path)
-    out = {name: np.array(list(map(_parse_number, cells))) for name, *cells in rows}
+    out = {name: _parse_numbers(cells) for name, *cells in rows}
     if not all(np.isfinite(position).all() for position in out.values()):
         raise _make_fault("found a position that is no finite number; allowed: m", path, "x,y,z")
     return out
@@ -445,7 +455,7 @@ def _read_curve(path: Path, ending: str) -> TrueCurves:
                 f"found {toml.format_value(column)}, which is no column{hint}", path, "columns"
             )
     columns = {
-        name: np.array([_parse_number(row[k]) for row in rows])
+        name: _parse_numbers([row[k] for row in rows])
         for k, name in enumerate(names)
         if name in ("time", *known)
     }

@@ -296,17 +296,15 @@ class Study(Displayed):
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         person, sex = self.subject, self.subject.sex or "sex not given"
         age = "" if person.age is None else f", {person.age:g} years"
-        names, frames = (
-            [trial.name for trial in self.trials],
-            sum(len(t.recording.time) for t in self.trials),
-        )
+        names = [f"{t.name} ({t.joint or t.role.value})" for t in self.trials]
+        frames = sum(len(t.recording.time) for t in self.trials)
         rows = [
             ("subject", f"{person.name}: {sex}, {person.mass:.1f} kg, {person.height:.2f} m{age}"),
             (
                 "marker set",
                 f"{self.marker_set.name}, {len(self.marker_set.tracked)} tracked markers",
             ),
-            ("trials", f"{len(names)} of {frames} frames: {shorten(names, 10)}"),
+            ("trials", f"{len(names)}, {frames} frames: {shorten(names, 10)}"),
         ]
         return f"Study {Path(self.source).name}", rows
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gaitcal.display import Displayed
 from gaitcal.errors import Code, InputError
 from gaitcal.io.csv_recordings import apply_corrected_events, find_event_tables
 from gaitcal.io.force_plate import STANCE_S
@@ -40,8 +41,8 @@ class Role(str, Enum):
     """Any other activity of the whole body."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Trial(Displayed):
     """One trial of a study."""
 
     name: str
@@ -60,6 +61,10 @@ class Trial:
     """`file`; where forces have another file, `forces`; where a person corrected events,
     `events`.
     """
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        file, rows = self.recording._description()
+        return f"Trial {self.name} ({self.joint or self.role.value})", [("recording", file), *rows]
 
     def collect_fields(self) -> dict[str, Any]:
         """Collect the fields of a plain trial, for the constructor of a further subclass."""

@@ -113,7 +113,7 @@ class _TrackingMatrix:
 
     def __init__(self, tracking: _Tracking, x: Array, curved: bool) -> None:
         self._form = partial(
-            tracking.problem.assemble_equations,
+            tracking.problem.assemble_motion_equations,
             tracking.coefficients(x),
             tracking.body,
             curved=curved,
@@ -200,14 +200,21 @@ class SharedMotions:
         return ArrowEquations(trials, self.columns, self.size)
 
 
-@dataclass(frozen=True)
-class MarkerErrors:
+@dataclass(frozen=True, repr=False)
+class MarkerErrors(Displayed):
     """Distances between measured and model markers."""
 
     labels: tuple[str, ...]
     segments: tuple[str, ...]
     weight: Array  # (nm,) of each marker in the fit (its largest over the frames)
     distance: Array  # (nf, nm) m; NaN where a marker is not visible
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        rms, largest = self.rms(), self.find_largest()
+        rows = [] if rms is None else [("RMS", f"{1e3 * rms:.1f} mm")]
+        if largest is not None:
+            rows.append(("largest", f"{1e3 * largest[0]:.0f} mm ({largest[1]})"))
+        return f"Distances of {len(self.labels)} markers, {len(self.distance)} frames", rows
 
     def rms(self, *segments: str) -> float | None:
         """Compute the RMS distance over markers with weight.

@@ -224,37 +224,47 @@ def find_best_rotation(b: Array) -> tuple[Array, BoolArray]:
     (nf,) array of bool
         Whether each is determined.
     """
-    scale = np.sqrt((b * b).sum(axis=(0, 1)))
-    safe = np.where(scale > 0, scale, 1.0)
-    b = b / safe
+    scale = np.sqrt(np.einsum("ijf,ijf->f", b, b))
+    b = b / np.where(scale > 0, scale, 1.0)
     adjugate = _compute_row_products(b)
-    determinant = (b[0] * adjugate[0]).sum(axis=0)
-    square = (adjugate * adjugate).sum(axis=(0, 1))
+    determinant = np.einsum("jf,jf->f", b[0], adjugate[0])
+    square = np.einsum("ijf,ijf->f", adjugate, adjugate)
     determined = (scale > 0) & (np.sqrt(square) > COLLINEAR_RATIO)
-    # the largest root s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2, for |B| = 1 at most sqrt(3): Newton
-    # falls onto it. Only where a rotation is determined, as others have a double root, which takes
-    # Newton long
-    s = np.full_like(determinant, np.sqrt(3.0))
-    for _ in range(MOST_STEPS):
-        gap = s * s - 1.0
-        slope = 4.0 * s * gap - 8.0 * determinant
-        step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(
-            np.abs(slope) > 1e-14, slope, 1.0
-        )
-        s = s - step
-        if np.abs(step[determined]).max(initial=0.0) < 1e-15:
-            break
+    s = _find_largest_root(8.0 * determinant, 4.0 * square, determined)
     k = 0.5 * (s * s - 1.0)
     bbb = np.einsum("ikf,klf->ilf", np.einsum("ijf,kjf->ikf", b, b), b)
-    numerator = (k + 1.0) * b + s * adjugate - bbb
+    rotation = (k + 1.0) * b + s * adjugate
+    rotation -= bbb
     denominator = k * s - determinant
     determined &= denominator > 1e-12
-    rotation = np.where(
-        determined, numerator / np.where(determined, denominator, 1.0), np.eye(3)[:, :, None]
-    )
+    rotation /= np.where(determined, denominator, 1.0)
+    rotation[:, :, ~determined] = np.eye(3)[:, :, None]
     # one step towards the nearest rotation, R (3 - R^T R) / 2, squares the rounding error
     gram = np.einsum("kif,kjf->ijf", rotation, rotation)
     return 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram), determined
+
+
+def _find_largest_root(linear: Array, constant: Array, determined: BoolArray) -> Array:
+    """Find the largest root s (nf,) of (s^2 - 1)^2 - linear s - constant.
+
+    For |B| = 1 it is at most sqrt(3), and Newton falls onto it. Only the steps of `determined`
+    frames count, as others have a double root, which takes Newton long.
+    """
+    s = np.full_like(linear, np.sqrt(3.0))
+    for _ in range(MOST_STEPS):
+        gap = s * s
+        gap -= 1.0
+        slope = 4.0 * s
+        slope *= gap
+        slope -= linear
+        step = gap * gap
+        step -= linear * s
+        step -= constant
+        step /= np.where(np.abs(slope) > 1e-14, slope, 1.0)
+        s -= step
+        if np.abs(step).max(initial=0.0, where=determined) < 1e-15:
+            break
+    return s
 
 
 def _compute_row_products(b: Array) -> Array:

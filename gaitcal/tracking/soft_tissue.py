@@ -311,7 +311,7 @@ def add_tissue_columns(
     segments, columns = placed.segments, placed.columns
     position = marker_residual.place_markers(data.placed, segments, data.shift)
     mixed = np.zeros((basis.control_points, nq, n_free + nz))
-    mixed[:, :, :n_free] = equations.mixed.reshape(-1, nq, n_free)
+    mixed[:, :, :n_free] = equations.mixed.reshape(len(mixed), nq, n_free)
     by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
     for group in tissue.groups:
@@ -353,8 +353,9 @@ def add_tissue_columns(
         corner[here, here] = (
             both.reshape(nr, nr, WIDTH, WIDTH).transpose(0, 2, 1, 3).reshape(WIDTH * nr, -1)
         )
-        by_parameter[moved[~turning] - nq, here] = (
-            (met[~turning] @ psi.T).transpose(0, 2, 1).reshape(-1, WIDTH * nr)
+        of_parameters = (met[~turning].reshape(-1, nf) @ psi.T).reshape(-1, WIDTH, nr)
+        by_parameter[moved[~turning] - nq, here] = of_parameters.transpose(0, 2, 1).reshape(
+            -1, WIDTH * nr
         )
         # One regressor at a time: all at once do not fit the cache of the processor.
         by_frame = np.ascontiguousarray(met[turning].reshape(-1, nf).T)
@@ -365,7 +366,7 @@ def add_tissue_columns(
         at = here.stop
     return replace(
         equations,
-        mixed=mixed.reshape(-1, n_free + nz),
+        mixed=mixed.reshape(len(mixed) * nq, n_free + nz),
         parameters=np.block([[equations.parameters, by_parameter], [by_parameter.T, corner]]),
         parameter_gradient=np.concatenate([equations.parameter_gradient, gradient]),
     )

@@ -29,11 +29,11 @@ def test_a_trial_of_the_calibration_is_tracked_as_in_it(
     role, settings, has_other = KINDS[kind]
     text = study_text("subject01", data_dir.resolve(), f'ip = "none"\n{settings}')
     text = text.replace('role = "gait"', f'role = "{role}"')
-    if has_other:
-        before, walk, after = text.partition('name = "walk"')
-        table, end, rest = after.partition("\n\n")
-        first, other = (f"{table}\ntime = {part}" for part in ("[0.0, 1.4]", "[1.4, 2.5]"))
-        text = f'{before}{walk}{first}\n\n[[trial]]\nname = "other"{other}{end}{rest}'
+    before, walk, after = text.partition('name = "walk"')
+    table, end, rest = after.partition("\n\n")
+    first, other = (f"{table}\ntime = {part}" for part in ("[0.0, 1.4]", "[1.4, 2.5]"))
+    more = f'\n\n[[trial]]\nname = "other"{other}' if has_other else ""
+    text = f"{before}{walk}{first}{more}{end}{rest}"
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     found = calibrate(Study.load(tmp_path / "study.toml"), checked=())
     own = found.trial("walk")

@@ -86,10 +86,10 @@ def fit_joint_parameters(study: Study, loss: str) -> Sought:
 @pytest.fixture(scope="module")
 def study(kept: Path) -> Study:
     """One isolated trial, the knee's, of a synthetic person, with marker noise of up to 3 mm."""
-    whole = Study.load(kept_person(kept, seed=3, perturb=True))
+    person = Study.load(kept_person(kept, seed=3, perturb=True, whole=True))
     rng = np.random.default_rng(2)
-    kept = tuple(t for t in whole.trials if t.role is Role.STATIC or t.name == "knee_r")
-    knee = replace(whole, trials=kept, settings=whole.settings.model_copy(update={"ip": "none"}))
+    kept = tuple(t for t in person.trials if t.role is Role.STATIC or t.name == "knee_r")
+    knee = replace(person, trials=kept, settings=person.settings.model_copy(update={"ip": "none"}))
     return with_trial(
         knee,
         "knee_r",

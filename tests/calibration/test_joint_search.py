@@ -28,7 +28,8 @@ from gaitcal.synthetic.synthetic_motion import (
     draw_marker_noise,
     simulate_gait,
 )
-from gaitcal.tracking.banded import BandFactor
+from gaitcal.tracking import trial_problem
+from gaitcal.tracking.banded import BandFactor, eliminate
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.soft_tissue import SegmentTissue, SoftTissue, build_rigid_pattern
 from gaitcal.tracking.spline import ControlPointRule
@@ -211,9 +212,66 @@ def test_a_saddle_has_no_direction_flatter_than_the_prior() -> None:
     )
 
 
-def test_soft_tissue_whose_steps_are_far_too_long_still_comes_to_its_minimum() -> None:
+def test_columns_of_soft_tissue_are_added_once_for_a_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many steps its motion takes, which the band alone determines."""
+    reduced, p = soft_knee_problem()
+    reduced.at(p)
+    p = p + 0.05
+    factors, columns = list[int](), list[int]()
+    factor, add = reduced_problem.OpenMatrix.factor, trial_problem.add_tissue_columns
+    monkeypatch.setattr(
+        reduced_problem.OpenMatrix, "factor", lambda *a: (factors.append(1), factor(*a))[1]
+    )
+    monkeypatch.setattr(
+        trial_problem, "add_tissue_columns", lambda *a, **k: (columns.append(1), add(*a, **k))[1]
+    )
+    kind = reduced._solve_kind(0, p, *reduced._predict_tissue(0, p))
+    assert len(columns) == 1 < len(factors)
+    monkeypatch.undo()
+    lazy = kind.trials[0].matrices
+    problem, body = reduced._place_trial(0, lazy.values)[1], reduced.bodies[0]
+    body = body.with_free(reduced.get_parameters(p))
+    whole = eliminate(problem.assemble_equations(lazy.coefficients, body))
+    np.testing.assert_array_equal(lazy.eliminated.hessian, whole.hessian)
+    np.testing.assert_array_equal(lazy.eliminated.halfway, whole.halfway)
+
+
+def test_soft_tissue_has_the_same_columns_whether_joints_are_free_or_not() -> None:
+    problem, start = soft_knee_trial(3, ("gait/a",), PART), read_published_parameters()
+    coefficients = started(problem, start)[1]
+    opened, closed = problem.with_free(KNEE), problem.with_free(())
+    whole, part = (
+        one.assemble_equations(coefficients, one.build_body(start)) for one in (opened, closed)
+    )
+    tissue = slice(len(KNEE), None)
+    assert part.mixed.shape == (coefficients.size, len(problem.tissue.keys))
+    np.testing.assert_allclose(part.mixed, whole.mixed[:, tissue], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        part.parameters, whole.parameters[tissue, tissue], rtol=0, atol=1e-12
+    )
+
+
+def test_the_promise_of_a_step_is_that_of_the_compressed_problem() -> None:
+    """And of the soft tissue that is left at the point where the step begins."""
+    reduced, p = soft_knee_problem()
+    best = reduced.at(p)
+    step = np.linspace(-1e-3, 2e-3, len(p))
+    f, jacobian = reduced.compute_residual(p), reduced.compute_jacobian(p)
+    along = jacobian @ step
+    step *= -float(f @ along) / float(along @ along)
+    after = f + jacobian @ step
+    promised = float(f @ f - after @ after) + sum(kind.reduction for kind in best.kinds)
+    assert reduced._promise_reduction(p + step) == pytest.approx(promised, rel=1e-6)
+    uphill = sum(kind.reduction for kind in best.kinds)
+    assert reduced._promise_reduction(p - step) == pytest.approx(uphill, rel=1e-12)
+
+
+@pytest.mark.parametrize(("left", "fewest", "most"), [(0.0, 0.0, 1e-12), (1.0, 1.0, 1.1)])
+def test_soft_tissue_whose_steps_are_far_too_long_still_comes_to_its_minimum(
+    left: float, fewest: float, most: float
+) -> None:
     """The cost is z^2 and its matrix a sixteenth of the true one: half a step raises the
-    cost, too.
+    cost, too. What may be left to gain is left.
     """
     reduced, p = soft_knee_problem()
     count, curvature = len(p), 0.06
@@ -235,8 +293,9 @@ def test_soft_tissue_whose_steps_are_far_too_long_still_comes_to_its_minimum() -
 
     reduced._solve_kind = lambda k, p, z, near, *, keep=False: state_at(z)  # type: ignore[method-assign]
     start = np.linspace(0.1, 0.2, len(prior.mean))
-    found = reduced._minimise_tissue(0, p, state_at(start)).tissue
-    assert found.cost < 1e-12 * float(start @ start)
+    enough = left * state_at(start).tissue.reduction
+    found = reduced._minimise_tissue(0, p, state_at(start), enough).tissue
+    assert fewest <= found.cost / float(start @ start) < most
 
 
 def test_kinds_that_share_soft_tissue_are_refused() -> None:

@@ -1,5 +1,6 @@
 """Noise of trials: the part of marker errors that no joint can follow."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -38,10 +39,15 @@ def test_frames_for_one_that_is_independent(kept: float, expected: float) -> Non
     errors = np.random.default_rng(1).normal(size=(4000, 12))
     for f in range(1, len(errors)):
         errors[f] = kept * errors[f - 1] + np.sqrt(1 - kept**2) * errors[f]
-    # the sum ends where the correlation falls below 0.05: at most that tail, and its sampling, are
-    # lost
+    # the sum ends where chance makes the correlation zero
     assert estimate_frames_per_sample(errors) == pytest.approx(expected, rel=0.12)
     assert estimate_frames_per_sample(0.0 * errors) == 1.0, "no error counts every frame"
+    # every second frame: those visible are correlated two frames apart, kept^2
+    every_second = np.broadcast_to((np.arange(len(errors)) % 2 == 0)[:, None], errors.shape)
+    of_visible = (1.0 + kept**2) / (1.0 - kept**2)
+    assert estimate_frames_per_sample(errors, every_second) == pytest.approx(
+        np.sqrt(expected * of_visible), rel=0.2
+    )
 
 
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
@@ -121,6 +127,81 @@ def test_noise_stays_whatever_samples_are_missing(visible: BoolArray) -> None:
     gappy = problem.with_weight(problem.data.weight * visible)
     nodes = track_coefficients(gappy, gappy.build_body(parameters), found).x
     assert noise_at(gappy, parameters, nodes) == pytest.approx(whole, rel=MISSING_CHANGES)
+
+
+def hide_alternate_frames() -> BoolArray:
+    """Show every second frame of all markers: no two samples are one frame apart."""
+    return np.tile(np.arange(600) % 2 == 0, (12, 1))
+
+
+def show_markers_by_turns() -> BoolArray:
+    """Show two markers of each segment in even frames, the other two in odd ones."""
+    return np.asarray((np.arange(12)[:, None] + np.arange(600)) % 2 == 0)
+
+
+def show_segments_by_turns() -> BoolArray:
+    """Show the thigh in two frames of four, pelvis and shank in the other two."""
+    thigh = np.repeat([False, True, False], 4)
+    return np.asarray(thigh[:, None] == (np.arange(600) // 2 % 2 == 0))
+
+
+def leave_one_marker() -> BoolArray:
+    """Show one marker of each segment in half of the frames: at the start, the end, by turns."""
+    visible = np.ones((12, 600), dtype=bool)
+    halves = (slice(None, 300), slice(300, None), slice(None, None, 2))
+    for segment, frames in enumerate(halves):
+        visible[4 * segment + 1 : 4 * segment + 4, frames] = False
+    return visible
+
+
+def hide_ends() -> BoolArray:
+    """Hide the pelvis at both ends, the thigh at the end and three of the shank at the start."""
+    visible = np.ones((12, 600), dtype=bool)
+    visible[:4, :70], visible[:4, -70:] = False, False
+    visible[4:8, -200:], visible[8:11, :250] = False, False
+    return visible
+
+
+def drop_out_periodically() -> BoolArray:
+    """Hide all markers in half of every 100 frames."""
+    return np.tile(np.arange(600) % 100 >= 50, (12, 1))
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        hide_alternate_frames,
+        show_markers_by_turns,
+        show_segments_by_turns,
+        leave_one_marker,
+        hide_ends,
+        drop_out_periodically,
+    ],
+)
+def test_noise_stays_if_samples_are_missing_by_a_pattern(pattern: Callable[[], BoolArray]) -> None:
+    visible = pattern()
+    assert (visible.reshape(3, 4, 600).any(axis=1).mean(axis=1) >= 0.5).all()
+    problem, parameters, found, _, whole = shaken_leg()
+    gappy = problem.with_weight(problem.data.weight * visible)
+    nodes = track_coefficients(gappy, gappy.build_body(parameters), found).x
+    assert noise_at(gappy, parameters, nodes) == pytest.approx(whole, rel=MISSING_CHANGES)
+
+
+def test_white_noise_stays_if_markers_are_visible_by_turns() -> None:
+    """Two markers of four by turns show the motion of their cluster, not their deformation."""
+    rng, parameters, problem, true = seeded_trial(
+        4, segments=LEG, frames=600, nodes=40, per_segment=4
+    )
+    problem = problem.with_measured(
+        problem.data.measured + rng.normal(0, WHITE, problem.data.measured.shape)
+    )
+    gappy = problem.with_weight(problem.data.weight * show_markers_by_turns())
+    whole, of_gappy = (
+        noise_at(p, parameters, track_coefficients(p, p.build_body(parameters), true).x)
+        for p in (problem, gappy)
+    )
+    assert whole == pytest.approx(WHITE, rel=0.15)
+    assert of_gappy == pytest.approx(whole, rel=MISSING_CHANGES)
 
 
 @pytest.mark.parametrize("on_line", [0.0, 0.5e-3, 5e-3])

@@ -1,18 +1,33 @@
-"""`gaitcal synthesize` and `calibrate STUDY.toml`, which compute each person and each calibration
-once a run.
+"""Commands of the pages, with people and calibrations that are computed once a run.
 
 Several pages begin with the same person, and calibrate it. A result of a folder without a study
 file is computed each time: the study in it leads to its recordings.
 """
 
 import hashlib
-import os
 import shutil
-import subprocess
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
+from tests.commands import Done, gaitcal
+from tests.docs.local_example import local_examples
 from tests.kept import copied_person, kept_folder
+
+
+def run_command(words: Sequence[str], kept: Path) -> Done:
+    """Run `gaitcal`: examples are the recordings that are here, studies have fewer draws."""
+    match words:
+        case ["example", *_]:
+            with local_examples():
+                return gaitcal(*words)
+        case ["synthesize", *options]:
+            return synthesize(kept, options)
+        case ["calibrate", *options] if any(word.endswith(".toml") for word in options):
+            return calibrate(kept, options)
+        case ["montecarlo", *options]:
+            at = options.index("--draws") + 1
+            return gaitcal("montecarlo", *options[:at], 2, *options[at + 1 :])
+    return gaitcal(*words)
 
 
 def without_out(words: list[str]) -> tuple[list[str], str]:
@@ -21,14 +36,15 @@ def without_out(words: list[str]) -> tuple[list[str], str]:
     return words[:at] + words[at + 2 :], words[at + 1]
 
 
-def synthesize(kept: Path, words: list[str]) -> None:
+def synthesize(kept: Path, words: list[str]) -> Done:
     options, out = without_out(words)
     seed = int(options[options.index("--seed") + 1]) if "--seed" in options else 0
     seed *= seed > 1  # the second person of one page is the first of the others
     copied_person(kept, out, seed=seed, noise="--noise" in options, perturb="--perturb" in options)
+    return Done(0, "", "")
 
 
-def calibrate(kept: Path, words: list[str]) -> None:
+def calibrate(kept: Path, words: list[str]) -> Done:
     options, out = without_out(words)
     (study,) = (Path(word) for word in options if word.endswith(".toml"))
     key = hashlib.sha256(" ".join(options).encode())
@@ -36,26 +52,12 @@ def calibrate(kept: Path, words: list[str]) -> None:
         key.update(file.name.encode() + (file.read_bytes() if file.is_file() else b""))
 
     def make(folder: Path) -> None:
-        command = [
-            sys.executable,
-            "-m",
-            "gaitcal.cli",
-            "calibrate",
-            *options,
-            "--out",
-            str(folder / "result"),
-        ]
         folder.mkdir()
-        (folder / "said").write_bytes(
-            subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
-        )
+        done = gaitcal("calibrate", *options, "--out", folder / "result")
+        assert done.returncode == 0, done
+        (folder / "said").write_text(done.stdout, encoding="utf-8")
 
     made = kept_folder(kept / "calibrations" / key.hexdigest(), make)
     shutil.copytree(made / "result", out)
-    sys.stdout.write((made / "said").read_text(encoding="utf-8").replace(str(made / "result"), out))
-
-
-if __name__ == "__main__":
-    {"synthesize": synthesize, "calibrate": calibrate}[sys.argv[1]](
-        Path(os.environ["GAITCAL_TESTS_KEPT"]), sys.argv[2:]
-    )
+    said = (made / "said").read_text(encoding="utf-8")
+    return Done(0, said.replace(str(made / "result"), out), "")

@@ -6,9 +6,12 @@ Of several people in an example there is the first.
 
 import csv
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from gaitcal import cli
+import pytest
+
 from gaitcal.errors import InputError
 from gaitcal.io import examples
 from gaitcal.io.examples import Example, RemoteFile
@@ -16,7 +19,9 @@ from gaitcal.io.examples import Example, RemoteFile
 PEOPLE = 1
 
 
-def main() -> None:
+@contextmanager
+def local_examples() -> Iterator[None]:
+    """Find the files of an example among the recordings."""
     data = Path(os.environ["GAITCAL_DATA"])
     with (data / "sources.csv").open(encoding="utf-8") as stream:
         held = {row["sha256"]: data / row["file"] for row in csv.DictReader(stream)}
@@ -35,9 +40,7 @@ def main() -> None:
             update={"files": tuple(f for f in whole.files if Path(f.name).parent in people)}
         )
 
-    examples.download, examples.find_example = copied, smaller
-    cli.main()
-
-
-if __name__ == "__main__":
-    main()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(examples, "download", copied)
+        patch.setattr(examples, "find_example", smaller)
+        yield

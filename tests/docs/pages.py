@@ -9,16 +9,17 @@ Python compiler. A file that a page writes is ```` ```toml title="study.toml" ``
 the folder where it stands.
 """
 
-import os
 import re
+import shlex
 import subprocess
-import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
+
+from tests.commands import Done
+from tests.docs.kept_commands import run_command
 
 FENCE: Final = re.compile(r"^( *)```([a-z]*)(?: +title=\"([^\"]*)\")?\n(.*?)^\1```$", re.M | re.S)
 NOT_RUN: Final = "not run here: "
@@ -80,9 +81,10 @@ def lint(block: Block) -> str:
     return ""
 
 
-def run(block: Block, folder: Path, names: dict[str, Any], environment: Mapping[str, str]) -> str:
-    """Run a block, or put its file there; returns what a command printed, or what went wrong after
-    `FAILED`.
+def run(block: Block, folder: Path, names: dict[str, Any], kept: Path) -> None:
+    """Run a block, or write its file; `folder` is the current one.
+
+    Lines of commands of `gaitcal` run in the process of the tests, all others by bash.
     """
     if block.is_file:
         target = folder / block.title
@@ -91,52 +93,28 @@ def run(block: Block, folder: Path, names: dict[str, Any], environment: Mapping[
     elif block.runs and block.language == "python":
         exec(compile(block.text, f"{block.page}:{block.line}", "exec"), names)
     elif block.runs:
-        command = ["bash", "-e", "-c", block.text]
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env=dict(environment),
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=900,
+        for line in block.text.splitlines():
+            run_line(line, f"{block.page}:{block.line}", kept)
+
+
+def run_line(line: str, where: str, kept: Path) -> None:
+    """Run a line of a shell block; the test fails if the line does."""
+    command, may_fail, _ = line.partition(" || true")
+    words = shlex.split(command)
+    if words[:1] == ["gaitcal"]:
+        done = run_command(words[1:], kept)
+    else:
+        found = subprocess.run(
+            ["bash", "-e", "-c", command], capture_output=True, text=True, check=False, timeout=60
         )
-        if done.returncode:
-            return (
-                f"FAILED {block.page}:{block.line}: exit code "
-                f"{done.returncode}\n{done.stdout}{done.stderr}"
-            )
-        return done.stdout + done.stderr
-    return ""
+        done = Done(found.returncode, found.stdout, found.stderr)
+    if done.returncode and not may_fail:
+        said = f"exit code {done.returncode}\n{done.stdout}{done.stderr}"
+        pytest.fail(f"{where}: {line}: {said}", pytrace=False)
 
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PROGRAM = """#!/bin/sh
-[ "$1" = example ] && exec "{python}" -m tests.docs.local_example "$@"
-case "$1 $2" in
-    synthesize*|calibrate*.toml) exec "{python}" -m tests.docs.kept_commands "$@" ;;
-    montecarlo*) set -- $(echo "$@" | sed "s/--draws 20/--draws 2/") ;;
-esac
-exec "{python}" -m gaitcal.cli "$@"
-"""
-"""`gaitcal` with the recordings that are here, with what pages share made once, and with studies of
-fewer draws.
-"""
-
-
-def environment(folder: Path, kept: Path) -> dict[str, str]:
-    """With `gaitcal` on the path, as an installation has it, and what pages share in `kept`."""
-    program = folder / "bin" / "gaitcal"
-    program.parent.mkdir(parents=True, exist_ok=True)
-    program.write_text(PROGRAM.format(python=sys.executable), encoding="utf-8")
-    program.chmod(0o755)
-    paths = {
-        "PATH": os.pathsep.join([str(program.parent), os.environ["PATH"]]),
-        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
-        "GAITCAL_TESTS_KEPT": str(kept),
-    }
-    return {**os.environ, **paths}
 
 
 def needs_recordings(page: Path) -> bool:
@@ -144,17 +122,8 @@ def needs_recordings(page: Path) -> bool:
     return any("gaitcal example " in block.text for block in blocks_of(page) if block.runs)
 
 
-def follow(page: Path, folder: Path, bin_folder: Path, kept: Path) -> str:
-    """Run every block of a page in `folder`, which becomes the current one; returns what commands
-    printed.
-    """
+def follow(page: Path, folder: Path, kept: Path) -> None:
+    """Run every block of a page in `folder`, the current one."""
     names: dict[str, Any] = {}
-    told = []
-    setting = environment(bin_folder, kept)
-
     for block in blocks_of(page):
-        text = run(block, folder, names, setting)
-        if text.startswith("FAILED"):
-            pytest.fail(text, pytrace=False)
-        told.append(text)
-    return "\n".join(told)
+        run(block, folder, names, kept)

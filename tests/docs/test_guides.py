@@ -32,7 +32,7 @@ def test_a_page_runs(
     folder = tmp_path / "reader"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    follow(page, folder, tmp_path, kept)
+    follow(page, folder, kept)
     assert undescribed_below(folder) == []
 
 
@@ -49,6 +49,6 @@ def test_readme_python_runs(kept: Path, tmp_path: Path, monkeypatch: pytest.Monk
         shutil.copy(person / name, tmp_path / "FOLDER")
     shutil.copy(person / "gait.c3d", tmp_path / "walk2.c3d")
     names: dict[str, Any] = {}
-    run(block, tmp_path, names, {})
+    run(block, tmp_path, names, kept)
     assert names["calibration"].verdict.sentence == names["further"].verdict.sentence
     assert {"time", "knee_angle_r"} <= set(names["angles"].columns)

@@ -17,10 +17,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gaitcal.analysis.calibrate import calibrate
+from gaitcal.analysis.result import Calibration
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.pipeline.write_results import write_results
-from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import compute_synthetic_markers
 from tests.export.mechanics import (
     FORCE_TOLERANCE,
@@ -39,8 +38,7 @@ from tests.export.peers import (
     run_inverse_kinematics,
     urdf_answers,
 )
-from tests.real_studies import write_study
-from tests.synthetic_studies import write_synthetic_study
+from tests.kept import kept_real, kept_synthetic
 
 LOG = logging.getLogger(__name__)
 EVERY = 3
@@ -68,11 +66,8 @@ class Walk:
     """(nf, nm, 3) m."""
 
 
-def calibrated_walk(study: Path, out: Path) -> Walk:
-    """Calibrate the study file's person and write the result folder `out`; the trial must be called
-    `walk`.
-    """
-    calibration = calibrate(Study.load(study))
+def walk_of(calibration: Calibration, out: Path) -> Walk:
+    """The trial `walk`; writes the result folder `out`."""
     write_results(calibration, out)
     walk = calibration.trial("walk")
     body, wrenches = walk.motion, walk.loads.reactions.wrench
@@ -101,13 +96,14 @@ def calibrated_walk(study: Path, out: Path) -> Walk:
 
 
 @pytest.fixture(scope="module", params=PEOPLE)
-def walk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    folder = tmp_path_factory.mktemp(request.param)
+def walk(
+    request: pytest.FixtureRequest, kept: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Walk:
     if request.param == "synthetic":
-        study = write_synthetic_study(folder)
+        calibration = kept_synthetic(kept)
     else:
-        study = write_study(request.param, request.getfixturevalue("data_dir").resolve(), folder)
-    return calibrated_walk(study, folder / "result")
+        calibration = kept_real(kept, request.param, request.getfixturevalue("data_dir"))
+    return walk_of(calibration, tmp_path_factory.mktemp(request.param) / "result")
 
 
 def assert_ours(walk: Walk, answers: Answers) -> None:

@@ -63,9 +63,12 @@ def _record(message: Finding | Exception | str) -> None:
 
 def require_parts(text: str, parts: Iterable[object]) -> None:
     """Each part stands in the text: a name, or a number."""
+    assert _list_missing(text, parts) == [], text
+
+
+def _list_missing(text: str, parts: Iterable[object]) -> list[object]:
     found = numbers(text)
-    missing = [p for p in parts if (p not in text if isinstance(p, str) else p not in found)]
-    assert missing == [], text
+    return [p for p in parts if (p not in text if isinstance(p, str) else p not in found)]
 
 
 def check_text(text: str | Iterable[str], *parts: str | float) -> None:
@@ -74,6 +77,14 @@ def check_text(text: str | Iterable[str], *parts: str | float) -> None:
     require_parts(" ".join(texts), parts)
     for one in texts:
         _record(one)
+
+
+def check_note(notes: Iterable[str], *parts: str | float) -> None:
+    """One of some notes, in which these names and numbers stand."""
+    texts = list(notes)
+    found = [text for text in texts if not _list_missing(text, parts)]
+    assert found, texts
+    _record(found[0])
 
 
 def check_finding(finding: Finding, code: Code, *parts: object, **fields: object) -> None:

@@ -34,6 +34,7 @@ from gaitcal.model.parameters import (
     view_as_table,
 )
 from gaitcal.model.subject_model import Subject
+from tests.messages import check_text
 
 PUBLISHED = Subject("published", 69.4, 1.70, "male")
 HALF_UNIT = {"mass": 0.0005, "com": 0.05, "moi": 0.5}
@@ -203,10 +204,9 @@ def test_a_table_that_may_be_the_wrong_one_is_told_and_believed_less(
 def test_grown_people_as_light_or_as_short_as_children_are_believed() -> None:
     for mass, height in ((70.0, 1.70), (49.0, 1.66), (62.0, 1.52)):
         assert estimate_child_table_error(Subject("adult", mass, height, "female")) == {}
-    assert "the age is not given" in describe_mass_table(Subject("who knows", 60.3, 1.58, "male"))
-    assert "9 years of age by Jensen 1989" in describe_mass_table(
-        Subject("child", 28.0, 1.30, "female", age=9.0)
-    )
+    check_text(describe_mass_table(Subject("who knows", 60.3, 1.58, "male")), "age")
+    child = Subject("child", 28.0, 1.30, "female", age=9.0)
+    check_text(describe_mass_table(child), 9, "Jensen 1989")
     assert (
         describe_mass_table(Subject("short adult", 45.0, 1.40, "female", age=40.0))
         == "de Leva 1996, female"

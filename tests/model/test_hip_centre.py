@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.errors import Severity
+from gaitcal.errors import InputError, Severity
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
 from gaitcal.model.landmarks import find_hip_labels
@@ -15,6 +15,7 @@ from gaitcal.model.nominal import PUBLISHED
 from gaitcal.model.segment_frames import HipCentre, compute_hip_centre
 from gaitcal.preprocess.study_model import build_nominal_model
 from gaitcal.study.settings import CalibrationSettings
+from tests.messages import check_note, check_text, refuses
 from tests.model.people import from_published, published_static
 from tests.quality.spoilt import findings, sound_study, with_trial
 from tests.refusal import refusal
@@ -78,12 +79,12 @@ def test_hip_centres_of_the_file_are_offered_and_asked_for() -> None:
         for n in from_published(there, hip_centre=HipCentre.HARRINGTON).notes
         if "hip_centre = 'given'" in n
     ]
-    assert "RHJC (computed by another program), LHJC" in offer
+    check_text(offer, "RHJC", "LHJC")
     assert not any(
         "'given'" in note for note in from_published(hip_centre=HipCentre.HARRINGTON).notes
     )
-    missing = refusal(from_published, hip_centre=HipCentre.GIVEN)
-    assert "hip_centre = 'given': the static trial has no hip centre hjc_r and hjc_l" in missing
+    with refuses(InputError, "hip_centre = 'given'", "hjc_r", "hjc_l"):
+        from_published(hip_centre=HipCentre.GIVEN)
     exchanged = with_points(static, {"RHJC": left, "LHJC": right}, measured=True)
     said = refusal(from_published, exchanged, hip_centre=HipCentre.GIVEN)
     assert re.search(r"hip centre RHJC: found it 1\d\d mm .* sides swapped", said)
@@ -101,7 +102,7 @@ def test_the_distance_measured_between_the_bones_is_taken(rule: HipCentre) -> No
         model.landmarks["hjc_r"][1], compute_hip_centre(rule, 0.200, depth, "r"), atol=ROUNDING
     )
     note = next(n for n in model.notes if n.startswith("hip centres by"))
-    assert "200 mm between the ASIS (as measured by hand; 245 mm between their markers)" in note
+    check_text(note, "ASIS", 200, 245)
 
 
 @pytest.mark.parametrize("mm", [110, 290])
@@ -110,7 +111,7 @@ def test_a_distance_that_cannot_belong_to_the_markers_is_told(mm: float) -> None
     np.testing.assert_array_equal(
         wrong.landmarks["hjc_r"][1], from_published().landmarks["hjc_r"][1]
     )
-    assert any(f"the measured {mm} mm are not used" in note for note in wrong.notes)
+    check_note(wrong.notes, "ASIS", mm)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +132,7 @@ def test_given_hips_that_are_no_mirror_images_are_doubted(
     (note,) = [
         n for n in build_nominal_model(given).notes if n.startswith("hip centres are points")
     ]
-    assert "this far from where Harrington 2007 has them: RHJC" in note and "mm, LHJC" in note
+    check_text(note, "Harrington 2007", "RHJC", "LHJC")
 
 
 @pytest.mark.parametrize(

@@ -131,8 +131,8 @@ def test_expectation_from_a_marker_distance() -> None:
 
 @pytest.fixture(scope="module")
 def draws(case: MonteCarloCase) -> pd.DataFrame:
-    wanted = {Varied.BOTH: (1, 25), Varied.IP: (10,), Varied.JP: (25,)}
-    plans = [Plan((varied,), levels, 60) for varied, levels in wanted.items()]
+    wanted = ((Varied.BOTH, 25, 60), (Varied.BOTH, 1, 10), (Varied.IP, 10, 10))
+    plans = [Plan((varied,), (level,), count) for varied, level, count in wanted]
     return pd.concat([monte_carlo(case, plan=plan, workers=Workers()).draws for plan in plans])
 
 

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-PLAN = Plan(levels=(50, 100), draws=7)
+PLAN = Plan(levels=(50, 100), draws=3)
 QUICK = Plan(sets=(Varied.IP,), levels=(50, 100), draws=30)
 HERE = Workers()
 
@@ -68,7 +68,7 @@ def same(one: pd.DataFrame, other: pd.DataFrame) -> None:
 
 def test_one_row_a_draw_in_order(reference: MonteCarloStudy) -> None:
     draws = reference.draws
-    cells = [(v.value, level, k) for v in Varied for level in (50, 100) for k in range(7)]
+    cells = [(v.value, level, k) for v in Varied for level in (50, 100) for k in range(PLAN.draws)]
     assert list(zip(draws["set"], draws["level"], draws["draw"], strict=True)) == cells
     assert (reference.computed, reference.failed) == (PLAN.total, 0) and PLAN.total == len(draws)
 
@@ -93,7 +93,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
         done.append(counts)  # type: ignore[arg-type]
 
     found = monte_carlo(case, tmp_path, plan=PLAN, workers=HERE, chunk_draws=3, progress=progress)
-    assert found.computed == PLAN.total - 9  # four chunks of two draws and one of one
+    assert found.computed == PLAN.total - 8  # three chunks of two draws and two of one
     assert (done[0], done[-1]) == ((0, found.computed), (found.computed, found.computed))
     same(found.draws, reference.draws)
     assert monte_carlo(case, tmp_path, plan=PLAN, workers=HERE).computed == 0

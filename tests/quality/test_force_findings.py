@@ -25,6 +25,7 @@ from gaitcal.quality.force_diagnosis import compute_torque_change, find_force_fa
 from gaitcal.quality.force_evidence import FORCE_UNITS
 from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import simulate_gait
+from tests.kept import kept_synthetic
 from tests.messages import check_finding, check_text, numbers
 from tests.quality.spoilt import plates, times
 from tests.quality.walks import Walk, exact_walk, tracked
@@ -146,9 +147,11 @@ def test_torque_change_is_that_of_inverse_dynamics() -> None:
 
 
 @pytest.mark.slow
-def test_trial_with_faulty_forces_is_left_out_of_the_inertial_fit(tmp_path: Path) -> None:
+def test_trial_with_faulty_forces_is_left_out_of_the_inertial_fit(
+    kept: Path, tmp_path: Path
+) -> None:
     path = write_synthetic_study(tmp_path / "study")
-    clean = calibrate(Study.load(path))
+    clean = kept_synthetic(kept)
     assert clean.inertial is not None and clean.warnings == ()
     write_forces_csv(
         tmp_path / "study" / "walk_forces.csv", [later(p) for p in made_plates(simulate_gait())]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.analysis.calibrate import calibrate
 from gaitcal.cli.console import Console
 from gaitcal.cli.view_command import view_result
 from gaitcal.errors import InputError, UsageError
@@ -17,9 +16,8 @@ from gaitcal.pipeline.write_results import write_results
 from gaitcal.report.page.page_data import build_peak_rows, read_page_data
 from gaitcal.report.page.page_folder import PAGE, SCENE, read_page, read_result_page
 from gaitcal.results.saved_result import OTHER_MODEL
-from gaitcal.study.study import Study
 from tests.commands import edited, run, sign
-from tests.kept import kept_result
+from tests.kept import kept_result, kept_synthetic
 from tests.report.page.walked_blocks import held
 
 PAGE_DATA = "page.json"
@@ -83,8 +81,8 @@ def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
-    calibration = calibrate(Study.load(made / "study/study.toml"))
+def test_two_runs_write_the_same_bytes(kept: Path, tmp_path: Path) -> None:
+    calibration = kept_synthetic(kept)
     folders = [write_results(calibration, tmp_path / name) for name in ("one", "two")]
     assert len({compute_sha256(folder / SCENE) for folder in folders}) == 1
     one, two = (read_page_data(folder / PAGE_DATA) for folder in folders)

@@ -88,7 +88,7 @@ def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -
     """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static
     trial.
     """
-    study = Study.load(kept_person(kept, seed=3, perturb=True))
+    study = Study.load(kept_person(kept, seed=3, perturb=True, whole=True))
     exact = study.settings.model_copy(update={"nodes": WALK_NODES})  # the spline space of the truth
     truth = errors(calibrate(replace(study, settings=exact)))
     assert len(truth.features) == 12

@@ -25,7 +25,7 @@ from gaitcal.model.parameters import (
 )
 from gaitcal.model.segment_frames import Frame, HipCentre
 from gaitcal.study.study import Study
-from gaitcal.synthetic.subject import make_synthetic_model, synthesize
+from gaitcal.synthetic.subject import make_synthetic_model
 from gaitcal.synthetic.synthetic_motion import (
     NOISE_AMPLITUDE,
     NOISE_OMEGA,
@@ -41,7 +41,7 @@ from gaitcal.synthetic.synthetic_truth import (
 )
 from gaitcal.synthetic.walk import GAIT_CYCLE
 from tests.derivatives import perturbed_parameters
-from tests.kept import kept_calibration, kept_person
+from tests.kept import kept_calibration, kept_person, write_person
 
 
 def test_a_linkage_told_in_its_own_frames_is_itself() -> None:
@@ -94,7 +94,7 @@ def test_a_drawn_person_is_within_the_published_bounds() -> None:
 @pytest.mark.slow
 def test_same_seed_same_files(kept: Path, tmp_path: Path) -> None:
     first = kept_person(kept, seed=3, noise=True, perturb=True).parent
-    folders = [first, synthesize(tmp_path / "again", seed=3, noise=True, perturb=True).parent]
+    folders = [first, write_person(tmp_path / "again", seed=3, noise=True, perturb=True).parent]
     files = [
         sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
         for folder in folders
@@ -137,7 +137,7 @@ def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
     3.2 mm, but its axes 6.2 -> 6.6 deg (published, one draw: 3.4 deg): a slow wave of up to 10 mm
     on three foot markers looks like rotation of the foot.
     """
-    file = kept_person(kept, seed=3, noise=True, perturb=True)
+    file = kept_person(kept, seed=3, noise=True, perturb=True, whole=True)
     truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
     found = parameter_table(kept_calibration(kept)).set_index("name")
     for joint, kind in (

@@ -154,7 +154,7 @@ def test_no_step_that_raises_the_cost_converges(damping: float) -> None:
 def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
     """A trial whose gradients all point the wrong way, and where to start."""
     rng, _, problem, true = seeded_trial(12, frames=40, nodes=8)
-    equations, gradients = MotionProblem.assemble_equations, MotionProblem.compute_gradients
+    equations, gradients = MotionProblem.assemble_motion_equations, MotionProblem.compute_gradients
 
     def wrong_equations(*a: object, **k: object) -> NormalEquations:
         right = equations(*a, **k)  # type: ignore[arg-type]
@@ -166,7 +166,7 @@ def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
         cost, by_node, by_parameter = gradients(*a)  # type: ignore[arg-type]
         return cost, -by_node, -by_parameter
 
-    monkeypatch.setattr(MotionProblem, "assemble_equations", wrong_equations)
+    monkeypatch.setattr(MotionProblem, "assemble_motion_equations", wrong_equations)
     monkeypatch.setattr(MotionProblem, "compute_gradients", wrong_gradients)
     return problem, true + rng.normal(0, 0.05, true.shape)
 

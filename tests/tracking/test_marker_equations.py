@@ -196,3 +196,7 @@ def test_halves_and_wholes_are_those_of_the_dense_matrix(
         np.testing.assert_allclose(
             solve(right), np.linalg.solve(matrix, right), rtol=0, atol=ROUNDING
         )
+    if columns is not None:
+        wanted, memory = factor.solve_forward(right), right.copy()
+        np.testing.assert_array_equal(factor.solve_forward(memory, overwrite=True), wanted)
+        np.testing.assert_array_equal(memory, wanted)

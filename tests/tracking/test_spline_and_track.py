@@ -192,14 +192,16 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
         plain = getattr(MotionProblem, name)
         return lambda *a, **k: (calls.append(name), plain(*a, **k))[1]
 
-    for name in ("assemble_equations", "compute_gradient"):
+    for name in ("assemble_motion_equations", "compute_gradient"):
         monkeypatch.setattr(MotionProblem, name, counted(name))
     kept = track_coefficients(problem, body, start)
     with_keeping = list(calls)
     calls.clear()
     fresh = track_coefficients(problem, body, start, DescentSettings(keep_within=0.0))
     assert with_keeping[-1] == "compute_gradient" and "compute_gradient" not in calls
-    assert with_keeping.count("assemble_equations") < calls.count("assemble_equations")
+    assert with_keeping.count("assemble_motion_equations") < calls.count(
+        "assemble_motion_equations"
+    )
     exact = track_coefficients(problem, body, fresh.x, DescentSettings(gain=1e-15))
     for found in (kept, fresh):
         assert found.converged

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.soft_tissue_table import load_people_table, read_table
-from scripts.validation.bones import learn
+from scripts.validation.bones import floor, learn
 from scripts.validation.bones.recordings import fit_hinge, hinge_errors, read_recordings
 from scripts.validation.harness import results
 
@@ -79,6 +79,29 @@ def test_the_table_that_ships_is_what_the_bones_show(data_dir: Path, tmp_path: P
     np.testing.assert_allclose(
         [learnt.shift, learnt.per_marker], [shipped.shift, shipped.per_marker], rtol=0.03
     )
+
+
+def test_oracles_of_a_hinge_reach_it_and_the_nominal_one_does_not(tmp_path: Path) -> None:
+    """Markers of the thigh slide by 20 mm per rad; what the angle explains is all of it."""
+    write_hinge(tmp_path, "r", slide=-0.02)
+    (recording,) = read_recordings(tmp_path)
+    nominal = floor.nominal_joint(recording)
+    linear, still = (
+        floor.move_back(recording, nominal, still=still).segments["thigh"].markers
+        for still in (False, True)
+    )
+    np.testing.assert_allclose(linear, still, atol=1e-3)
+    np.testing.assert_allclose(np.ptp(still, axis=0), 0.0, atol=1e-9)
+    table = load_people_table()
+    found = floor.compute_floor(recording, table, table)
+    assert found is not None
+    error = {oracle: np.linalg.norm(of) for oracle, of in found.error_mm.items()}
+    assert set(error) == set(floor.ORACLES)
+    assert error["nominal"] == pytest.approx(np.hypot(5.0, 3.0), rel=1e-6)
+    # what is left is held by the priors of joint and noise, which are of people
+    assert max(error["bones"], error["mean given"]) < 1.5
+    assert error["all people"] == pytest.approx(error["calibrated"], abs=1e-6)
+    assert len(list(floor.floor_lines([found, None]))) == 3
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import pytest
 from gaitcal.io.c3d import reader as parser
 from scripts.validation import readers as fuzzing
 
-FEW, MANY = 15, 100
+FEW, MANY = 10, 40
 RECORDINGS = ("markers .c3d", "markers .trc", "markers .csv", "forces .mot", "forces .csv")
 REAL = ("real TYPE-1.C3D", "real TYPE-4.C3D", "real Eb015vi.c3d")
 

@@ -17,7 +17,6 @@ correlations. The columns of its matrix square root are the half axes of the one
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +34,6 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.page import body_meshes, bone_landmarks
 from gaitcal.tracking.motion import Motion
-
-if TYPE_CHECKING:
-    from gaitcal.analysis.result import Calibration
 
 Single = NDArray[np.float32]
 MOST_FRAMES = 4000
@@ -201,33 +197,6 @@ class Scene:
     trials: tuple[MotionScene, ...]
     landmarks: bone_landmarks.PersonLandmarks  # Where bones must lie
     segments: tuple[str, ...] = SEGMENTS
-
-
-def build_scene(calibration: "Calibration") -> Scene:
-    """Build the scene of a calibration with all its moving trials.
-
-    Parameters
-    ----------
-    calibration
-        A finished calibration.
-
-    Returns
-    -------
-    Scene
-        Subject and trials.
-    """
-    trials = tuple(
-        build_trial_scene(
-            calibration.model,
-            t.name,
-            t.role.value,
-            t.motion,
-            t.recording,
-            None if t.loads is None else t.loads.reactions,
-        )
-        for t in calibration.trials
-    )
-    return build_person_scene(calibration.model, trials, calibration.standard_errors)
 
 
 def build_person_scene(

@@ -2,6 +2,7 @@
 
     bones [--folder DIR] [--only NAME,...] [--left-in]
     bones --learn FILE [--folder DIR]
+    bones --floor [--folder DIR] [--only NAME,...]
 
 Each recording of skin markers beside tracked bones (`bones/recordings.py`) is calibrated as what it
 shows, a walk, an isolated trial or an activity (`bones/fits.py`). Reported are
@@ -18,7 +19,8 @@ of 68 and 95 % are counted over all coordinates of joints in both segments.
 
 The prior of soft tissue is learnt from the bones of GAITCAL_DATA (`bones/learn.py`) with the
 person of each recording left out; `--left-in` takes gaitcal's own, which knows them all. `--learn`
-writes that prior to a file, and prints what it rests on.
+writes that prior to a file, and prints what it rests on. `--floor` reports what oracles reach
+(`bones/floor.py`).
 
 The axis of the bones is the one that both bones carry most alike: its direction the mean common
 one, its point SCoRE's. Left legs are mirrored. The folder is `bones` of `GAITCAL_DATA` unless
@@ -38,19 +40,22 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.model.parameters import JP_INDEX
-from gaitcal.model.segment_frames import Frame
 from scripts.validation.bones.fits import (
+    DEFINED_M,
     BoneFit,
     NominalJoint,
     fit_recording,
     joint_of,
     nominal_joint,
+    parameters_of_axis,
     problem_of,
     tracked_flexion,
 )
+from scripts.validation.bones.floor import Floor, compute_floors, floor_lines
 from scripts.validation.bones.learn import learn_lines, learn_table, person_of, write_table
 from scripts.validation.bones.recordings import (
     BoneRecording,
+    find_true_hip,
     fit_centre,
     fit_clusters,
     fit_hinge,
@@ -61,14 +66,15 @@ from scripts.validation.harness import coverage, matching, option, rms, say, sid
 from scripts.validation.recordings import data
 from scripts.validation.truth.people import z_axis
 
-DEFINED_M = 5e-3
-"""Error of the bones' own axis from which it is no truth: half of how far nominal knees are off."""
 METHODS = ("nominal", "skin alone", "without soft tissue", "calibrated")
 SHARED = ("--jobs", "--only", "--list", "--json")
 OWN = {
     "--folder": option(Path, "of recordings (default: `bones` of GAITCAL_DATA)"),
     "--left-in": option(
         False, "with gaitcal's own prior of soft tissue, whoever it was learnt from"
+    ),
+    "--floor": option(
+        False, "report what oracles reach: the true soft tissue given, or none (`bones/floor.py`)"
     ),
     "--learn": option(
         Path, "derive the prior of soft tissue from all recordings, and write it to this file"
@@ -163,12 +169,12 @@ def _knee_outcome(
     of_truth = hinge_errors(thigh, shank)
     if of_truth[0] > DEFINED_M:
         return common()
-    truth = _parameters_of_axis(nominal, fit_hinge(thigh, shank))
+    truth = parameters_of_axis(nominal, fit_hinge(thigh, shank))
     found = {
         method: np.array([joint[JP_INDEX[name]] for name in truth])
         for method, joint in _values(nominal, fits).items()
     }
-    peer = _parameters_of_axis(nominal, fit_hinge(*skin))
+    peer = parameters_of_axis(nominal, fit_hinge(*skin))
     found["skin alone"] = np.array([peer[name] for name in truth])
     names, true = list(truth), np.array(list(truth.values()))
     place = [names.index(f"knee_r.thigh.{d}") for d in ("ant", "sup")]
@@ -190,28 +196,6 @@ def _knee_outcome(
     )
 
 
-def _parameters_of_axis(
-    nominal: NominalJoint, hinge: tuple[Array, Array, Array, Array]
-) -> dict[str, float]:
-    """Joint parameters of an axis: where it crosses the planes of lateral position zero, and its
-    directions.
-
-    The shank's lateral position is no part of it: a point may slide along the axis.
-    """
-    out = {}
-    for segment, direction, point in (("thigh", *hinge[:2]), ("shank", *hinge[2:])):
-        frame: Frame = nominal.frames[segment]
-        along, at = frame.rotation.T @ direction, frame.local(point)
-        at = at - along * (at[2] / along[2])
-        out |= {
-            f"knee_r.{segment}.ant": float(at[0]),
-            f"knee_r.{segment}.sup": float(at[1]),
-            f"knee_r.{segment}.front": float(np.arctan2(-along[1], along[2])),
-            f"knee_r.{segment}.trans": float(np.arcsin(along[0])),
-        }
-    return out
-
-
 def _angle(one: Array, other: Array) -> float:
     """Angle between two directions, deg."""
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
@@ -220,11 +204,7 @@ def _angle(one: Array, other: Array) -> float:
 def _hip_outcome(
     recording: BoneRecording, nominal: NominalJoint, fits: Mapping[str, BoneFit]
 ) -> Outcome:
-    known = recording.segments["pelvis"].landmarks
-    if "RHJC" in known:
-        centres = known["RHJC"], recording.segments["thigh"].landmarks.get("HJC")
-    else:
-        centres = fit_centre(recording.segments["pelvis"], recording.segments["thigh"])
+    centres = find_true_hip(recording)
     peers = fit_centre(*fit_clusters(recording, "pelvis", "thigh"))
     errors, values = _errors(fits["calibrated"]), _values(nominal, fits)
     gaps: dict[str, Array] = {}
@@ -315,7 +295,7 @@ def _flexion(outcome: Outcome, method: str) -> str:
     return f"{spread:.1f} ({mean:+.1f})"
 
 
-def run(chosen: argparse.Namespace) -> dict[str, list[Outcome]]:
+def run(chosen: argparse.Namespace) -> dict[str, Sequence[Outcome | Floor | None]]:
     """Calibrate every recording and print the tables."""
     folder = chosen.folder or data() / "bones"
     recordings = {recording.name: recording for recording in read_recordings(folder)}
@@ -328,6 +308,11 @@ def run(chosen: argparse.Namespace) -> dict[str, list[Outcome]]:
         say(*learn_lines(every))
         write_table(learn_table(every), every, chosen.learn)
         return {}
+    if chosen.floor:
+        people = list(read_recordings(data() / "bones"))
+        floors = compute_floors([recordings[name] for name in names], people, chosen.jobs)
+        say(*floor_lines(floors))
+        return {"floors": floors}
     known = [] if chosen.left_in else list(read_recordings(data() / "bones"))
     tables: dict[str, SkinTable | None] = {}
     for name in names:

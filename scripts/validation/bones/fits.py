@@ -47,6 +47,8 @@ from scripts.validation.bones.recordings import BoneRecording
 THIGH_OF_HEIGHT = 0.245
 """Length of the thigh over body height (Winter 2009)."""
 MEAN_HEIGHT_M, MEAN_MASS_KG = 1.70, 70.0
+DEFINED_M = 5e-3
+"""Error of the bones' axis from which it is no truth: half of how far nominal knees are off."""
 PINNED_M = 0.1
 """Half the way between the points of a bone that carries no skin marker."""
 SEGMENT_NAMES = {"pelvis": "pelvis", "thigh": "thigh_r", "shank": "shank_r"}
@@ -286,3 +288,25 @@ def fit_recording(
 def tracked_flexion(motion: Motion) -> Array:
     """(nf,) rad."""
     return np.asarray(motion.q[:, motion.coordinates.index("knee_angle_r")])
+
+
+def parameters_of_axis(
+    nominal: NominalJoint, hinge: tuple[Array, Array, Array, Array]
+) -> dict[str, float]:
+    """Joint parameters of an axis: where it crosses the planes of lateral position zero, and its
+    directions.
+
+    The shank's lateral position is no part of it: a point may slide along the axis.
+    """
+    out = {}
+    for segment, direction, point in (("thigh", *hinge[:2]), ("shank", *hinge[2:])):
+        frame: Frame = nominal.frames[segment]
+        along, at = frame.rotation.T @ direction, frame.local(point)
+        at = at - along * (at[2] / along[2])
+        out |= {
+            f"knee_r.{segment}.ant": float(at[0]),
+            f"knee_r.{segment}.sup": float(at[1]),
+            f"knee_r.{segment}.front": float(np.arctan2(-along[1], along[2])),
+            f"knee_r.{segment}.trans": float(np.arcsin(along[0])),
+        }
+    return out

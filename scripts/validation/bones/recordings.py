@@ -186,6 +186,14 @@ def fit_centre(above: BoneSegment, below: BoneSegment) -> tuple[Array, Array]:
     return point[:3], point[3:]
 
 
+def find_true_hip(recording: BoneRecording) -> tuple[Array, Array | None]:
+    """The centre of the hip in the axes of pelvis and thigh, (3,) m: as measured, else SCoRE's."""
+    known = recording.segments["pelvis"].landmarks
+    if "RHJC" in known:
+        return known["RHJC"], recording.segments["thigh"].landmarks.get("HJC")
+    return fit_centre(recording.segments["pelvis"], recording.segments["thigh"])
+
+
 def fit_hinge(above: BoneSegment, below: BoneSegment) -> tuple[Array, Array, Array, Array]:
     """The axis that two bones carry alike: direction and point in the bone above, then below.
 

@@ -18,7 +18,7 @@ from gaitcal.cli.console import Console
 from gaitcal.cli.figures_command import draw_figures as run
 from gaitcal.cli.figures_command import select_charts
 from gaitcal.cli.view_command import print_report
-from gaitcal.errors import Code, InputError, UsageError
+from gaitcal.errors import Code, UsageError
 from gaitcal.export.opensim.transfer_account import MusclePath, compare_muscles, format_muscles_csv
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
@@ -190,27 +190,26 @@ def test_only_takes_the_words_that_names_begin_or_end_with(
         "moment",
         "angle",
     }
-    with pytest.raises(UsageError, match="did you mean 'knee_adduction_moment'") as caught:
+    with refuses(UsageError, "knee_adduction_moment", field="--only") as caught:
         select_charts(every, ["knee_aduction"])
     assert all(chart.name in str(caught.value) for chart in every)
 
 
 @pytest.mark.parametrize(
-    "changes, message",
+    "changes, field, parts",
     [
-        ({"formats": "jpg"}, "--format: found 'jpg'; allowed: png, svg, pdf"),
-        ({"formats": ","}, "--format: found ','"),
-        ({"width": "3mm"}, "--width: found '3mm'; allowed: 40mm to 400mm"),
-        ({"width": "wide"}, "--width: found 'wide'"),
-        ({"convention": "clincal"}, "--convention: found 'clincal'"),
+        ({"formats": "jpg"}, "--format", ("jpg", "png", "svg", "pdf")),
+        ({"formats": ","}, "--format", ("','",)),
+        ({"width": "3mm"}, "--width", ("3mm", "40mm", "400mm")),
+        ({"width": "wide"}, "--width", ("wide",)),
+        ({"convention": "clincal"}, "--convention", ("clincal", "clinical")),
     ],
 )
 def test_options_that_cannot_be(
-    folder: Path, tmp_path: Path, changes: dict[str, object], message: str
+    folder: Path, tmp_path: Path, changes: dict[str, object], field: str, parts: tuple[str, ...]
 ) -> None:
-    with pytest.raises(UsageError) as caught:
+    with refuses(UsageError, *parts, field=field):
         run(Console(quiet=True, verbose=False), folder, tmp_path / "out", **changes)
-    assert str(caught.value).startswith(message)
     assert not (tmp_path / "out").exists()
 
 
@@ -278,10 +277,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     """The muscles that change most, before and after; bands only where there were draws."""
     result = Path(shutil.copytree(folder, tmp_path / "result"))
     chosen_arms = {"only": ("moment_arms",), "formats": "svg"}
-    with pytest.raises(
-        InputError,
-        match=r"found none; allowed: one; gaitcal export .*NAME.osim --muscles writes it",
-    ):
+    with refuses(Code.NOTHING_TO_SHOW, "gaitcal export", "--muscles", field="*.muscles.csv"):
         run(Console(quiet=True, verbose=False), result, None, **chosen_arms)
     deg = np.array([0.0, 45.0, 90.0])
     paths = {}
@@ -313,7 +309,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     }
     np.testing.assert_allclose(drawn[SIDE_COLOURS["r"]], 2.1 * (1 + deg), rtol=1e-4)
     np.testing.assert_allclose(drawn[SIDE_COLOURS["l"]], 1 + deg, rtol=1e-4)
-    band = axes.collections[0].get_paths()[0].vertices[:, 1]
+    band = axes.collections[-1].get_paths()[0].vertices[:, 1]
     assert band.max() == pytest.approx((2.1 + 1.96 * 1.1 / np.sqrt(2)) * 91, rel=1e-4)
     assert [key.label for key in chart.keys][1:] == [
         "after, ± 1.96 SD of the draws",

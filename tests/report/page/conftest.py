@@ -21,7 +21,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="session")
 def bones(tmp_path_factory: pytest.TempPathFactory) -> BoneMeshes:
-    return read_bone_folder(folder_of_bones(tmp_path_factory.mktemp("Geometry")))
+    return read_bone_folder(folder_of_bones(tmp_path_factory.mktemp("bones") / "Geometry"))
 
 
 @pytest.fixture(scope="session")

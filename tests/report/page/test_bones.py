@@ -41,6 +41,7 @@ from gaitcal.report.page.bone_placement import (
 from gaitcal.report.page.page_html import PageContent, render_page
 from gaitcal.report.page.scene import JointMark, Scene, build_joint_marks
 from gaitcal.report.page.scene_file import dump_scene_json
+from tests.messages import refuses
 from tests.report.page import made_bones as made
 from tests.report.page.walked_blocks import held
 
@@ -165,7 +166,7 @@ def test_hip_bone_and_shank() -> None:
 
 
 def test_a_surface_that_is_no_femur_is_told() -> None:
-    with pytest.raises(NoLandmark, match="no round head"):
+    with refuses(NoLandmark):
         find_condyles(made.fibula())
 
 
@@ -231,7 +232,7 @@ EXACT = 1e-9
 @pytest.fixture(scope="module")
 def bones(tmp_path_factory: pytest.TempPathFactory) -> Landmarked:
     return find_landmarks(
-        read_bone_folder(made.folder_of_bones(tmp_path_factory.mktemp("Geometry")))
+        read_bone_folder(made.folder_of_bones(tmp_path_factory.mktemp("bones") / "Geometry"))
     )
 
 
@@ -419,7 +420,7 @@ def test_a_left_or_turned_bone_is_told(
         meshes[bone] = replace(
             meshes[bone], vertices=meshes[bone].vertices @ TURNS[turn].T, triangles=triangles
         )
-    with pytest.raises(InputError, match="allowed: right bones with x forward"):
+    with refuses(InputError):
         find_landmarks(replace(bones.bones, meshes=meshes))
 
 
@@ -478,14 +479,14 @@ def test_a_page_without_bones_says_how_to_get_them(scene: Scene) -> None:
 
 
 def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such folder"):
+    with refuses(InputError, "nowhere"):
         read_bone_folder(tmp_path / "nowhere")
     folder = made.folder_of_bones(tmp_path / "Geometry")
     (folder / "r_tibia.stl").unlink()
-    with pytest.raises(InputError, match="found no tibia.*r_tibia"):
+    with refuses(InputError, "tibia", "r_tibia"):
         read_bone_folder(folder)
     (folder / "r_tibia.stl").write_bytes(b"solid")
-    with pytest.raises(InputError, match=r"r_tibia.stl.*not a binary STL"):
+    with refuses(InputError, "r_tibia.stl"):
         read_bone_folder(folder)
 
 
