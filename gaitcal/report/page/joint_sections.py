@@ -100,6 +100,7 @@ def _build_joints(calibration: result.Calibration, truth: Mapping[str, float]) -
     if others:
         other_blocks = _build_joint_values(calibration, others, truth)
         out += [fold_blocks("Joints of trunk and arms", other_blocks)] if legs else other_blocks
+    # Joints that the settings keep, or that no trial of this study moves.
     if fixed := parameter_labels.list_fixed_joints(calibration):
         out.append(
             make_text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft")

@@ -138,6 +138,7 @@ def _build_assumptions(calibration: Calibration) -> list[plain_data.Block]:
                     _build_note_blocks(notes),
                 )
             )
+    # Coordinates that no marker of the static trial moves with.
     if calibration.model.frozen:
         held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
         out.append(
