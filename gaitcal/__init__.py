@@ -7,7 +7,7 @@ the result.
     calibration = gc.run_study("session", "result", mass=72.6, height=1.80, sex="male")
     print(calibration)                              # verdict, parameters, trials
     print(gc.parameter_table(calibration))          # where the joints are, with standard errors
-    angles = calibration.trial("walk").motion.to_dataframe()
+    angles = calibration.trial("walk").body.to_dataframe()
     further = gc.analyse_trial("result", "walk2.c3d")       # torques with error bars, verdict
 
     study = gc.Study.load("study.toml")             # the same step by step

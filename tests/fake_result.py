@@ -248,7 +248,7 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
         name="knee", role=Role.JOINT, joint="knee_r", recording=_recording(names), nominal=before,
         calibrated=after,
         final=_motion(names, own, 0.005, segments * 4), floor=floor,
-        joint_floor=_joint_floor(floor, {"knee_r": 0.0032}), motion=body, loads=None,
+        joint_floor=_joint_floor(floor, {"knee_r": 0.0032}), body=body, loads=None,
     )  # fmt: skip
 
 
@@ -276,7 +276,7 @@ def _gait(
     )
     return TrialResult(
         name=names.trial, role=Role.GAIT, joint=None, recording=_recording(names),
-        nominal=before, calibrated=after, final=after, motion=after, floor=floor,
+        nominal=before, calibrated=after, final=after, body=after, floor=floor,
         joint_floor=_joint_floor(floor, {"hip_r": 0.0053, "knee_r": 0.0054, "ankle_r": 0.0055}),
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
@@ -327,6 +327,6 @@ def held(trial: TrialResult) -> TrialResult:
     if loads is None or loads.errors is None:
         return trial
     known = estimate_expected_residual(
-        loads.final, loads.errors, loads.reactions, trial.motion, 70.0 * 9.81
+        loads.final, loads.errors, loads.reactions, trial.body, 70.0 * 9.81
     )
     return replace(trial, loads=replace(loads, expected=known))

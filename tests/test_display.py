@@ -28,7 +28,7 @@ def public_objects(calibration: Calibration) -> dict[str, Displayed]:
         "Recording": trial.recording,
         "MarkerSet": calibration.study.marker_set,
         "SubjectModel": calibration.model,
-        "Motion": trial.motion,
+        "Motion": trial.body,
         "GroundReactions": trial.loads.reactions,
         "Moments": trial.loads.final,
         "JointKinetics": trial.loads.kinetics,
@@ -36,7 +36,7 @@ def public_objects(calibration: Calibration) -> dict[str, Displayed]:
         "TrialResult": trial,
         "Trial": calibration.study.trials[0],
         "Parameters": calibration.model.parameters,
-        "MarkerErrors": trial.motion.errors,
+        "MarkerErrors": trial.body.errors,
     }
 
 

@@ -240,7 +240,7 @@ def check_unmeasured_mass(
     Yields: at most one.
     """
     walks = [t for t in results if t.joint is None and t.loads is not None and t.loads.residuals]
-    unmeasured = [t for t in walks if is_trunk_unmeasured(t.motion)]
+    unmeasured = [t for t in walks if is_trunk_unmeasured(t.body)]
     if not unmeasured:
         return
     # The last stage has the fitted parameters.
@@ -253,7 +253,7 @@ def check_unmeasured_mass(
         topic="pelvis residual",
         where=unmeasured[0].name if len(walks) > len(unmeasured) == 1 else STUDY,
         cause="markers do not determine "
-        f"{describe_unmeasured_segments(unmeasured[0].motion, parameters)}",
+        f"{describe_unmeasured_segments(unmeasured[0].body, parameters)}",
         found="the model keeps the trunk upright and the arms hanging along it; the difference from"
         f" the real motion is the main part of the pelvis residual (up to {force:.0f} N and "
         f"{moment:.0f} N·m RMS){where} and of the error bars of pelvis and trunk; inertial "

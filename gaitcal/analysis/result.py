@@ -136,12 +136,12 @@ class TrialResult(Displayed):
     """Rigid floor of the same markers."""
     joint_floor: JointFloor | None
     """Their joint floor; None if no joint has markers on both of its segments."""
-    motion: Motion
+    body: Motion
     """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
     loads: Loads | None
     """None without force plates."""
     coordinate_errors: Array | None = None
-    """(nf, 27) m, rad: standard errors of `motion.q`, from markers through joint parameters and
+    """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and
     motion; gait only.
     """
     trial_coordinate_errors: Array | None = None
@@ -154,13 +154,13 @@ class TrialResult(Displayed):
     held_out: HeldOut | None = None
     """Error on frames that were not used in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
-    """Cut-off frequency of `motion`, and the data that chose it."""
+    """Cut-off frequency of `body`, and the data that chose it."""
     events: GaitEvents = field(default=GaitEvents())
     """Foot strikes and foot offs, each with its source; none in a functional trial."""
     strides: tuple[spatiotemporal.Stride, ...] = ()
     """Speed, steps, stance and swing of each stride of both feet; none in a functional trial."""
     tracking_findings: tuple[Finding, ...] = ()
-    """Findings on residuals, angles and torques of `motion`; of a further trial also on its forces,
+    """Findings on residuals, angles and torques of `body`; of a further trial also on its forces,
     which a calibration reports for all its trials together."""
 
     refused_legs: tuple[str, ...] = ()
@@ -171,7 +171,7 @@ class TrialResult(Displayed):
         """Describe marker distance, torques and refused legs for `Displayed`."""
         before, after, rigid = ("-" if mm is None else f"{mm:.1f}" for mm in self.compute_rms_mm())
         rows = [
-            ("motion", f"{len(self.motion.time)} frames, {len(self.strides)} strides"),
+            ("motion", f"{len(self.body.time)} frames, {len(self.strides)} strides"),
             (
                 "marker distance",
                 f"RMS {after} mm; {before} mm with the nominal model, {rigid} mm of rigid segments",
@@ -405,7 +405,7 @@ class Calibration(Displayed):
         changed = int((self.nominal.parameters.inertial != self.model.parameters.inertial).sum())
         trials = []
         for trial in self.trials:
-            rms = trial.motion.errors.rms()
+            rms = trial.body.errors.rms()
             trials.append(trial.name if rms is None else f"{trial.name} ({1e3 * rms:.1f} mm)")
         reasons = format_count(len(self.verdict.reasons), "reason")
         rows = [
@@ -532,7 +532,7 @@ def find_valid_angles(
     """
     side = get_leg(name)
     refused = side in trial.refused_legs if side else bool(trial.refused_legs)
-    out = np.full(len(trial.motion.time), not refused)
+    out = np.full(len(trial.body.time), not refused)
     for segment in SEGMENTS_OF_ANGLE.get(name, ()):
         out &= ~unobserved.get(segment, np.zeros(len(out), dtype=bool))
     return out

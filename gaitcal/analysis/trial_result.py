@@ -220,7 +220,7 @@ def _assemble_without_torque_errors(
         final=final_motion,
         floor=compute_rigid_floor(trial.reported_problem),
         joint_floor=compute_joint_floor(trial.reported_problem, floor_parameters, phase_motion.q),
-        motion=whole_body_motion,
+        body=whole_body_motion,
         loads=loads,
         coordinate_errors=coordinate_errors,
         trial_coordinate_errors=trial_errors,
@@ -377,7 +377,7 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
     """Return the result with torque errors, and findings on the pelvis residual; `weight` in N."""
     if result.loads is None:
         return result
-    body, reactions = result.motion, result.loads.reactions
+    body, reactions = result.body, result.loads.reactions
     expected = estimate_expected_residual(result.loads.final, errors, reactions, body, weight)
     beyond = (
         ()

@@ -114,13 +114,13 @@ def _compute_errors(calibration: Calibration, truth: Truth) -> TruthErrors:
         outside = {
             quantity: curves
             for quantity, curves in known.items()
-            if not curves.find_covered(trial.motion.time).any()
+            if not curves.find_covered(trial.body.time).any()
         }
         if not known and (truth.motions or truth.moments):
             not_compared[trial.name] = "the truth has no curves of it"
         elif outside:
             times = (f"{q}, {c.time[0]:.2f} to {c.time[-1]:.2f} s" for q, c in outside.items())
-            recorded = f"{trial.motion.time[0]:.2f} to {trial.motion.time[-1]:.2f} s"
+            recorded = f"{trial.body.time[0]:.2f} to {trial.body.time[-1]:.2f} s"
             not_compared[trial.name] = (
                 f"its true curves ({'; '.join(times)}) have no frame of the result ({recorded})"
             )
@@ -209,8 +209,8 @@ def _compare_curves(
     trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None
 ) -> CurveTruths:
     """Compare the coordinates and generalised forces of a trial with true ones."""
-    time, coordinates, forces = trial.motion.time, {}, {}
-    fitted, nominal = trial.motion.columns(trial.coordinate_errors), trial.nominal.columns()
+    time, coordinates, forces = trial.body.time, {}, {}
+    fitted, nominal = trial.body.columns(trial.coordinate_errors), trial.nominal.columns()
     for name, true in ({} if motions is None else motions.interpolate(time)).items():
         if name in fitted:
             # Coordinates are in m or deg, as in the files.

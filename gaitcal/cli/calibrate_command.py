@@ -205,7 +205,7 @@ def analyse_further(
 def _find_non_walks(trials: Sequence[TrialResult]) -> list[str]:
     """Describe trials with the role `gait` whose movement looks like another activity."""
     repeats = {
-        t.name: events.find_activity_events(t.motion, t.events).repeats
+        t.name: events.find_activity_events(t.body, t.events).repeats
         for t in trials
         if t.role is Role.GAIT
     }

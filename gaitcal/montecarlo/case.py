@@ -131,7 +131,7 @@ def make_case(calibration: Calibration, trial: str | None = None) -> MonteCarloC
         if t.loads and t.loads.reactions.valid.any():
             reactions[t.name] = t.loads.reactions
     name = _choose_trial(tuple(reactions), trial, calibration.study.source)
-    model, motion = calibration.model, calibration.trial(name).motion
+    model, motion = calibration.model, calibration.trial(name).body
     # Markers that the trial does not show cannot be disturbed.
     observed = np.array(motion.errors.labels)[motion.errors.select_observed()].tolist()
     return MonteCarloCase(

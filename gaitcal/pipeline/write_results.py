@@ -97,7 +97,7 @@ def _build_scene(calibration: Calibration) -> Scene:
     for t in calibration.trials:
         reactions = None if t.loads is None else t.loads.reactions
         trials.append(
-            build_trial_scene(model, t.name, t.role.value, t.motion, t.recording, reactions)
+            build_trial_scene(model, t.name, t.role.value, t.body, t.recording, reactions)
         )
     return build_person_scene(model, tuple(trials), calibration.standard_errors)
 
@@ -174,7 +174,7 @@ def write_trial(
     """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.motion, format_refused_lines(trial)
+    body, refused = trial.body, format_refused_lines(trial)
     other_formats.write_mot(
         out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q
     )
@@ -200,7 +200,7 @@ def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Pat
     """Write moments, forces and joint kinetics of a trial."""
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
-    body, refused = trial.motion, format_refused_lines(trial)
+    body, refused = trial.body, format_refused_lines(trial)
     write_csv(
         trial_tables.build_moment_table(loads),
         out / "moments" / f"{trial.name}.csv",
@@ -227,9 +227,9 @@ def _save_splines(trials: Sequence[TrialResult], path: Path) -> None:
     arrays: dict[str, np.ndarray] = {"trials": np.array([t.name for t in trials], dtype=str)}
     for k, t in enumerate(trials):
         arrays |= {
-            f"time_{k}": t.motion.time,
-            f"knots_{k}": t.motion.basis.knots,
-            f"nodes_{k}": t.motion.coefficients,
+            f"time_{k}": t.body.time,
+            f"knots_{k}": t.body.basis.knots,
+            f"nodes_{k}": t.body.coefficients,
         }
         if t.loads is not None:
             arrays |= {

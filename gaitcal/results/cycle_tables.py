@@ -217,7 +217,7 @@ def _express_along_line(
     along_line = dict(
         zip(
             PELVIS_ANGLES,
-            express_pelvis_in_stride(trial, get_pelvis_angles(trial.motion), cycle, stride).T,
+            express_pelvis_in_stride(trial, get_pelvis_angles(trial.body), cycle, stride).T,
             strict=True,
         )
     )
@@ -241,7 +241,7 @@ def _build_rows(
     curves: Sequence[Curve],
     measured: spatiotemporal.Stride | None,
 ) -> dict[str, Column]:
-    time, count = trial.motion.time, len(curves)
+    time, count = trial.body.time, len(curves)
     rows = count * POINTS
 
     def normalise_all(values: Sequence[Array]) -> Array:

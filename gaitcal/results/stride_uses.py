@@ -127,7 +127,7 @@ def _check_stride(
     """Return the plates of one stride, and the reason if it is not valid."""
     if trial.loads is None:
         return "", NO_PLATES
-    time, found = trial.motion.time, trial.loads.reactions
+    time, found = trial.body.time, trial.loads.reactions
     inside = (time >= cycle.start) & (time <= cycle.stop)
     stance = inside & (time < (cycle.toe_off or cycle.stop))
     # Only plates that carry this foot in its stance, each once.

@@ -384,7 +384,7 @@ def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
                 "force_N": expected.force.limit,
                 "torque_Nm": expected.moment.limit,
             }
-            if is_trunk_unmeasured(trial.motion):
+            if is_trunk_unmeasured(trial.body):
                 out["trunk_measured"] = False
     if reactions.has_torques:
         out["torque_change_bwh"] = _compute_torque_change(loads)

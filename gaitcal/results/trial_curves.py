@@ -128,8 +128,8 @@ def _build_angles(
 ) -> Iterator[Curve]:
     """Build joint angles; those of the pelvis are relative to the trial's line of progression."""
     body, hidden, static, nominal = (
-        trial.motion,
-        find_unobserved_frames(trial.motion),
+        trial.body,
+        find_unobserved_frames(trial.body),
         select_static_offsets(relative_to),
         _get_nominal_motion(trial),
     )
@@ -170,7 +170,7 @@ def _build_angles(
 
 def _build_feet(trial: TrialResult) -> Iterator[Curve]:
     """Build foot progression relative to the trial's line; strides have other lines."""
-    feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.motion)
+    feet, line, hidden = trial.foot_axes, compute_line(trial), find_unobserved_frames(trial.body)
     if feet is None:
         return
     for k, side in enumerate(SIDES):
@@ -225,7 +225,7 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
         `value`, and `nominal` and `truth` if known -> (nf, 3) rad, `PELVIS_ANGLES`.
     """
     nominal, known = _get_nominal_motion(trial), {} if truth is None else truth.coordinates
-    out = {"value": strides.get_pelvis_angles(trial.motion)}
+    out = {"value": strides.get_pelvis_angles(trial.body)}
     if nominal is not None:
         out["nominal"] = strides.get_pelvis_angles(nominal)
     if all(name in known for name in PELVIS_ANGLES):
@@ -234,7 +234,7 @@ def collect_pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[
 
 
 def _get_nominal_motion(trial: TrialResult) -> Motion | None:
-    return trial.nominal if trial.nominal.coordinates == trial.motion.coordinates else None
+    return trial.nominal if trial.nominal.coordinates == trial.body.coordinates else None
 
 
 def _build_moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
@@ -299,7 +299,7 @@ def _build_residuals(loads: Loads) -> Iterator[Curve]:
 
 def _build_marker_error(trial: TrialResult) -> Curve:
     """Build the RMS distance (mm) of measured and model markers with weight, frame by frame."""
-    errors = trial.motion.errors if trial.joint is None else trial.calibrated.errors
+    errors = trial.body.errors if trial.joint is None else trial.calibrated.errors
     kind, value = "marker_error", 1e3 * errors.compute_rms_by_frame()
     nominal = 1e3 * trial.nominal.errors.compute_rms_by_frame()
     return Curve(kind, "", kind, "mm", value, np.isfinite(value), nominal=nominal)

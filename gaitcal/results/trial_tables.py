@@ -271,7 +271,7 @@ def express_foot_in_stride(
 
 
 def _find_inside(trial: TrialResult, cycle: GaitCycle) -> BoolArray:
-    return np.asarray((trial.motion.time >= cycle.start) & (trial.motion.time <= cycle.stop))
+    return np.asarray((trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop))
 
 
 def find_stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:

@@ -294,20 +294,20 @@ def outcome(folder: Path, seed: int, errors: Errors, walk: Walk, *, points: bool
 
 def against(found: Calibration, true: Walk) -> Outcome:
     (walk,), (recorded,) = found.trials, found.study.moving
-    here = body_poses(found.model.parameters, walk.motion.q)
+    here = body_poses(found.model.parameters, walk.body.q)
     rotation, origin = whole_turn(recorded.recording.markers, walk.recording.markers)
     loads = walk.loads
     if loads is None or loads.errors is None:
         raise RuntimeError("no torques")
 
     def apart(segment: str) -> float:
-        there = at_times(walk.motion.time, true.time, true.poses[segment][1] @ rotation.T + origin)
+        there = at_times(walk.body.time, true.time, true.poses[segment][1] @ rotation.T + origin)
         return float(np.linalg.norm((here[segment][1] - there).mean(axis=0)))
 
     def torque(name: str) -> tuple[Array, Array]:
         columns = [FORCES.index(f"{name}_{side}") for side in SIDES]
         known = [
-            np.interp(walk.motion.time, true.time, true.torques[f"{name}_{side}"]) for side in SIDES
+            np.interp(walk.body.time, true.time, true.torques[f"{name}_{side}"]) for side in SIDES
         ]
         own = np.hstack([loads.final.tau, loads.final.knee_adduction])[
             :, columns

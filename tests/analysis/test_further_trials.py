@@ -231,7 +231,7 @@ def test_a_squat_that_was_taken_as_a_walk_is_told(depth: float, said: int) -> No
     time = np.arange(0.0, 4.0, 0.01)
     height = 1.0 - depth * np.sin(0.5 * np.pi * np.clip(time - 1.0, 0.0, 2.0)) ** 2
     body = SimpleNamespace(time=time, coordinates=("pelvis_ty",), q=height[:, None])
-    trial = SimpleNamespace(name="squat", role=Role.GAIT, motion=body, events=GaitEvents())
+    trial = SimpleNamespace(name="squat", role=Role.GAIT, body=body, events=GaitEvents())
     assert len(_find_non_walks([trial])) == said  # type: ignore[list-item]
     assert not _find_non_walks([SimpleNamespace(**vars(trial) | {"role": Role.MOTION})])  # type: ignore[list-item]
 

@@ -60,8 +60,8 @@ def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
 
     nominal, final = done.nominal.parameters, done.model.parameters
     np.testing.assert_allclose(trial.loads.nominal.tau, torques(nominal, trial.nominal), atol=SAME)
-    np.testing.assert_allclose(trial.loads.final.tau, torques(final, trial.motion), atol=SAME)
-    assert np.abs(trial.nominal.q - trial.motion.q).max() > 1e-6
+    np.testing.assert_allclose(trial.loads.final.tau, torques(final, trial.body), atol=SAME)
+    assert np.abs(trial.nominal.q - trial.body.q).max() > 1e-6
     assert np.abs(trial.loads.nominal.tau - trial.loads.final.tau).max() > 1.0
 
 
@@ -83,7 +83,7 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     )
     errors = ForceErrors(
         problem,
-        trial.motion.coefficients,
+        trial.body.coefficients,
         done.model.parameters,
         trial.loads.reactions.wrench,
         spread.joint,

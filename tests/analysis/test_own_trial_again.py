@@ -40,7 +40,7 @@ def test_a_trial_of_the_calibration_is_tracked_as_in_it(
     raw = next(trial for trial in found.study.trials if trial.name == "walk")
     again = trial_result.analyse(found.model, raw, found.study.settings, found.uncertainty, {})
     # of two, how markers deform is observed in both together, and then in one alone
-    np.testing.assert_allclose(again.motion.q, own.motion.q, atol=1e-3 if has_other else 1e-7)
+    np.testing.assert_allclose(again.body.q, own.body.q, atol=1e-3 if has_other else 1e-7)
     assert own.coordinate_errors is not None and again.coordinate_errors is not None
     ratio = np.median(again.coordinate_errors, axis=0) / np.median(own.coordinate_errors, axis=0)
     assert np.nanmax(np.abs(np.log(ratio))) < 0.05

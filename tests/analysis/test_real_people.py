@@ -50,7 +50,7 @@ def test_subject01_loads_are_explained_better_than_by_the_peer(data_dir: Path, k
     """OpenSim's own residuals on 0.4 to 1.6 s: 30.6 N and 13.1 N·m."""
     calibration = calibrated(kept, "subject01", data_dir)
     walk = calibration.trial("walk")
-    window = walk.loads.reactions.valid & (walk.motion.time >= 0.4) & (walk.motion.time <= 1.6)
+    window = walk.loads.reactions.valid & (walk.body.time >= 0.4) & (walk.body.time <= 1.6)
     assert window.sum() >= 72
     before, after = (
         walk.loads.moments[stage].residual_rms(window) for stage in (Stage.JP, Stage.JP_IP)
@@ -84,12 +84,12 @@ def correlation(name: str, sign: int, calibration: Calibration, data: Path) -> t
     walk = calibration.trial("walk")
     column, out = COORDINATE_INDEX[name], []
     for file, ours, suffix in (
-        ("subject01_walk1_ik.mot", walk.motion.q[:, column], ""),
+        ("subject01_walk1_ik.mot", walk.body.q[:, column], ""),
         ("inverse_dynamics.sto", walk.loads.final.tau[:, column], "_moment"),
     ):
         reference = read_table(data / "subject01/reference" / file)
         at = (reference.time >= 0.4) & (reference.time <= 1.6)
-        mine = sign * np.interp(reference.time[at], walk.motion.time, ours)
+        mine = sign * np.interp(reference.time[at], walk.body.time, ours)
         out.append(float(np.corrcoef(mine, reference.get_column(f"{name}{suffix}")[at])[0, 1]))
     return out[0], out[1]
 
@@ -144,7 +144,7 @@ def test_plug_in_gait_runs_from_c3d_to_torques(data_dir: Path, kept: Path) -> No
     """
     calibration = calibrated(kept, "pig_c3d", data_dir)
     loads = calibration.trial("gait").loads
-    valid, time = loads.reactions.valid, calibration.trial("gait").motion.time
+    valid, time = loads.reactions.valid, calibration.trial("gait").body.time
     assert valid[(time > 4.22) & (time < 4.72)].all()
     assert not valid[(time > 4.80) & (time < 5.35)].any()
     check_text(calibration.notes, 2)

@@ -101,7 +101,7 @@ def test_a_marker_metres_away_in_the_static_trial_turns_no_ankle() -> None:
             np.rad2deg(abs(spoilt.static_angles[name] - clean.static_angles[name])) < STRAY_DEG
         ), name
         means = [
-            t.motion.q[:, t.motion.coordinates.index(name)].mean()
+            t.body.q[:, t.body.coordinates.index(name)].mean()
             for t in (clean.trials[0], spoilt.trials[0])
         ]
         assert np.rad2deg(abs(means[1] - means[0])) < STRAY_DEG, name
@@ -127,7 +127,7 @@ def test_the_published_protocol_keeps_the_zero_of_its_nominal_model() -> None:
 def test_relative_angles_are_those_of_the_static_trial_taken_off() -> None:
     trial = fake_calibration().trials[0]
     static = {name: 0.01 * (k + 1) for k, name in enumerate(COORDINATES)}
-    plain, relative = trial.motion.columns(), trial.motion.columns(relative_to=static)
+    plain, relative = trial.body.columns(), trial.body.columns(relative_to=static)
     names = ("hip_flexion_r", "ankle_angle_l", "lumbar_bending")
     off = np.column_stack([plain[name] - relative[name] for name in names])
     wanted = [np.rad2deg(static[name]) for name in names]

@@ -195,7 +195,7 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
         assert f"{name}: {told.notes[0]}" in done.notes
     turned = {"thigh_r": PossibleMove(np.array([0.0, 0.2, 0.0]), 0.0)}
     further = analyse(done.model, study.moving[0], study.settings, done.uncertainty, turned)
-    k = further.motion.coordinates.index("hip_rotation_r")
+    k = further.body.coordinates.index("hip_rotation_r")
     assert (
         further.coordinate_errors[:, k].mean()
         > 0.2

@@ -60,7 +60,7 @@ def held(residual: Array, bar: Array, wrench: Array | None = None) -> ExpectedRe
     moments = replace(known.final, residual_force=residual[:, :3], residual_moment=residual[:, 3:])
     reactions = known.reactions if wrench is None else replace(known.reactions, wrench=wrench)
     found = estimate_expected_residual(
-        moments, TorqueErrors(tau, np.zeros((len(tau), 2))), reactions, walk().motion, WEIGHT
+        moments, TorqueErrors(tau, np.zeros((len(tau), 2))), reactions, walk().body, WEIGHT
     )
     assert found is not None
     return found
@@ -71,7 +71,7 @@ def usual() -> Array:
 
 
 def test_without_errors_a_walk_is_expected_to_leave_what_walks_leave() -> None:
-    frames = len(walk().motion.time)
+    frames = len(walk().body.time)
     found = held(np.zeros((frames, 6)), np.zeros(6))
     assert found.force.expected == pytest.approx(np.sqrt((usual()[:3] ** 2).mean()))
     assert found.moment.expected == pytest.approx(np.sqrt((usual()[3:] ** 2).mean()))
@@ -93,7 +93,7 @@ def test_the_limit_is_exceeded_as_seldom_as_it_says(
 ) -> None:
     """Errors that last through a trial and others that forget themselves, mixed in any share."""
     monkeypatch.setattr(module, "FALSE_ALARM_RATE", share := 0.05)
-    rng, time = np.random.default_rng(2), walk().motion.time
+    rng, time = np.random.default_rng(2), walk().body.time
     rho = np.exp(-np.median(np.diff(time)) / CORRELATION_S)
     drawn, trials = 0, 300
     for _ in range(trials):
@@ -105,11 +105,11 @@ def test_the_limit_is_exceeded_as_seldom_as_it_says(
 
 
 def test_what_plates_hold_above_the_motions_bandwidth_is_expected() -> None:
-    frames, quiet = len(walk().motion.time), np.zeros(6)
+    frames, quiet = len(walk().body.time), np.zeros(6)
     still = held(np.zeros((frames, 6)), quiet)
     impact, push = (np.array(loads().reactions.wrench) for _ in range(2))
     impact[50:52, 0, 1] += 600.0
-    push[:, 0, 1] += 200.0 * np.sin(2 * np.pi * 0.5 * walk().motion.time)
+    push[:, 0, 1] += 200.0 * np.sin(2 * np.pi * 0.5 * walk().body.time)
     assert held(np.zeros((frames, 6)), quiet, impact).force.expected > 1.2 * still.force.expected
     assert held(np.zeros((frames, 6)), quiet, push).force.expected < 1.05 * still.force.expected
 
@@ -118,12 +118,11 @@ def test_nothing_is_held_without_errors_or_valid_frames() -> None:
     known = loads()
     nothing = replace(known.reactions, valid=np.zeros_like(known.reactions.valid))
     assert (
-        estimate_expected_residual(known.final, known.errors, nothing, walk().motion, WEIGHT)
-        is None
+        estimate_expected_residual(known.final, known.errors, nothing, walk().body, WEIGHT) is None
     )
     unknown = known.errors.select(np.zeros(len(COORDINATES), dtype=bool))
     assert (
-        estimate_expected_residual(known.final, unknown, known.reactions, walk().motion, WEIGHT)
+        estimate_expected_residual(known.final, unknown, known.reactions, walk().body, WEIGHT)
         is None
     )
 

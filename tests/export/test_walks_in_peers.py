@@ -70,7 +70,7 @@ def walk_of(calibration: Calibration, out: Path) -> Walk:
     """The trial `walk`; writes the result folder `out`."""
     write_results(calibration, out)
     walk = calibration.trial("walk")
-    body, wrenches = walk.motion, walk.loads.reactions.wrench
+    body, wrenches = walk.body, walk.loads.reactions.wrench
     q, v, a = body.q, body.velocity, body.acceleration
     placed, seen = calibration.model.markers, walk.recording.labels
     kept = [k for k, label in enumerate(placed.labels) if label in seen]

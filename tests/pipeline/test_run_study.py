@@ -67,12 +67,12 @@ def test_a_run_writes_what_the_command_writes_and_takes_further_trials(
     )
     (trial,) = further.trials
     first = calibration.trial(walk.name)
-    assert np.abs(trial.motion.q - first.motion.q).max() < 2e-3
+    assert np.abs(trial.body.q - first.body.q).max() < 2e-3
     assert trial.loads is not None and trial.loads.errors is not None
     assert further.verdict.judgement.value in repr(further)
     written = pd.read_csv(next((tmp_path / "further" / "motion").glob("*.csv")), comment="#")
     np.testing.assert_allclose(
-        written.knee_angle_r, trial.motion.to_dataframe().knee_angle_r, atol=1e-4
+        written.knee_angle_r, trial.body.to_dataframe().knee_angle_r, atol=1e-4
     )
 
 

@@ -92,7 +92,7 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     trial = whole.trial("walk")
     reactions = trial.loads.reactions
     stride = {side: cycles[0] for side, cycles in list_strides(trial.events).items()}
-    time, left = trial.motion.time, np.ones(len(trial.motion.time), dtype=bool)
+    time, left = trial.body.time, np.ones(len(trial.body.time), dtype=bool)
     middle = 0.5 * (stride["l"].start + stride["l"].stop)
     left[np.abs(time - middle) < 0.05] = False
     legs = np.stack([np.ones_like(left), left], axis=1)
@@ -105,8 +105,8 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     assert not of_left["valid"].iloc[50] and of_left["valid"].iloc[[0, 30, 70, 100]].all()
     assert not one(table, "r", "lumbar_extension_moment")["valid"].all(), "the trunk needs both"
     at = stride["l"].start + (stride["l"].stop - stride["l"].start) * np.arange(POINTS) / 100
-    k = trial.motion.coordinates.index("hip_flexion_l")
-    expected = np.interp(at, time, np.degrees(trial.motion.q[:, k]))
+    k = trial.body.coordinates.index("hip_flexion_l")
+    expected = np.interp(at, time, np.degrees(trial.body.q[:, k]))
     np.testing.assert_allclose(one(table, "l", "hip_flexion")["value"], expected, atol=ROUNDED)
     np.testing.assert_allclose(
         of_left["value"], np.interp(at, time, trial.loads.final.tau[:, k]), atol=ROUNDED
@@ -200,23 +200,21 @@ def test_pelvis_angles_are_along_each_stride_and_those_of_a_turn_do_not_count(
     in no mean curve.
     """
     trial = whole.trial("walk")
-    columns = [trial.motion.coordinates.index(name) for name in PELVIS_ANGLES]
-    wave = np.sin(2 * np.pi * trial.motion.time)
+    columns = [trial.body.coordinates.index(name) for name in PELVIS_ANGLES]
+    wave = np.sin(2 * np.pi * trial.body.time)
     angles = np.radians(np.stack([-12.0 + 2 * wave, 5.0 * wave, 8.0 * wave], axis=1))
     by = np.radians(60.0)
     in_room = (Rotation.from_euler("y", by) * Rotation.from_euler(AXES, angles)).as_euler(AXES)
-    evaluation = trial.motion.basis.evaluate(np.eye(len(trial.motion.coefficients)))
+    evaluation = trial.body.basis.evaluate(np.eye(len(trial.body.coefficients)))
     tables = []
     for line, pelvis in ((0.0, angles), (by, in_room)):
-        coefficients = trial.motion.coefficients.copy()
+        coefficients = trial.body.coefficients.copy()
         coefficients[:, columns] = np.linalg.lstsq(evaluation, pelvis, rcond=None)[0]
-        body = replace(trial.motion, coefficients=coefficients)
+        body = replace(trial.body, coefficients=coefficients)
         strides = tuple(
             replace(s, line=line, turn=40.0 if s.side == "l" else 1.0) for s in trial.strides
         )
-        tables.append(
-            build_cycle_table(whole.model, [replace(trial, motion=body, strides=strides)])
-        )
+        tables.append(build_cycle_table(whole.model, [replace(trial, body=body, strides=strides)]))
     plain, turned = tables
     for name in PELVIS_ANGLES:
         np.testing.assert_allclose(
@@ -235,12 +233,12 @@ def test_an_angle_counts_only_where_markers_show_its_segments(whole: Calibration
     there, not its hip.
     """
     trial = whole.trial("walk")
-    stride, errors = list_strides(trial.events)["l"][0], trial.motion.errors
-    middle = np.abs(trial.motion.time - 0.5 * (stride.start + stride.stop)) < 0.05
+    stride, errors = list_strides(trial.events)["l"][0], trial.body.errors
+    middle = np.abs(trial.body.time - 0.5 * (stride.start + stride.stop)) < 0.05
     distance, shank = errors.distance.copy(), np.array(errors.segments) == "shank_l"
     distance[np.ix_(middle, shank)] = np.nan
-    body = replace(trial.motion, errors=replace(errors, distance=distance))
-    table = build_cycle_table(whole.model, [replace(trial, motion=body)])
+    body = replace(trial.body, errors=replace(errors, distance=distance))
+    table = build_cycle_table(whole.model, [replace(trial, body=body)])
     for variable in ("knee_angle", "ankle_angle"):
         own = one(table, "l", variable)["valid"]
         assert not own.iloc[50] and own.iloc[[0, 30, 70, 100]].all()
@@ -423,7 +421,7 @@ def test_tables_are_relative_and_the_mot_is_not(tmp_path: Path) -> None:
     text = (tmp_path / "motion" / f"{trial.name}.csv").read_text(encoding="utf-8")
     assert "# static trial, deg: hip_flexion_r 11.00\n" in text
     table = pd.read_csv(tmp_path / "motion" / f"{trial.name}.csv", comment="#")
-    anatomical = np.rad2deg(trial.motion.q[:, COORDINATES.index("hip_flexion_r")])
+    anatomical = np.rad2deg(trial.body.q[:, COORDINATES.index("hip_flexion_r")])
     np.testing.assert_allclose(table["hip_flexion_r"], anatomical - 11.0, atol=WRITTEN_DEG)
     mot = read_table(tmp_path / "motion" / f"{trial.name}.mot")
     np.testing.assert_allclose(mot.get_column("hip_flexion_r"), anatomical, atol=WRITTEN_DEG)

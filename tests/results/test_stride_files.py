@@ -257,7 +257,7 @@ def test_events_are_told_with_side_time_and_source(whole: Calibration) -> None:
 def test_what_is_wrong_with_a_files_events_is_said_of_its_trial(whole: Calibration) -> None:
     walk = whole.trial("walk")
     late = [FootEvent(e.moment, e.side, e.time + 0.3) for e in walk.events.events]
-    wrong = replace(walk, events=combine_events(walk.motion.time, late, walk.events.events, ()))
+    wrong = replace(walk, events=combine_events(walk.body.time, late, walk.events.events, ()))
     said = [f for f in wrong.findings if f.topic == "events"]
     assert [(f.where, f.severity) for f in said] == [
         ("walk", Severity.WARNING)

@@ -117,7 +117,7 @@ def test_files_hold_the_truth_at_the_frames_of_the_result(
         "gait_moments.csv",
     }
     motion = pd.read_csv(tmp_path / "truth/gait_motion.csv", comment="#")
-    body, study = known.trial("gait").motion, known.study
+    body, study = known.trial("gait").body, known.study
     np.testing.assert_allclose(motion["time"], body.time)
     true = np.rad2deg(study.truth.motions["gait"].values["hip_flexion_r"])
     np.testing.assert_allclose(motion["hip_flexion_r"], true, **DIGITS)

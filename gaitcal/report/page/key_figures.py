@@ -91,13 +91,13 @@ def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers
     if trial.joint is not None:
         return None
     loads = trial.loads
-    drawn = make_layout(trial.motion, loads.reactions if loads else None, trial.events)
+    drawn = make_layout(trial.body, loads.reactions if loads else None, trial.events)
     if loads is None or not loads.reactions.has_torques:
         return GaitNumbers(trial=trial, layout=drawn)
     limits = None
     if loads.residuals:
         limits = compute_residual_limits(
-            model.parameters, trial.motion.q, loads.reactions, trial.recording.plates
+            model.parameters, trial.body.q, loads.reactions, trial.recording.plates
         )
     return GaitNumbers(
         trial=trial,
@@ -201,7 +201,7 @@ def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbe
             force += f" (limit {format_number(held.force.limit)})"
             moment += f" (limit {format_number(held.moment.limit)})"
             tone, judged = ("good", "") if held.within else ("look", ": too high")
-            judged += WIDE_LIMITS if fit_findings.is_trunk_unmeasured(walk.trial.motion) else ""
+            judged += WIDE_LIMITS if fit_findings.is_trunk_unmeasured(walk.trial.body) else ""
         tones.append(tone)
         sentences.append(f"Residual force at the pelvis: {force}, moment {moment}{judged}.")
     if not sentences:

@@ -197,7 +197,7 @@ def write_further_page(
             saved.model,
             t.name,
             t.role.value,
-            t.motion,
+            t.body,
             t.recording,
             None if t.loads is None else t.loads.reactions,
         )

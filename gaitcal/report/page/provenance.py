@@ -280,7 +280,7 @@ def _describe_model(data: Mapping[str, Any]) -> list[plain_data.Block]:
 
 def build_recording_blocks(trial: TrialResult) -> list[plain_data.Block]:
     """Build the description of the recording of one further trial."""
-    recording, time = trial.recording, trial.motion.time
+    recording, time = trial.recording, trial.body.time
     plates = (
         format_count(len(recording.plates), "force plate")
         if recording.plates

@@ -101,7 +101,7 @@ def build_trial_page_data(
     dict
         Its entry in `trials` of `page.json`.
     """
-    time, start = trial.motion.time, float(trial.motion.time[0])
+    time, start = trial.body.time, float(trial.body.time[0])
     every = max(1, -(-len(time) // scene.MOST_FRAMES))
     curves = tables.curves[trial.name]
     return {
@@ -168,7 +168,7 @@ def _build_strides(
     Each has its number, pelvis angles (`pelvis`: of `collect_pelvis_parts`, along the line of that
     stride), valid percents of each mask of the curves as in `cycles.csv`, and peaks.
     """
-    time, start = trial.motion.time, float(trial.motion.time[0])
+    time, start = trial.body.time, float(trial.body.time[0])
     measured = {(s.side, s.number): s for s in trial.strides}
     masks = list_masks(tables.curves[trial.name])
     out = []

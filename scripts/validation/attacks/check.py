@@ -140,7 +140,7 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
     at = [COORDINATES.index(name) for name in ANGLES]
     loads, errors = trial.loads, calibration.uncertainty.standard_errors
     angle_bars = torques = torque_bars = None
-    valid = np.zeros(len(trial.motion.time), dtype=np.bool_)
+    valid = np.zeros(len(trial.body.time), dtype=np.bool_)
     if trial.coordinate_errors is not None:
         angle_bars = np.maximum(WITHIN * trial.coordinate_errors[:, at], FLOOR_RAD)
     if loads is not None:
@@ -153,7 +153,7 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
         )
         torque_bars = np.maximum(WITHIN * spread, FLOOR_BWH * calibration.model.subject.bwh)
     sides = "rl" if trial.joint is None else trial.joint[-1]
-    tracks = joint_tracks(calibration.model.parameters, trial.motion)
+    tracks = joint_tracks(calibration.model.parameters, trial.body)
 
     def bar(names: tuple[str, ...], side: str, floor: float) -> float:
         return max(
@@ -163,10 +163,10 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
         )
 
     return Curves(
-        time=trial.motion.time,
+        time=trial.body.time,
         labels=trial.recording.labels,
         markers=trial.recording.markers,
-        angles=trial.motion.q[:, at],
+        angles=trial.body.q[:, at],
         angle_bars=angle_bars,
         torques=torques,
         torque_bars=torque_bars,

@@ -168,7 +168,7 @@ def compare_gait(
     rotation, origin = whole_turn(walk.recording.markers, trial.recording.markers)
     gathered = Gathered()
     models = {
-        "error": (calibration.model.parameters, trial.motion),
+        "error": (calibration.model.parameters, trial.body),
         "before": (calibration.nominal.parameters, trial.nominal),
     }
     for when, (parameters, motion) in models.items():
@@ -228,7 +228,7 @@ def torque_figures(
     if loads is None:
         raise RuntimeError(f"the trial {walk} has no torques")
     recorded = next(t.recording.time for t in calibration.study.trials if t.name == walk)
-    valid, body = loads.reactions.valid, calibration.trial(walk).motion
+    valid, body = loads.reactions.valid, calibration.trial(walk).body
     force, moment = (person.forces[..., part] @ rotation.T for part in (slice(3), slice(3, 6)))
     ground = np.concatenate([force, moment + np.cross(origin, force)], axis=2).reshape(
         len(recorded), -1

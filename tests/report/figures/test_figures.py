@@ -71,7 +71,7 @@ def test_global_settings_of_matplotlib_stay(whole: Calibration, tmp_path: Path) 
 def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
     written = summarise_calibration(whole)["trials"]["walk"]["torque_change_bwh"]
     walk = whole.trial("walk")
-    drawn = make_layout(walk.motion, walk.loads.reactions, walk.events)
+    drawn = make_layout(walk.body, walk.loads.reactions, walk.events)
     numbers = summarise_moments(whole.model, drawn, walk.loads.final, walk.loads.nominal)
     assert {n.name: n.change_bwh for n in numbers} == pytest.approx(written, rel=SAME)
 
@@ -79,7 +79,7 @@ def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
 def test_limits_of_the_residuals(whole: Calibration) -> None:
     trial = whole.trial("walk")
     limits = compute_residual_limits(
-        whole.model.parameters, trial.motion.q, trial.loads.reactions, trial.recording.plates
+        whole.model.parameters, trial.body.q, trial.loads.reactions, trial.recording.plates
     )
     assert limits.peak_force == pytest.approx(1400.0)
     assert limits.force == pytest.approx(70.0)

@@ -203,7 +203,7 @@ def test_what_would_show_an_unseen_parameter(whole: Calibration, share: float, a
     walk = whole.trials[0]
     still = replace(walk.calibrated, coefficients=share * walk.calibrated.coefficients)
     person = replace(whole, trials=(replace(walk, calibrated=still),))
-    angle = np.degrees(walk.motion.q[:, COORDINATE_INDEX["subtalar_angle_r"]])
+    angle = np.degrees(walk.body.q[:, COORDINATE_INDEX["subtalar_angle_r"]])
     assert compute_range_of_motion(person, "subtalar_r") == pytest.approx(share * np.ptp(angle))
     (sentence,) = [text for text in describe_unidentifiable(person) if "subtalar" in text]
     assert advice in sentence
@@ -215,7 +215,7 @@ def walk(whole: Calibration) -> TrialResult:
     own.
     """
     trial = next(t for t in whole.trials if t.joint is None)
-    reactions, frames = trial.loads.reactions, len(trial.motion.time)
+    reactions, frames = trial.loads.reactions, len(trial.body.time)
     steps = (("1", 0, slice(0, frames)), ("2", 1, slice(0, frames)))
     whole_legs = np.ones((frames, 2), dtype=bool)
     return replace(
@@ -228,7 +228,7 @@ def walk(whole: Calibration) -> TrialResult:
 
 def spoilt(walk: TrialResult, *, loaded: bool, resting: bool, plate: bool = True) -> TrialResult:
     """The first right stride with frames in its stance that do not count."""
-    time, cycle = walk.motion.time, list_strides(walk.events)["r"][0]
+    time, cycle = walk.body.time, list_strides(walk.events)["r"][0]
     bad = (time >= cycle.start + 0.1) & (time < cycle.start + 0.2)
     reactions = walk.loads.reactions
     arrays = {name: getattr(reactions, name).copy() for name in ("valid_legs", "loaded", "resting")}
@@ -246,7 +246,7 @@ def test_every_reason_has_its_frames(walk: TrialResult) -> None:
 
     whole = [("r", 1, "1", True, ""), ("r", 2, "1", True, ""), ("l", 1, "2", True, "")]
     assert used(walk) == whole, "all frames are valid"
-    near_begin = list_strides(walk.events)["r"][0].start + 0.15 - walk.motion.time[0] < 0.3
+    near_begin = list_strides(walk.events)["r"][0].start + 0.15 - walk.body.time[0] < 0.3
     on_two = spoilt(walk, loaded=True, resting=True)
     seat = replace(on_two.loads.reactions, seated=~on_two.loads.reactions.valid_legs[:, 0])
     for trial, plate, reason in (
