@@ -105,9 +105,13 @@ def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) 
     size = np.sqrt(((errors * known) ** 2).sum(axis=0) / np.maximum(known.sum(axis=0), 1.0))
     expected = _sum_lagged_products(size * known)
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
+    shown = lags[pairs[lags] > LEAST_PAIRS]
+    if not len(shown):
+        return 1.0
+    # The sum ends at the last lag that some pair shows.
+    lags = lags[: shown[-1]]
     # A trial of nf frames has at most nf - k pairs at lag k; fewer pairs mean missing samples.
     share = np.clip(pairs[lags] / pairs[0] * nf / (nf - lags), 0.0, 1.0)
-    shown = lags[pairs[lags] > LEAST_PAIRS]
     rho = power[shown] / np.maximum(expected[shown], TINY * power[0])
     # lags that no pair shows decay exponentially between those beside them
     logs = np.log(np.maximum(rho, TINY))

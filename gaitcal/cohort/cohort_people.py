@@ -416,7 +416,8 @@ def read_sheet(path: Path) -> tuple[list[PersonTable], list[str]]:
 
     Columns are separated by commas, semicolons (with decimal commas) or tabs.
 
-    `path`: the file. Returns: `rows` ; `notes` on columns that are not used. Raises InputError: no
+    `path`: the file. Returns: a row per person and session; notes on columns
+    that are not used. Raises InputError: no
     column `person`, a column twice or with a similar name, two rows that contradict each other, or
     a value that is not allowed, with its row.
     """

@@ -181,7 +181,8 @@ class Dynamics:
     def build_joint_states(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Build configurations, velocities and accelerations of all joints.
 
-        `q`, `v`, `a`: (nf, 27) coordinates and their derivatives, m and rad.
+        `q`, `v`, `a`: (nf, 27) coordinates and their derivatives, m and rad. Returns:
+        configurations (nf, nq), velocities and accelerations (nf, nv) of the Pinocchio model.
         """
         at = self.body.chain.at_coordinates
         velocity, acceleration = (np.zeros((len(q), self.body.model.nv)) for _ in range(2))
@@ -398,7 +399,7 @@ def compute_pelvis_residual(q: Array, forces: Array) -> Array:
 def compute_pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
     """Compute the axes of tilt, list and rotation, and their derivatives by tilt and by list.
 
-    Returns: laboratory axes, an axis in each row.
+    Returns: (nf, 3, 3) laboratory axes, an axis in each row, and (nf, 3, 3) their two derivatives.
     """
     ct, st, cl, sl = np.cos(q[:, 3]), np.sin(q[:, 3]), np.cos(q[:, 4]), np.sin(q[:, 4])
     zero, one = np.zeros(len(q)), np.ones(len(q))

@@ -154,8 +154,8 @@ def build_comparison_content(
     against = (f"{name}, against {norm}" for name, norm in zip(names, norms, strict=True))
     note = (
         f"Means over the stride of each foot: {names[0]} thin, {names[1]} thick with the band of "
-        "the minimal "
-        "detectable change (95 %). Moments and powers divided by the body mass of each session."
+        "the minimal detectable change (95 %); bars at the foot mark a larger difference. Moments "
+        "and powers divided by the body mass of each session."
     )
     return document.ComparisonContent(
         title=f"Gait report  ·  {comparison.subjects[1].name}: {names[1]} against {names[0]}",

@@ -242,8 +242,8 @@ def descend_together(
 
     `parameters`: with the joint parameters that are not free. `free`: joint parameters to solve
     for. `starts`: control points of each motion to start from, m and rad. `p`: (np,) free joint
-    parameters to start from, m and rad. Returns: `p` (np,); `coefficients` ; `descent` with steps
-    and convergence.
+    parameters to start from, m and rad. Returns: (np,) joint parameters; control points of each
+    motion; the search, with steps and convergence.
     """
     shared = SharedMotions(problems, parameters, free)
     end = descend(shared, shared.join_unknowns(p, starts), DAMPED)

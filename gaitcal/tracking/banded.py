@@ -212,7 +212,7 @@ class BandFactor:
         """Solve L x = right.
 
         `right`: (n,) or (n, k). `overwrite`: store x in the memory of `right`, (n, k) row by row.
-        Returns: (n,).
+        Returns: x, of the shape of `right`.
         """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=0)
@@ -227,7 +227,7 @@ class BandFactor:
     def solve_backward(self, right: Array) -> Array:
         """Solve L^T x = right.
 
-        `right`: (n,) or (n, k). Returns: (n,).
+        `right`: (n,) or (n, k). Returns: x, of the shape of `right`.
         """
         if right.ndim == 1:
             return blas.dtbsv(len(self.factor) - 1, self.factor, right, lower=1, trans=1)

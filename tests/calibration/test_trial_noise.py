@@ -48,6 +48,11 @@ def test_frames_for_one_that_is_independent(kept: float, expected: float) -> Non
     assert estimate_frames_per_sample(errors, every_second) == pytest.approx(
         np.sqrt(expected * of_visible), rel=0.2
     )
+    # one short stretch: no lag beyond its longest is counted
+    stretch = np.broadcast_to((np.arange(len(errors)) < 10)[:, None], errors.shape)
+    assert estimate_frames_per_sample(errors, stretch) <= 1.0 + 2.0 * 9.0
+    one = np.broadcast_to((np.arange(len(errors)) == 5)[:, None], errors.shape)
+    assert estimate_frames_per_sample(errors, one) == 1.0, "a single frame repeats no other"
     # only large errors in every second frame: pairs of odd lags are two thirds, of small errors
     size, partly = np.repeat([10.0, 1.0], 6), every_second | (np.arange(12) >= 6)
     of_partly = 1.0 + 2.0 * (2.0 / 3.0 * kept + kept**2) / (1.0 - kept**2)

@@ -13,6 +13,7 @@ from reportlab.lib.colors import Color
 from reportlab.pdfgen.canvas import Canvas
 
 CAPS: Final = {"butt": 0, "round": 1, "projecting": 2}
+JOINS: Final = {"miter": 0, "round": 1, "bevel": 2}
 
 
 class CanvasRenderer(RendererBase):
@@ -66,6 +67,7 @@ class CanvasRenderer(RendererBase):
         canvas.setStrokeColor(Color(*gc.get_rgb()))
         canvas.setLineWidth(gc.get_linewidth())
         canvas.setLineCap(CAPS[gc.get_capstyle()])
+        canvas.setLineJoin(JOINS[gc.get_joinstyle()])
         canvas.setDash(np.ravel(gc.get_dashes()[1] or []).tolist())
         canvas.drawPath(drawn, stroke=int(gc.get_linewidth() > 0), fill=int(rgbFace is not None))
         canvas.restoreState()

@@ -28,7 +28,7 @@ SIDE_COLOURS = {"r": RIGHT, "l": LEFT, "": WHOLE}
 SIDE_DASHES: dict[str, tuple[float, ...]] = {"r": (), "l": (5.0, 1.6), "": ()}
 """The left side is dashed too: a print in grey stays readable."""
 
-FONT = "DejaVu Sans"  # Comes with matplotlib: the same figure on every machine
+FONT = "DejaVu Sans"  # Comes with matplotlib; an SVG needs it on the reader's machine
 SMALL, NORMAL, TITLE = 6.6, 7.2, 8.2
 LONGEST_NAME = 26
 
