@@ -458,11 +458,8 @@ def _detect_pressure_near_edge(
     """Detect frames (nf,) with the centre of pressure near to a part off the plates."""
     wrench = np.sum([step.extract_wrench(frames) for step in carriers], axis=0)
     pressed = wrench[:, 1] > LOADED_N
-    corners = [step.plate.corners for step in carriers if step.plate.corners is not None]
     centre = np.full((len(wrench), 3), np.nan)
-    centre[pressed] = compute_centre_on_ground(
-        wrench[pressed], float(np.mean([c[:, 1].mean() for c in corners]))
-    )
+    centre[pressed] = compute_centre_on_ground(wrench[pressed], _average_surface_height(carriers))
     along, across = sole.compute_offsets(centre)
     with np.errstate(invalid="ignore"):
         reached = off_plates & (along < REACH_ALONG) & (across < REACH_ACROSS)
@@ -541,17 +538,17 @@ def _detect_pressure_off_sole(
 ) -> bool:
     """Check that the centre of pressure leaves the sole while the other foot stands somewhere."""
     frames = step.frames
-    wrench = np.sum(
-        [
-            other.extract_wrench(frames)
-            for other in foot_contact.select_overlapping_steps(steps, step.foot, frames)
-        ],
-        axis=0,
-    )
+    carriers = foot_contact.select_overlapping_steps(steps, step.foot, frames)
+    wrench = np.sum([other.extract_wrench(frames) for other in carriers], axis=0)
     chosen = floor[frames] & (wrench[:, 1] > LOADED_N)
     if not chosen.any():
         return False
-    centre = compute_centre_on_ground(wrench[chosen])
+    centre = compute_centre_on_ground(wrench[chosen], _average_surface_height(carriers))
     cells = foot_contact.build_sole(feet, step.foot, frames).cells[chosen]
     away = np.linalg.norm((cells - centre[:, None])[:, :, [0, 2]], axis=2).min(axis=1)
     return bool(np.mean(away > OFF_SOLE_M) > OFF_SOLE_SHARE)
+
+
+def _average_surface_height(carriers: Sequence[foot_contact.FootContact]) -> float:
+    """Average the surface heights (m) of the plates under one foot."""
+    return float(np.mean([foot_contact.get_surface_height(step.plate) for step in carriers]))

@@ -174,13 +174,14 @@ def _is_off_feet(
     """Return whether the load of a plate is not under the foot (plates, nf) that is in contact."""
     for plate, row in zip(plates, standing, strict=True):
         wrench = np.nan_to_num(resample_wrench(plate, time))
+        height = foot_contact.get_surface_height(plate)
         for foot in range(len(FEET)):
             on = (row == foot) & (wrench[:, 1] > LOADED_N)
             if on.any():
                 heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
                 # distance from the line heel-toe, weighted by load
                 away = foot_contact.compute_distance_to_line(
-                    compute_centre_on_ground(wrench[on])[:, [0, 2]], heel, toe
+                    compute_centre_on_ground(wrench[on], height)[:, [0, 2]], heel, toe
                 )
                 if np.average(away, weights=wrench[on, 1]) > foot_contact.UNDER_FOOT_M:
                     return True

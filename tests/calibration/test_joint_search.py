@@ -298,6 +298,41 @@ def test_soft_tissue_whose_steps_are_far_too_long_still_comes_to_its_minimum(
     assert fewest <= found.cost / float(start @ start) < most
 
 
+def test_soft_tissue_at_a_rejected_step_is_solved_to_a_share_of_what_the_step_promised() -> None:
+    """Of each kind, so that together they leave no more; the fit ends where it ends if nothing is
+    left.
+    """
+
+    def run(most: float) -> tuple[JointFit, list[tuple[int, float, float]]]:
+        """At most `most` m^2 are left; also kind, what was to be left, and what was promised."""
+        reduced, p = soft_knee_problem()
+        asked, minimise = list[tuple[int, float, float]](), reduced._minimise_tissue
+
+        def spy(
+            k: int, p: Array, here: reduced_problem.KindState, *left: float
+        ) -> reduced_problem.KindState:
+            asked.extend((k, part, reduced._promise_reduction(p)) for part in left)
+            return minimise(k, p, here, *(min(part, most) for part in left))
+
+        reduced._minimise_tissue = spy  # type: ignore[method-assign]
+        rigid = [replace(problem, tissue=None) for problem in reduced.open]
+        search = JointSearch(rigid, reduced.parameters, KNEE, reduced.starts)
+        search.problem = reduced
+        return search.run(p + np.random.default_rng(4).normal(0, 0.3, len(p))), asked
+
+    found, asked = run(np.inf)
+    promises = {promised for *_, promised in asked}
+    assert promises and sorted(asked) == [
+        (k, reduced_problem.TISSUE_SHARE * promised / 2, promised)
+        for k in (0, 1)
+        for promised in sorted(promises)
+    ]
+    whole, _ = run(0.0)
+    information = whole.state.hessian + 0.1**2 * np.eye(len(KNEE))
+    error = 0.02 * np.sqrt(np.diag(np.linalg.inv(information)))
+    assert (np.abs(found.values - whole.values)[: len(KNEE)] < 1e-2 * error).all()
+
+
 def test_kinds_that_share_soft_tissue_are_refused() -> None:
     trials = [soft_knee_trial(seed, ("gait/a",), PART) for seed in (3, 4)]
     keys = trials[0].unknowns

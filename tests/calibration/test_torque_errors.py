@@ -354,6 +354,24 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     assert set(moves.trial_sources) == {ErrorSource.MOTION}
 
 
+def test_a_source_of_columns_that_do_not_follow_each_other_is_summed() -> None:
+    """By hand: 1 + 4 + 25 of the joints, 9 of the skin, 16 of the markers."""
+    joints, skin, motion = ErrorSource.JOINT_MARKERS, ErrorSource.SKIN, ErrorSource.MOTION
+    moves = MotionSensitivity(
+        shift=np.zeros((0, 4)),
+        coefficients=np.zeros((0, 1)),
+        sensitivity=np.zeros((0, 0)),
+        trial_sources=(motion,),
+        shared_sources=(joints, joints, skin, joints),
+    )
+    found = moves.sum_by_source(np.array([[[4.0, 1.0, 2.0, 3.0, 5.0]]]))
+    assert {source: variance.item() for source, variance in found.items()} == {
+        motion: 16.0,
+        joints: 30.0,
+        skin: 9.0,
+    }
+
+
 PARAMETERS = perturbed_parameters(np.random.default_rng(81))
 HZ, LOG_STEP = 22.0, 1e-3
 FIRST_ORDER = 0.05

@@ -214,6 +214,26 @@ def test_without_corners_the_pressure_leaves_the_sole_of_one_foot_where_two_are_
     assert not shared.valid_legs[(TIME > 0.505) & STANCE].any() and shared.valid_r[TIME < 0.4].all()
 
 
+@pytest.mark.parametrize("corners", [True, False])
+def test_the_pressure_on_a_step_is_under_the_foot_where_a_leaning_force_meets_its_surface(
+    corners: bool,
+) -> None:
+    """A force that leans by a fifth meets the floor 40 mm beside; the other foot is down there."""
+    height = 0.2
+    feet = left_foot_here(right_foot(0.35), -0.5)
+    plate = square(0.0)
+    assert plate.corners is not None
+    step = replace(
+        plate,
+        force=plate.force + 0.2 * plate.force[:, [1]] * [0.0, 0.0, 1.0],
+        point=plate.point + [0.0, height, 0.0],
+        corners=plate.corners + [0.0, height, 0.0] if corners else None,
+    )
+    reactions = found(feet, step)
+    assert reactions.valid_r.all() and not reactions.valid_l[(TIME > 0.505) & STANCE].any()
+    assert not any(f.code is Code.BOTH_FEET for f in reactions.findings)
+
+
 def test_one_plate_carries_one_foot_after_the_other() -> None:
     """A loading without a pause: the right foot, then both, then the left alone; each gets its own
     part.

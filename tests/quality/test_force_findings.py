@@ -10,6 +10,7 @@ import pytest
 
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.trial_result import analyse
+from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.errors import STUDY, Code, Severity
 from gaitcal.io.csv_recordings import write_forces_csv
@@ -18,7 +19,7 @@ from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import GRAVITY
-from gaitcal.quality import force_choice
+from gaitcal.quality import force_choice, force_evidence
 from gaitcal.quality.force_causes import ForceFault, list_causes
 from gaitcal.quality.force_choice import ForceFit, choose
 from gaitcal.quality.force_diagnosis import compute_torque_change, find_force_faults
@@ -59,6 +60,26 @@ def real_walk(real_study: Callable[[str], Study]) -> Walk:
     )
     recording = study.moving[0].recording
     return Walk(model, recording, tracked(model, recording))
+
+
+def test_a_leaning_force_on_a_step_is_under_the_foot_on_it() -> None:
+    """By hand: 130 mm before the toe, and on the floor, 0.2 m lower, a fifth of that further:
+    170 mm. Level plates with the centre there are off the feet.
+    """
+    time, height = np.arange(0.0, 1.0, 0.01), 0.2
+    heel, toe = np.zeros((len(time), 2, 3)), np.zeros((len(time), 2, 3))
+    heel[:, :, 0], toe[:, :, 0] = -0.2, 0.0
+    speed = np.zeros((len(time), 2))
+    feet = FootPoints(heel=heel, toe=toe, tip=toe, heel_speed=speed, toe_speed=speed)
+    force = np.tile([-140.0, 700.0, 0.0], (len(time), 1))
+
+    def is_off(ahead: float, height: float) -> bool:
+        point = np.tile([ahead, height, 0.0], (len(time), 1))
+        plate = ForcePlate(name="1", time=time, force=force, point=point, moment=0.0 * force)
+        return force_evidence._is_off_feet((plate,), np.zeros((1, len(time)), int), time, feet)
+
+    assert not is_off(0.13, height)
+    assert is_off(0.17, height) and is_off(0.17, 0.0)
 
 
 @pytest.mark.parametrize(
