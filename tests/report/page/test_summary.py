@@ -15,6 +15,7 @@ from gaitcal.analysis.truth_errors import (
     ParameterTruth,
     TruthErrors,
 )
+from gaitcal.calibration.joint_prior import combine_joint_priors
 from gaitcal.errors import Severity
 from gaitcal.gait.moments import describe_parameter
 from gaitcal.gait.strides import list_strides
@@ -36,7 +37,7 @@ from gaitcal.results.parameter_labels import (
 from gaitcal.results.stride_tables import build_stride_tables
 from gaitcal.results.stride_uses import collect_stride_uses, summarise_usable_strides
 from gaitcal.study.normal_prior import JointPrior
-from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
+from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable, Protocol
 from tests.fake_result import FRAMES, fake_calibration, held
 from tests.report.page.walked_blocks import headings, rows_of, tables, walked, words
 
@@ -167,7 +168,12 @@ def test_what_becomes_of_an_unseen_parameter(
             file="priors.json",
             people=12,
         )
-    person = replace(whole, study=replace(whole.study, settings=settings, joint_prior=prior))
+    used = combine_joint_priors(settings.joint_prior, prior)
+    person = replace(
+        whole,
+        study=replace(whole.study, settings=settings, joint_prior=prior),
+        joint_prior=used if settings.decided_by is Protocol.EVIDENCE else None,
+    )
     assert any(kept in sentence for sentence in describe_unidentifiable(person))
     ending = summarise_fitted(person)
     assert ending.endswith("All others keep their nominal values.")
