@@ -335,7 +335,7 @@ class MotionSensitivity:
             Variances.
         """
         out, start = dict[ErrorSource, Array](), 0
-        # The columns of a source follow each other, so that they are seen without a copy.
+        # The columns of a source follow each other, so a view of them suffices, without a copy.
         for source, run in groupby((*self.trial_sources, *self.shared_sources)):
             stop = start + len(list(run))
             variance = sum_squares(moved[:, :, start:stop])

@@ -117,7 +117,7 @@ def _read_moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
 def select_charts(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
     """Select charts by name.
 
-    `only`: comma-separated names, or words with which names begin or end; empty: all charts. Raises
+    `only`: comma-separated names, or their first or last parts; empty: all charts. Raises
     UsageError: no chart has such a name. Raises InputError: there is no chart at all.
     """
     if not charts:

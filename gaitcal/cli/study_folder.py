@@ -117,7 +117,7 @@ def draft_study_file(
     console.print_line(f"study: {target}")
     if draft.problem:
         raise InputError(f"is written, but {draft.problem}", source=target, code=Code.FOLDER)
-    # The file is complete but for these fields, which nobody must guess.
+    # The file is complete but for these fields, which are never guessed.
     if draft.missing:
         give = f"write it there, or run again with --force {drafts.list_missing_options(draft)}"
         message = f"is written, but {drafts.describe_missing_fields(draft)}: {give}"

@@ -307,7 +307,7 @@ def _build_content(
             read(name) if table.metadata.num_rows else np.array([])
             for name in ("mass_kg", "height_m")
         ]
-        # Normal bands are scaled to the mean person; defaults (kg, m) where nobody has a value.
+        # Normal bands are scaled to the mean person; defaults (kg, m) if no person has a value.
         mass, height = (
             float(np.nanmean(values)) if np.isfinite(values).any() else default
             for values, default in zip(sizes, (70.0, 1.7), strict=True)

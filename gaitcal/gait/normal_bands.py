@@ -393,7 +393,7 @@ class Norm:
 def estimate_leg_length(subject: Subject) -> tuple[float, str]:
     """Estimate the length of the legs.
 
-    `subject`: person with or without measured legs. Returns: m; and the length in words, with its
+    `subject`: person with or without measured legs. Returns: m; and a text of the length, with its
     source.
     """
     measured = list(subject.leg_length.values())

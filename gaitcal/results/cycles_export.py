@@ -207,8 +207,8 @@ def _convert_rows(
     changed |= {name: np.abs(values) for name, values in changed.items() if name != "value"}
     kind = get_curve_kind(variable)
     units = {CurveKind.MOMENT: convention.unit.label, CurveKind.POWER: convention.unit.power}
-    whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
-    positive = f"{whose}{convention.senses(variable, side)[0]}"
+    quantity = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
+    positive = f"{quantity}{convention.senses(variable, side)[0]}"
     return rows.assign(**changed, unit=units.get(kind, kind.unit), positive=positive)
 
 

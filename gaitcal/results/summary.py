@@ -373,7 +373,7 @@ def _summarise_loads(trial: TrialResult, loads: Loads) -> dict[str, Json]:
         "valid_frames_l": int(reactions.valid_l.sum()),
     }
     if reactions.valid.any():
-        # Only over valid frames, as torques elsewhere are shown to nobody.
+        # Only over valid frames, as torques elsewhere are not shown.
         out["pelvis_residual"] = _summarise_pelvis_residual(loads)
         if (expected := loads.expected) is not None:
             out["pelvis_residual_expected"] = {

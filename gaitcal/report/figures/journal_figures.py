@@ -72,7 +72,7 @@ def build_paper_charts(
 
 MUSCLES_SHOWN: Final = 9  # Of a coordinate, those whose moment arm changes most
 BEFORE, AFTER = "l", "r"
-"""Sides whose colours and dashes they have."""
+"""Sides with the same colours and dashes."""
 LEAST_ARM: Final = 5.0  # Smallest range of a vertical axis, mm
 
 
@@ -193,8 +193,8 @@ def _build_chart(
         least=_compute_least_range(kind, convention, strides.subject),
     )
     for side in norms:
-        whose = f", {SIDE_WORDS[side]}" if len(norms) > 1 else ""
-        keys.append(make_norm_key(f"healthy{whose}"))
+        side_label = f", {SIDE_WORDS[side]}" if len(norms) > 1 else ""
+        keys.append(make_norm_key(f"healthy{side_label}"))
     if strides.offs:
         keys.append(
             chart.Key(label="thin upright lines: toe-off", colour=chart.FAINT, width=TOE_OFF)
@@ -248,7 +248,7 @@ def _format_label(variable: str, convention: Convention, subject: Subject) -> st
     )
     if kind is CurveKind.MOMENT and coordinates.get_senses(get_coordinate(variable)) is None:
         return moment
-    whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
+    quantity = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
     force = _get_force_unit(convention, subject)[1]
     unit = {
         CurveKind.ANGLE: "deg",
@@ -256,7 +256,7 @@ def _format_label(variable: str, convention: Convention, subject: Subject) -> st
         CurveKind.POWER: convention.unit.power,
         CurveKind.FORCE: force,
     }[kind]
-    return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
+    return f"{unit}\n({quantity}{convention.senses(variable, 'r')[0]} +)"
 
 
 def _compute_least_range(kind: CurveKind, convention: Convention, subject: Subject) -> float:
